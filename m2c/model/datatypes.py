@@ -1,0 +1,87 @@
+"""The types that data in a model can have: ROS 2 primitives, arrays and message structures."""
+
+from __future__ import annotations
+
+import msgspec
+
+INTEGER_RANGES: dict[str, tuple[int, int]] = {
+    "byte": (0, 2**8 - 1),
+    "char": (0, 2**8 - 1),
+    **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
+}
+"""Inclusive ranges of the integer primitives (ROS 2 interface definition, "field types")."""
+
+FLOATS = frozenset({"float32", "float64"})
+
+
+class Primitive(msgspec.Struct, frozen=True, tag="primitive"):
+    """``bool``, ``string``, ``float32``/``float64``, an integer of :data:`INTEGER_RANGES`, or
+
+    ``number`` (an ECMAScript number of unknown width: untyped data of plain SCXML),
+    ``null`` (``null`` and ``undefined``) and ``any`` (nothing is known statically).
+    """
+
+    name: str
+
+
+class Array(msgspec.Struct, frozen=True, tag="array"):
+    """``element[]``, ``element[<=length]`` (bounded) or ``element[length]`` (fixed)."""
+
+    element: DataType
+    length: int | None = None
+    fixed: bool = False
+
+
+class Structure(msgspec.Struct, frozen=True, tag="structure"):
+    """A message type such as ``geometry_msgs/msg/Pose``; ``fields`` are in definition order.
+
+    ``defaults`` holds the fields' declared default values, ``constants`` the named constants.
+    An anonymous object (an untyped ``{a: 1}``) has an empty name.
+    """
+
+    name: str
+    fields: tuple[tuple[str, DataType], ...]
+    defaults: tuple[tuple[str, bool | int | float | str | tuple[bool | int | float | str, ...]], ...] = ()
+    constants: tuple[tuple[str, str, bool | int | float | str], ...] = ()
+
+    def field(self, name: str) -> DataType | None:
+        """The type of field ``name``, or None if there is no such field."""
+        return next((kind for key, kind in self.fields if key == name), None)
+
+
+DataType = Primitive | Array | Structure
+
+BOOL = Primitive("bool")
+STRING = Primitive("string")
+INT32 = Primitive("int32")
+INT64 = Primitive("int64")
+FLOAT64 = Primitive("float64")
+NUMBER = Primitive("number")
+NULL = Primitive("null")
+ANY = Primitive("any")
+
+
+def is_integer(kind: DataType) -> bool:
+    """Whether ``kind`` is one of the integer primitives."""
+    return isinstance(kind, Primitive) and kind.name in INTEGER_RANGES
+
+
+def is_number(kind: DataType) -> bool:
+    """Whether ``kind`` is numeric: integer, float or ``number``."""
+    return isinstance(kind, Primitive) and (
+        kind.name in INTEGER_RANGES or kind.name in FLOATS or kind.name == "number"
+    )
+
+
+def describe(kind: DataType) -> str:
+    """``kind`` as a person writes it: ``int32``, ``string[<=3]``, ``geometry_msgs/msg/Pose``."""
+    match kind:
+        case Primitive(name):
+            return name
+        case Structure(name):
+            return name or "object"
+        case Array(element, None, _):
+            return f"{describe(element)}[]"
+        case Array(element, length, fixed):
+            return f"{describe(element)}[{'' if fixed else '<='}{length}]"

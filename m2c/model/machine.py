@@ -1,0 +1,282 @@
+"""``Machine``: one deliberation component or skill, whichever spelling it was written in.
+
+The readers lower every tag to three notions, so that checks, code generator and oracle know no
+tags: an :class:`Event` starts a :class:`Transition`, whose :class:`Statement` list may
+:class:`Emit` outputs on declared interfaces. Semantics: SCXML run-to-completion (W3C SCXML,
+section 3.13 and appendix D) on flat machines.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import msgspec
+
+from m2c.model.datatypes import DataType
+from m2c.model.diagnostics import Position
+from m2c.model.expressions import Expression, Location
+
+
+class Spelling(StrEnum):
+    """The three spellings of the language in use."""
+
+    HL_SCXML = "hl-scxml"
+    ASCXML = "ascxml"
+    SCXML = "scxml"
+
+
+class InterfaceKind(StrEnum):
+    """What a machine declares towards the middleware."""
+
+    PUBLISHER = "publisher"
+    SUBSCRIBER = "subscriber"
+    SERVER = "server"
+    CLIENT = "client"
+    ACTION_SERVER = "action_server"
+    ACTION_CLIENT = "action_client"
+    TIMER = "timer"
+
+
+class Interface(msgspec.Struct, frozen=True, kw_only=True):
+    """One declared end of a channel (or a timer).
+
+    Attributes:
+        name: what the model calls it (``name=``, or the channel where none is given). Events and
+            outputs refer to this name, which is unique within one ``kind`` of a machine.
+        channel: absolute channel name; None where ``port`` gives it at run time; the timer's name.
+        type_name: canonical ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``; "" for timers.
+        port: the BT input port whose value is the channel (``<bt_get_input key=…/>``), if any.
+        rate_hz: timers only.
+    """
+
+    kind: InterfaceKind
+    name: str
+    position: Position
+    channel: str | None = None
+    type_name: str = ""
+    port: str | None = None
+    rate_hz: float = 0.0
+
+
+class EventKind(StrEnum):
+    """What can happen to a machine. ``Event.name`` is the interface's name unless said otherwise."""
+
+    INTERNAL = "internal"  # raised or sent by the machine itself (delayed sends too); name: event
+    MESSAGE = "message"  # data: message
+    REQUEST = "request"  # data: request, of a service that the machine serves
+    RESPONSE = "response"  # data: response, to a call the machine made
+    CALL_ERROR = "call_error"  # data: none; a call ended in remote error, timeout or unavailable
+    GOAL = "goal"  # server; data: goal, goal_id
+    CANCEL = "cancel"  # server; goal_id
+    GOAL_ACCEPTED = "goal_accepted"  # client; goal_id
+    GOAL_REJECTED = "goal_rejected"  # client; goal_id
+    FEEDBACK = "feedback"  # client; data: feedback, goal_id
+    SUCCEEDED = "succeeded"  # client; data: result, goal_id, code
+    ABORTED = "aborted"  # client; data: result, goal_id, code
+    CANCELED = "canceled"  # client; data: result, goal_id, code
+    THREAD_START = "thread_start"  # thread; data: goal fields, goal_id, thread_id
+    THREAD_FREE = "thread_free"  # server; goal_id, thread_id
+    TIMER = "timer"  # name: timer
+    AFTER = "after"  # a delayed transition; name: "<state>#<index of the transition in it>"
+    BT_TICK = "bt_tick"  # name: ""
+    BT_HALT = "bt_halt"  # name: ""
+    BT_CHILD_STATUS = "bt_child_status"  # name: the child's index; status
+    BT_CHILD_HALTED = "bt_child_halted"  # name: the child's index
+
+
+class Event(msgspec.Struct, frozen=True):
+    """A trigger: what happened, on which interface (or the internal event's name)."""
+
+    kind: EventKind
+    name: str = ""
+
+
+class OutputKind(StrEnum):
+    """What a machine can send. ``Emit.interface`` names the interface unless said otherwise."""
+
+    PUBLISH = "publish"
+    REQUEST = "request"
+    RESPONSE = "response"
+    SEND_GOAL = "send_goal"
+    SEND_CANCEL = "send_cancel"
+    ACCEPT_GOAL = "accept_goal"
+    REJECT_GOAL = "reject_goal"
+    FEEDBACK = "feedback"
+    SUCCEED = "succeed"
+    ABORT = "abort"
+    CANCEL = "cancel"
+    START_THREAD = "start_thread"
+    THREAD_FREE = "thread_free"
+    BT_RETURN_STATUS = "bt_return_status"  # fields: status (a string literal SUCCESS/FAILURE/RUNNING)
+    BT_RETURN_HALTED = "bt_return_halted"
+    BT_SET_OUTPUT = "bt_set_output"  # interface: the port's key; fields: value
+    BT_TICK_CHILD = "bt_tick_child"  # interface: the child's index
+    BT_HALT_CHILD = "bt_halt_child"  # interface: the child's index
+
+
+class Field(msgspec.Struct, frozen=True):
+    """``<field name= expr=>`` or ``<param name= expr=>``; ``name`` may be a path ``a.b``."""
+
+    name: str
+    value: Expression
+    position: Position
+
+
+class Assign(msgspec.Struct, frozen=True, tag=True):
+    """``location = value``."""
+
+    location: Location
+    value: Expression
+    position: Position
+
+
+class Emit(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """Send an output on an interface."""
+
+    kind: OutputKind
+    interface: str
+    position: Position
+    fields: tuple[Field, ...] = ()
+    goal_id: Expression | None = None
+    thread_id: Expression | None = None
+
+
+class Raise(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """``<raise>``, or a ``<send>`` to oneself: queue an internal event.
+
+    A raised event joins the internal queue; a sent one (``external``) the external queue, after
+    ``delay_s`` seconds (an expression in seconds; None: at once), and can be cancelled by ``id``.
+    """
+
+    event: str
+    position: Position
+    fields: tuple[Field, ...] = ()
+    external: bool = False
+    delay_s: Expression | None = None
+    id: str = ""
+
+
+class Cancel(msgspec.Struct, frozen=True, tag=True):
+    """``<cancel sendid=>``."""
+
+    id: str
+    position: Position
+
+
+class Log(msgspec.Struct, frozen=True, tag=True):
+    """``<log label= expr=>``."""
+
+    label: str
+    value: Expression | None
+    position: Position
+
+
+class If(msgspec.Struct, frozen=True, tag=True):
+    """``<if>/<elseif>/<else>``: the body of the first branch whose condition holds (None: else)."""
+
+    branches: tuple[tuple[Expression | None, tuple[Statement, ...]], ...]
+    position: Position
+
+
+Statement = Assign | Emit | Raise | Cancel | Log | If
+
+
+class Target(msgspec.Struct, frozen=True):
+    """Where a transition leads; ``probability`` is None unless there is a choice by ``prob``.
+
+    ``body`` holds the executable content that stands inside ``<target>`` itself.
+    """
+
+    state: str
+    probability: float | None = None
+    body: tuple[Statement, ...] = ()
+
+
+class Transition(msgspec.Struct, frozen=True, kw_only=True):
+    """One transition of a state, in document order (the first that is enabled is taken).
+
+    Attributes:
+        event: the trigger; None for an eventless transition.
+        targets: empty for a targetless transition (body runs, no exit or entry); several for ``prob``.
+        after_s: for ``EventKind.AFTER``: seconds since the state was entered.
+        element: the XML element it was written as, for messages.
+    """
+
+    event: Event | None
+    position: Position
+    cond: Expression | None = None
+    targets: tuple[Target, ...] = ()
+    body: tuple[Statement, ...] = ()
+    after_s: float | None = None
+    element: str = "transition"
+
+
+class State(msgspec.Struct, frozen=True, kw_only=True):
+    """An atomic or final state."""
+
+    name: str
+    position: Position
+    on_entry: tuple[Statement, ...] = ()
+    on_exit: tuple[Statement, ...] = ()
+    transitions: tuple[Transition, ...] = ()
+    final: bool = False
+
+
+class Data(msgspec.Struct, frozen=True):
+    """A datamodel variable. ``type`` is inferred from ``initial`` where the model declares none."""
+
+    name: str
+    type: DataType
+    initial: Expression
+    position: Position
+    declared: bool = True
+
+
+class Port(msgspec.Struct, frozen=True):
+    """A behaviour-tree port of a plugin."""
+
+    key: str
+    type: DataType
+    output: bool
+    position: Position
+
+
+class ActionThread(msgspec.Struct, frozen=True):
+    """``<ros_action_thread>``: ``count`` copies of ``machine`` that execute goals of ``interface``."""
+
+    interface: str
+    count: int
+    machine: Machine
+    position: Position
+
+
+class Machine(msgspec.Struct, frozen=True, kw_only=True):
+    """A whole state machine. States are in document order; ``initial`` names one of them."""
+
+    name: str
+    spelling: Spelling
+    position: Position
+    initial: str
+    states: tuple[State, ...]
+    data: tuple[Data, ...] = ()
+    interfaces: tuple[Interface, ...] = ()
+    ports: tuple[Port, ...] = ()
+    threads: tuple[ActionThread, ...] = ()
+
+    def state(self, name: str) -> State:
+        """The state called ``name``; KeyError if there is none."""
+        for state in self.states:
+            if state.name == name:
+                return state
+        raise KeyError(name)
+
+    def interface(self, name: str, *kinds: InterfaceKind) -> Interface | None:
+        """The interface called ``name`` of one of ``kinds`` (any if none are given)."""
+        return next(
+            (
+                found
+                for found in self.interfaces
+                if found.name == name and (not kinds or found.kind in kinds)
+            ),
+            None,
+        )

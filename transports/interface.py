@@ -1,0 +1,377 @@
+"""The transport interface: what a middleware must offer so that generated nodes run on it.
+
+A *channel* is a ROS-style absolute name (``/BatteryLevelSkill/tick``) with a type. Messages are
+``msgspec.Struct`` instances; how they travel is the transport's business. All callbacks of one
+transport instance run one at a time on its executor thread; a handler must not block.
+``transports.conformance`` is the suite that holds an implementation to this page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
+from typing import Any, Protocol
+
+import msgspec
+
+Message = msgspec.Struct
+"""A typed message; its class carries ``__type_name__`` (e.g. ``std_msgs/msg/Int32``)."""
+
+
+class TransportError(Exception):
+    """The middleware cannot do what was asked; the text names the channel and what would be right."""
+
+
+class Reliability(StrEnum):
+    """Whether the middleware may drop messages of a channel."""
+
+    RELIABLE = "reliable"
+    BEST_EFFORT = "best_effort"
+
+
+class Topic(msgspec.Struct, frozen=True):
+    """A named stream of messages. ``latched``: late subscribers get the last message."""
+
+    name: str
+    type_name: str
+    message: type[Message]
+    reliability: Reliability = Reliability.RELIABLE
+    latched: bool = False
+
+
+class Service(msgspec.Struct, frozen=True):
+    """A named request/response channel."""
+
+    name: str
+    type_name: str
+    request: type[Message]
+    response: type[Message]
+
+
+class Action(msgspec.Struct, frozen=True):
+    """A long-running request. Its parts are named as ROS 2 names them:
+
+    services ``<name>/_action/send_goal``, ``cancel_goal``, ``get_result``; topics ``feedback``,
+    ``status``.
+    """
+
+    name: str
+    type_name: str
+    goal: type[Message]
+    result: type[Message]
+    feedback: type[Message]
+
+
+class CallOutcome(StrEnum):
+    """How a call ended: in exactly one of these ways."""
+
+    RESPONSE = "response"
+    REMOTE_ERROR = "remote_error"
+    TIMEOUT = "timeout"
+    UNAVAILABLE = "unavailable"
+
+
+class CallResult(msgspec.Struct, frozen=True):
+    """The end of a call. ``response`` is set for RESPONSE only; ``error`` explains the others."""
+
+    outcome: CallOutcome
+    response: Any = None
+    error: str = ""
+
+
+class GoalStatus(StrEnum):
+    """How an action goal stands (action_msgs/msg/GoalStatus)."""
+
+    ACCEPTED = "accepted"
+    EXECUTING = "executing"
+    CANCELING = "canceling"
+    SUCCEEDED = "succeeded"
+    CANCELED = "canceled"
+    ABORTED = "aborted"
+
+
+class Publisher(Protocol):
+    """Publishes one topic."""
+
+    def publish(self, message: Message) -> None:
+        """Send ``message``; returns without waiting for anybody."""
+        ...
+
+
+class Request(Protocol):
+    """A request that this node serves. Exactly one of ``respond`` and ``fail`` ends it, any time."""
+
+    @property
+    def data(self) -> Any:
+        """The decoded request message."""
+        ...
+
+    @property
+    def client(self) -> str:
+        """Who asks (node name)."""
+        ...
+
+    def respond(self, response: Message) -> None:
+        """Answer. Answering twice raises TransportError."""
+        ...
+
+    def fail(self, error: str) -> None:
+        """End the call with a remote error."""
+        ...
+
+
+class Client(Protocol):
+    """Calls one service."""
+
+    def call(
+        self, request: Message, done: Callable[[CallResult], None], timeout_s: float = 5.0
+    ) -> None:
+        """Send ``request``; ``done`` gets the result on the executor thread, exactly once."""
+        ...
+
+    def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
+        """Send ``request`` and wait. For a thread that is not the executor's (the policy's)."""
+        ...
+
+
+class GoalHandle(Protocol):
+    """The server's end of one goal."""
+
+    @property
+    def goal_id(self) -> str:
+        """Unique id (32 hex digits, a UUID)."""
+        ...
+
+    @property
+    def goal(self) -> Any:
+        """The decoded goal message."""
+        ...
+
+    def accept(self) -> None:
+        """Accept the goal; the client hears it."""
+        ...
+
+    def reject(self) -> None:
+        """Reject the goal; nothing more may follow."""
+        ...
+
+    def publish_feedback(self, feedback: Message) -> None:
+        """Send feedback to the client."""
+        ...
+
+    def succeed(self, result: Message) -> None:
+        """End the goal: succeeded."""
+        ...
+
+    def abort(self, result: Message) -> None:
+        """End the goal: aborted."""
+        ...
+
+    def canceled(self, result: Message) -> None:
+        """End the goal: canceled, after a cancel request."""
+        ...
+
+
+class GoalEvents(msgspec.Struct, frozen=True):
+    """What a client wants to hear of its goal; all run on the executor thread."""
+
+    accepted: Callable[[str], None]
+    """(goal_id)"""
+    rejected: Callable[[str], None]
+    """(goal_id)"""
+    feedback: Callable[[str, Any], None]
+    """(goal_id, feedback message)"""
+    result: Callable[[str, GoalStatus, Any], None]
+    """(goal_id, SUCCEEDED | ABORTED | CANCELED, result message)"""
+    failed: Callable[[str, CallResult], None]
+    """(goal_id, why): send_goal or get_result itself ended without a response"""
+
+
+class ActionClient(Protocol):
+    """Sends goals of one action."""
+
+    def send_goal(self, goal: Message, events: GoalEvents, timeout_s: float = 5.0) -> str:
+        """Send a goal and return its id; ``timeout_s`` bounds the goal response, not the result."""
+        ...
+
+    def cancel(self, goal_id: str) -> None:
+        """Ask the server to cancel the goal."""
+        ...
+
+
+class Completion(Protocol):
+    """A value that one thread waits for and the executor delivers (see ``Transport.completion``)."""
+
+    def set(self, value: Any) -> None:
+        """Deliver ``value``; only the first delivery counts."""
+        ...
+
+    def wait(self, timeout_s: float) -> Any:
+        """The value, or None after ``timeout_s`` seconds of the transport's clock.
+
+        For a thread that is not the executor's; under ``simulated`` it runs the world's events.
+        """
+        ...
+
+
+class Timer(Protocol):
+    """A running timer."""
+
+    def cancel(self) -> None:
+        """Stop it; idempotent."""
+        ...
+
+
+class ObservationKind(StrEnum):
+    """What a tap can hear (service_msgs/msg/ServiceEventInfo has the four of services)."""
+
+    MESSAGE = "message"
+    REQUEST_SENT = "request_sent"
+    REQUEST_RECEIVED = "request_received"
+    RESPONSE_SENT = "response_sent"
+    RESPONSE_RECEIVED = "response_received"
+
+
+class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One thing that happened, as a tap heard it.
+
+    Attributes:
+        stamp_ns: when it happened, taken where it happened (ns since the epoch).
+        received_ns: when the tap received it, on the tap's clock.
+        channel: the topic or service.
+        kind: what happened.
+        type_name: of the message, e.g. ``std_msgs/msg/Int32`` or ``pkg/srv/Name_Request``.
+        data: the message as plain maps, lists and scalars; None if contents are not known.
+        source: the node that published this observation.
+        sequence: counts from 0 per source and channel: a gap shows loss; -1 where not known.
+        client, call: for services, who calls and the number of its call.
+        error: for RESPONSE_* of a call that ended otherwise: ``remote_error: …``, ``timeout: …``.
+    """
+
+    stamp_ns: int
+    received_ns: int
+    channel: str
+    kind: ObservationKind
+    type_name: str
+    data: Any
+    source: str
+    sequence: int = -1
+    client: str = ""
+    call: int = 0
+    error: str = ""
+
+
+class Tap(Protocol):
+    """A passive listener. Observations arrive on the tap's executor in order of reception."""
+
+    def peers(self) -> Sequence[str]:
+        """Names of the nodes this tap is linked to."""
+        ...
+
+    def problems(self) -> Sequence[str]:
+        """What the tap cannot hear or could not decode, one sentence each (undecodable payloads,
+        lost messages, peers that are known but not linked)."""
+        ...
+
+    def close(self) -> None:
+        """Stop listening; idempotent."""
+        ...
+
+
+class Transport(Protocol):
+    """One node's connection to the middleware."""
+
+    @property
+    def node(self) -> str:
+        """This node's name, unique in the system."""
+        ...
+
+    def now_ns(self) -> int:
+        """The transport's clock, ns since the epoch (virtual under ``simulated``)."""
+        ...
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """Declare a publisher."""
+        ...
+
+    def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
+        """Call ``handler(message)`` for every message, in order per source."""
+        ...
+
+    def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
+        """Serve ``service``; the handler may keep the request and answer later."""
+        ...
+
+    def client(self, service: Service) -> Client:
+        """A client of ``service``."""
+        ...
+
+    def serve_action(
+        self,
+        action: Action,
+        goal: Callable[[GoalHandle], None],
+        cancel: Callable[[GoalHandle], None],
+    ) -> None:
+        """Serve ``action``: ``goal`` hears new goals, ``cancel`` cancel requests of accepted ones."""
+        ...
+
+    def action_client(self, action: Action) -> ActionClient:
+        """A client of ``action``."""
+        ...
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` every ``period_s`` seconds, without drift."""
+        ...
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` once, ``delay_s`` seconds from now."""
+        ...
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` on the executor thread; callable from any thread."""
+        ...
+
+    def completion(self) -> Completion:
+        """A fresh completion, for the one caller that must wait (the policy's thread)."""
+        ...
+
+    def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
+        """Wait until all ``names`` are up (liveliness); returns those still missing at the end.
+
+        A node counts as up after its ``announce()``.
+        """
+        ...
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """``handler(name, up)`` whenever a node announces itself or goes away."""
+        ...
+
+    def announce(self) -> None:
+        """Say that this node has declared everything and is ready."""
+        ...
+
+    def tap(
+        self,
+        channels: Sequence[str],
+        handler: Callable[[Observation], None],
+    ) -> Tap:
+        """Hear everything on channels that match one of the globs (empty: all), passively."""
+        ...
+
+    def spin(self, until: Callable[[], bool] | None = None) -> None:
+        """Run the executor on the calling thread until ``close()`` (or until ``until()`` holds)."""
+        ...
+
+    def close(self) -> None:
+        """Stop and release everything; idempotent, from any thread, and always ends ``spin``."""
+        ...
+
+
+class TransportFactory(Protocol):
+    """What an entry point of group ``m2c.transports`` names.
+
+    ``options`` are transport-specific strings (``endpoint``, ``config``, ``namespace``…); unknown
+    ones raise TransportError.
+    """
+
+    def __call__(self, node: str, options: Mapping[str, str]) -> Transport: ...
