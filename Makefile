@@ -1,0 +1,49 @@
+# The two commands of the README are `make demo` and `make test`; both work from a bare clone.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+DEMO_VENV ?= .venv-demo
+
+.PHONY: demo test lint types imports unit interfaces benchmarks clean
+
+# The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions.
+demo: $(DEMO_VENV)/.installed
+	$(DEMO_VENV)/bin/python examples/lab_tour/demo.py
+
+$(DEMO_VENV)/.installed: pyproject.toml
+	@echo "Installing m2c and moon into $(DEMO_VENV) (about a minute, once) ..."
+	@$(PYTHON) -m venv $(DEMO_VENV)
+	@$(DEMO_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+$(VENV)/.installed: pyproject.toml
+	@echo "Installing everything, the ROS 2 wheels included, into $(VENV) ..."
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,ros2]'
+	@touch $@
+
+test: lint types imports interfaces unit
+
+lint: $(VENV)/.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.installed
+	$(BIN)/mypy
+
+imports: $(VENV)/.installed
+	$(BIN)/lint-imports
+
+# The example's interface packages, built by colcon for ROS 2.
+interfaces: $(VENV)/.installed
+	$(BIN)/m2c interfaces build examples/lab_tour/interfaces -o build/interfaces
+
+unit: $(VENV)/.installed
+	$(BIN)/pytest -n 2 --dist loadfile
+
+# Every figure of docs/performance.md.
+benchmarks: $(VENV)/.installed
+	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+clean:
+	rm -rf build $(VENV) $(DEMO_VENV) .mypy_cache .ruff_cache .pytest_cache

@@ -1,0 +1,1 @@
+"""ROS interface packages: building them with colcon against the pip-installed ROS 2 wheels."""

@@ -1,0 +1,48 @@
+"""The ``m2c interfaces`` command."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+
+@click.group()
+def interfaces() -> None:
+    """Work with ROS interface packages (.msg, .srv, .action)."""
+
+
+@interfaces.command()
+@click.argument(
+    "directories", nargs=-1, required=True, type=click.Path(path_type=Path, file_okay=False)
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("build/interfaces"),
+    show_default=True,
+    help="Where colcon's build, install and log folders go.",
+)
+def build(directories: tuple[Path, ...], output: Path) -> None:
+    r"""Build the interface packages in DIRECTORIES with colcon, for ROS 2.
+
+    Needs the ROS 2 wheels (pip install 'm2c-moon[ros2]'), cmake and a C++ compiler. A build of
+    unchanged packages is taken from the output folder.
+
+    \b
+    Example:
+      m2c interfaces build examples/lab_tour/interfaces -o build/interfaces
+    """
+    from m2c.rosidl.build import InterfaceBuildError, build_interfaces
+
+    try:
+        built = build_interfaces([path.resolve() for path in directories], output.resolve())
+    except InterfaceBuildError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(2)
+    how = "unchanged, taken from" if built.cached else "built into"
+    click.echo(
+        f"{len(built.packages)} interface packages {how} {output}: {', '.join(built.packages)}"
+    )

@@ -1,0 +1,97 @@
+"""Building interface packages with the ROS 2 wheels."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from m2c.rosidl.build import InterfaceBuildError, build_interfaces, find_packages
+
+PACKAGE_XML = """<?xml version="1.0"?>
+<package format="3">
+  <name>{name}</name><version>0.1.0</version><description>test</description>
+  <maintainer email="maintainer@example.org">maintainer</maintainer><license>Apache-2.0</license>
+  <buildtool_depend>ament_cmake</buildtool_depend>
+  <build_depend>rosidl_default_generators</build_depend>
+  <exec_depend>rosidl_default_runtime</exec_depend>
+  <member_of_group>rosidl_interface_packages</member_of_group>
+  <export><build_type>ament_cmake</build_type></export>
+</package>
+"""
+CMAKE = """cmake_minimum_required(VERSION 3.8)
+project({name})
+find_package(ament_cmake REQUIRED)
+find_package(rosidl_default_generators REQUIRED)
+rosidl_generate_interfaces(${{PROJECT_NAME}} "srv/Tick.srv")
+ament_package()
+"""
+
+SERVE_AND_CALL = """
+import rclpy
+from door_interfaces.srv import Tick
+
+rclpy.init()
+node = rclpy.create_node("door")
+
+def tick(request, response):
+    response.status = request.door + 1
+    return response
+
+service = node.create_service(Tick, "tick", tick)
+client = node.create_client(Tick, "tick")
+assert client.wait_for_service(timeout_sec=30.0)
+future = client.call_async(Tick.Request(door=41))
+rclpy.spin_until_future_complete(node, future, timeout_sec=30.0)
+print(future.result().status)
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+@pytest.fixture
+def packages(tmp_path: Path) -> Path:
+    folder = tmp_path / "src" / "door_interfaces"
+    (folder / "srv").mkdir(parents=True)
+    (folder / "package.xml").write_text(PACKAGE_XML.format(name="door_interfaces"))
+    (folder / "CMakeLists.txt").write_text(CMAKE.format(name="door_interfaces"))
+    (folder / "srv" / "Tick.srv").write_text("int8 door\n---\nint8 status\n")
+    return tmp_path / "src"
+
+
+def test_a_folder_without_packages_is_refused_with_what_was_expected(tmp_path: Path) -> None:
+    with pytest.raises(InterfaceBuildError, match=r"expected <package>/package\.xml"):
+        find_packages([tmp_path])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_built_package_serves_a_real_ros_2_call_and_is_then_cached(
+    packages: Path, tmp_path: Path
+) -> None:
+    built = build_interfaces([packages], tmp_path / "out")
+    assert built.packages == ("door_interfaces",)
+    assert not built.cached
+    environment = built.environment()
+    environment |= {"ROS_DOMAIN_ID": str(20 + os.getpid() % 80), "ROS_LOCALHOST_ONLY": "1"}
+    called = subprocess.run(
+        [sys.executable, "-c", SERVE_AND_CALL],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert called.stdout.split() == ["42"], called.stderr
+    assert build_interfaces([packages], tmp_path / "out").cached
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_package_that_does_not_build_is_reported_with_the_compilers_words(
+    packages: Path, tmp_path: Path
+) -> None:
+    (packages / "door_interfaces" / "srv" / "Tick.srv").write_text("int9 door\n---\n")
+    with pytest.raises(InterfaceBuildError, match="colcon build failed"):
+        build_interfaces([packages], tmp_path / "out")
