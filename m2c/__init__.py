@@ -1,0 +1,1 @@
+"""Compile deliberation models into running nodes."""

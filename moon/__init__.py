@@ -1,0 +1,1 @@
+"""Watch a running system without touching it."""

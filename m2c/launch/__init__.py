@@ -1,0 +1,1 @@
+"""Run a generated system: one process per node, and the policy."""

@@ -16,8 +16,9 @@ FLOATS = frozenset({"float32", "float64"})
 
 
 class Primitive(msgspec.Struct, frozen=True, tag="primitive"):
-    """``bool``, ``string``, ``float32``/``float64``, an integer of :data:`INTEGER_RANGES`, or
+    """A scalar type, by its ROS name.
 
+    ``bool``, ``string``, ``float32``/``float64``, an integer of :data:`INTEGER_RANGES`, or
     ``number`` (an ECMAScript number of unknown width: untyped data of plain SCXML),
     ``null`` (``null`` and ``undefined``) and ``any`` (nothing is known statically).
     """
@@ -42,7 +43,9 @@ class Structure(msgspec.Struct, frozen=True, tag="structure"):
 
     name: str
     fields: tuple[tuple[str, DataType], ...]
-    defaults: tuple[tuple[str, bool | int | float | str | tuple[bool | int | float | str, ...]], ...] = ()
+    defaults: tuple[
+        tuple[str, bool | int | float | str | tuple[bool | int | float | str, ...]], ...
+    ] = ()
     constants: tuple[tuple[str, str, bool | int | float | str], ...] = ()
 
     def field(self, name: str) -> DataType | None:

@@ -50,6 +50,12 @@ class EventData(Node, frozen=True):
     spelling: str = "_event.data"
 
 
+class PortInput(Node, frozen=True):
+    """The value of a behaviour-tree input port: ``<bt_get_input key="…"/>``."""
+
+    key: str
+
+
 class Member(Node, frozen=True):
     """``object.name``; ``.length`` of arrays and strings included."""
 
@@ -124,6 +130,7 @@ Expression = (
     Literal
     | Variable
     | EventData
+    | PortInput
     | Member
     | Index
     | Unary

@@ -1,0 +1,1 @@
+"""Behaviour-tree policies (BehaviorTree.CPP) that tick skills over a transport."""

@@ -1,0 +1,1 @@
+"""Observations, live: what happens on every channel."""

@@ -1,0 +1,1 @@
+"""A deterministic middleware in virtual time."""

@@ -1,0 +1,202 @@
+"""Plain SCXML: what its events mean on the middleware.
+
+The earlier tool names events ``CMD_TICK``, ``TICK_RESPONSE``, ``CMD_HALT``, ``HALT_RESPONSE`` and, for
+a component X with an interface Y, ``X.Y.Call``, ``X.Y.Return``, ``X.Y.Sub`` and ``X.Y.Pub``. They are
+mapped to declared interfaces here; what is not of that form stays an event of the machine's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import msgspec
+
+from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import (
+    Emit,
+    Event,
+    EventKind,
+    If,
+    Interface,
+    InterfaceKind,
+    Machine,
+    OutputKind,
+    Raise,
+    State,
+    Statement,
+    Target,
+    Transition,
+)
+
+_TREE_EVENTS = {
+    "CMD_TICK": ("tick", True),
+    "TICK_RESPONSE": ("tick", False),
+    "CMD_HALT": ("halt", True),
+    "HALT_RESPONSE": ("halt", False),
+}
+_SUFFIXES: dict[str, tuple[InterfaceKind, EventKind | OutputKind]] = {
+    "Call": (InterfaceKind.CLIENT, OutputKind.REQUEST),
+    "Pub": (InterfaceKind.PUBLISHER, OutputKind.PUBLISH),
+    "Return": (InterfaceKind.CLIENT, EventKind.RESPONSE),
+    "Sub": (InterfaceKind.SUBSCRIBER, EventKind.MESSAGE),
+}
+
+
+def bind_plain_events(
+    machine: Machine,
+    library: InterfaceLibrary,
+    reference: Machine | None,
+    channels: Mapping[str, str],
+    log: DiagnosticLog,
+) -> Machine:
+    """The same machine with its middleware events on declared interfaces.
+
+    Args:
+        machine: as read, all events internal.
+        library: interface types, for channels that nobody declares.
+        reference: the machine that this one stands in for; its interfaces are taken first.
+        channels: type of every channel that the system's machines declare.
+        log: where ``unbound-event`` goes (an event of the known form whose type cannot be found).
+
+    Returns:
+        ``machine`` itself if it has no middleware event.
+    """
+    binder = _Binder(machine, library, reference, channels, log)
+    used = [name for name in _event_names(machine) if binder.meaning(name) is not None]
+    if not used:
+        return machine
+    return binder.bind()
+
+
+class _Binder:
+    def __init__(
+        self,
+        machine: Machine,
+        library: InterfaceLibrary,
+        reference: Machine | None,
+        channels: Mapping[str, str],
+        log: DiagnosticLog,
+    ) -> None:
+        self._machine = machine
+        self._library = library
+        self._log = log
+        self._known = dict(channels)
+        if reference is not None:
+            for interface in reference.interfaces:
+                self._known[interface.channel or ""] = interface.type_name
+        name = machine.name
+        self._tick_kind = "Action" if name.endswith("Action") else "Condition"
+        for suffix in ("Condition", "Action"):
+            name = name.removesuffix(suffix)
+        self._name = reference.name if reference is not None else name
+        self._interfaces: dict[tuple[InterfaceKind, str], Interface] = {}
+
+    def meaning(self, event: str) -> tuple[InterfaceKind, str, EventKind | OutputKind] | None:
+        """Kind, channel and direction of ``event``; None if it is the machine's own."""
+        if event in _TREE_EVENTS:
+            service, incoming = _TREE_EVENTS[event]
+            direction = EventKind.REQUEST if incoming else OutputKind.RESPONSE
+            return InterfaceKind.SERVER, f"/{self._name}/{service}", direction
+        parts = event.split(".")
+        if len(parts) >= 3 and parts[-1] in _SUFFIXES:
+            kind, direction = _SUFFIXES[parts[-1]]
+            return kind, "/" + "/".join(parts[:-1]), direction
+        return None
+
+    def bind(self) -> Machine:
+        states = tuple(self._state(state) for state in self._machine.states)
+        return msgspec.structs.replace(
+            self._machine,
+            name=self._name,
+            states=states,
+            interfaces=tuple(self._interfaces.values()),
+        )
+
+    def _interface(self, kind: InterfaceKind, channel: str, at: Position, event: str) -> str:
+        if (kind, channel) not in self._interfaces:
+            type_name = self._type(kind, channel)
+            if type_name is None:
+                folder = (
+                    "msg" if kind in (InterfaceKind.SUBSCRIBER, InterfaceKind.PUBLISHER) else "srv"
+                )
+                self._log.error(
+                    "unbound-event",
+                    at,
+                    "",
+                    f"`{event}` means {channel}, whose type is not known",
+                    f"read it together with a machine that declares {channel}, or add the .{folder} "
+                    "definition",
+                )
+            self._interfaces[kind, channel] = Interface(
+                kind=kind, name=channel, position=at, channel=channel, type_name=type_name or ""
+            )
+        return channel
+
+    def _type(self, kind: InterfaceKind, channel: str) -> str | None:
+        if channel in self._known:
+            return self._known[channel]
+        last = channel.rpartition("/")[2]
+        if kind is InterfaceKind.SERVER:
+            last = f"Tick{self._tick_kind}" if last == "tick" else "HaltAction"
+        folder = "msg" if kind in (InterfaceKind.SUBSCRIBER, InterfaceKind.PUBLISHER) else "srv"
+        found = [name for name in self._library.names(folder) if name.endswith(f"/{last}")]
+        return found[0] if len(found) == 1 else None
+
+    def _state(self, state: State) -> State:
+        return msgspec.structs.replace(
+            state,
+            on_entry=self._block(state.on_entry),
+            on_exit=self._block(state.on_exit),
+            transitions=tuple(self._transition(transition) for transition in state.transitions),
+        )
+
+    def _transition(self, transition: Transition) -> Transition:
+        event = transition.event
+        if event is not None and event.kind is EventKind.INTERNAL:
+            meaning = self.meaning(event.name)
+            if meaning is not None and isinstance(meaning[2], EventKind):
+                name = self._interface(meaning[0], meaning[1], transition.position, event.name)
+                event = Event(meaning[2], name)
+        targets = tuple(
+            Target(target.state, target.probability, self._block(target.body))
+            for target in transition.targets
+        )
+        body = self._block(transition.body)
+        return msgspec.structs.replace(transition, event=event, targets=targets, body=body)
+
+    def _block(self, statements: tuple[Statement, ...]) -> tuple[Statement, ...]:
+        return tuple(self._statement(statement) for statement in statements)
+
+    def _statement(self, statement: Statement) -> Statement:
+        match statement:
+            case If(branches, position):
+                return If(tuple((cond, self._block(body)) for cond, body in branches), position)
+            case Raise(event=event, position=position, fields=fields, external=True):
+                meaning = self.meaning(event)
+                if meaning is None or not isinstance(meaning[2], OutputKind):
+                    return statement
+                name = self._interface(meaning[0], meaning[1], position, event)
+                return Emit(kind=meaning[2], interface=name, position=position, fields=fields)
+            case _:
+                return statement
+
+
+def _event_names(machine: Machine) -> Iterator[str]:
+    for state in machine.states:
+        for transition in state.transitions:
+            if transition.event is not None:
+                yield transition.event.name
+            yield from _sent(transition.body)
+        yield from _sent(state.on_entry)
+        yield from _sent(state.on_exit)
+
+
+def _sent(statements: tuple[Statement, ...]) -> Iterator[str]:
+    for statement in statements:
+        match statement:
+            case If(branches=branches):
+                for _, body in branches:
+                    yield from _sent(body)
+            case Raise(event=event):
+                yield event

@@ -1,0 +1,265 @@
+"""Reading executable content: assignments, conditions, logs, events and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.durations import parse_duration
+from m2c.model.ecmascript import parse_expression, parse_location
+from m2c.model.expressions import Expression, Literal, PortInput, Variable
+from m2c.model.machine import (
+    Assign,
+    Cancel,
+    Emit,
+    Event,
+    Field,
+    If,
+    Interface,
+    InterfaceKind,
+    Log,
+    OutputKind,
+    Raise,
+    Statement,
+)
+from m2c.model.structure import check_element, require
+from m2c.model.typing import nearest
+from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, STATUSES, UNSUPPORTED
+from m2c.model.xml import Element
+
+_LEGACY_SENDS = {
+    "bt_halt_response": OutputKind.BT_RETURN_HALTED,
+}
+
+
+class ContentReader:
+    """Reads expressions and statements of one machine, given its declared interfaces."""
+
+    def __init__(self, log: DiagnosticLog, interfaces: tuple[Interface, ...]) -> None:
+        self._log = log
+        self._interfaces = interfaces
+
+    # -- names --------------------------------------------------------------------------------
+
+    def interface_of(self, element: Element, kind: InterfaceKind) -> str:
+        """The name of the declared interface that ``element`` refers to (by name or channel)."""
+        attribute = next(
+            (
+                key
+                for key in ("name", "topic", "service_name", "service", "action_name", "action")
+                if element.get(key)
+            ),
+            "name",
+        )
+        written = require(element, attribute, self._log)
+        if not written:
+            return ""
+        same_kind = [known for known in self._interfaces if known.kind is kind]
+        for known in same_kind:
+            if written in (known.name, known.channel) or f"/{written}" == known.channel:
+                return known.name
+        other = next((known for known in self._interfaces if known.name == written), None)
+        if other is not None:
+            what = f"`{written}` is declared as a {other.kind}, not as a {kind}"
+            hint = "declare it with the matching element"
+        else:
+            what = f"no {kind} called `{written}` is declared"
+            names = [known.name for known in same_kind]
+            hint = nearest(written, names) or f"declare a {kind} at the top of the machine"
+        self._log.error("undeclared-interface", element.at(attribute), element.tag, what, hint)
+        return ""
+
+    def handler_event(self, element: Element) -> Event:
+        """The event that the handler ``element`` waits for."""
+        handler = HANDLERS[element.tag]
+        if handler.interface is not None:
+            return Event(handler.event, self.interface_of(element, handler.interface))
+        if element.tag in ("bt_child_status", "bt_child_halted"):
+            return Event(handler.event, require(element, "id", self._log))
+        return Event(handler.event)
+
+    # -- expressions --------------------------------------------------------------------------
+
+    def expression_of(
+        self, element: Element, attribute: str, optional: bool = False
+    ) -> Expression | None:
+        """The expression in ``attribute``, in a child ``<expr>`` or ``<bt_get_input>``."""
+        if attribute in element.attributes:
+            text = element.attributes[attribute]
+            return parse_expression(text, element.at(attribute), element.tag, self._log)
+        if attribute == "expr":
+            holder = element.first("expr") or element
+            lookup = holder.first("bt_get_input")
+            if lookup is not None:
+                check_element(lookup, self._log)
+                return PortInput(key=require(lookup, "key", self._log), position=lookup.position)
+            text = holder.text.strip()
+            if text:
+                return parse_expression(text, holder.position, element.tag, self._log)
+        if not optional:
+            require(element, attribute, self._log)
+        return None
+
+    def fields_of(self, element: Element, tag: str) -> tuple[Field, ...]:
+        """The ``<field>`` or ``<param>`` children of ``element``."""
+        fields: list[Field] = []
+        for child in element.children:
+            if not check_element(child, self._log, inside=(tag,), parent=element.tag):
+                continue
+            name = require(child, "name", self._log)
+            source = "location" if child.get("location") else "expr"
+            value = self.expression_of(child, source)
+            if any(known.name == name for known in fields):
+                what = f"`{name}` is set twice"
+                self._log.error("duplicate-field", child.position, child.tag, what)
+            if value is not None:
+                fields.append(Field(name, value, child.position))
+        return tuple(fields)
+
+    # -- statements ---------------------------------------------------------------------------
+
+    def block(self, elements: Sequence[Element]) -> tuple[Statement, ...]:
+        """The statements that ``elements`` describe, in order."""
+        statements: list[Statement] = []
+        for element in elements:
+            if element.tag in UNSUPPORTED:
+                hint = UNSUPPORTED[element.tag]
+                self._log.error(
+                    "unsupported-element", element.position, element.tag, "not supported", hint
+                )
+                continue
+            where = "executable content"
+            if not check_element(element, self._log, inside=EXECUTABLE, parent=where):
+                continue
+            statement = self._statement(element)
+            if statement is not None:
+                statements.append(statement)
+        return tuple(statements)
+
+    def _statement(self, element: Element) -> Statement | None:
+        match element.tag:
+            case "assign":
+                return self._assign(element)
+            case "if":
+                return self._if(element)
+            case "log":
+                value = self.expression_of(element, "expr", optional=True)
+                return Log(element.get("label"), value, element.position)
+            case "raise":
+                event = require(element, "event", self._log)
+                return Raise(event=event, position=element.position)
+            case "cancel":
+                return Cancel(require(element, "sendid", self._log), element.position)
+            case "send":
+                return self._send(element)
+            case _:
+                return self._emit(element)
+
+    def _assign(self, element: Element) -> Assign | None:
+        written = require(element, "location", self._log)
+        value = self.expression_of(element, "expr")
+        if not written:
+            return None
+        location = parse_location(written, element.at("location"), "assign", self._log)
+        if location is None or value is None:
+            return None
+        return Assign(location, value, element.position)
+
+    def _if(self, element: Element) -> If:
+        branches: list[tuple[Expression | None, list[Element]]] = []
+        condition = self.expression_of(element, "cond")
+        branches.append((condition, []))
+        closed = False
+        for child in element.children:
+            if child.tag in ("elseif", "else"):
+                check_element(child, self._log)
+                if closed:
+                    what = f"<{child.tag}> after <else>"
+                    self._log.error("unknown-tag", child.position, child.tag, what)
+                closed = child.tag == "else"
+                condition = None if closed else self.expression_of(child, "cond")
+                branches.append((condition, []))
+                if child.children:
+                    self._log.error(
+                        "unknown-tag",
+                        child.children[0].position,
+                        child.children[0].tag,
+                        f"content inside <{child.tag}>",
+                        f"<{child.tag}/> is empty; its content follows it",
+                    )
+            else:
+                branches[-1][1].append(child)
+        return If(
+            tuple((condition, self.block(body)) for condition, body in branches), element.position
+        )
+
+    def _send(self, element: Element) -> Statement | None:
+        if element.get("eventexpr") or element.get("type"):
+            name = "eventexpr" if element.get("eventexpr") else "type"
+            what = f"the attribute `{name}` is not part of the language"
+            self._log.error("unsupported-element", element.at(name), "send", what, "use `event`")
+            return None
+        event = require(element, "event", self._log)
+        if event in _LEGACY_SENDS:
+            return Emit(kind=_LEGACY_SENDS[event], interface="", position=element.position)
+        fields = list(self.fields_of(element, "param"))
+        for name in element.get("namelist").split():
+            value = Variable(name=name, position=element.at("namelist"))
+            fields.append(Field(name, value, element.position))
+        target = element.get("target")
+        if target not in ("", "#_internal"):
+            what = f"the target `{target}` is not part of the language"
+            hint = "leave it out (the machine itself) or write #_internal"
+            self._log.error("unsupported-element", element.at("target"), "send", what, hint)
+        delay = self.expression_of(element, "delayexpr", optional=True)
+        if element.get("delay"):
+            seconds = parse_duration(element.get("delay"))
+            if seconds is None:
+                what = f"`{element.get('delay')}` is not a time"
+                hint = "write it like 5s or 200ms"
+                self._log.error("bad-duration", element.at("delay"), "send", what, hint)
+            delay = Literal(value=seconds or 0.0, position=element.at("delay"))
+        return Raise(
+            event=event,
+            position=element.position,
+            fields=tuple(fields),
+            external=target != "#_internal",
+            delay_s=delay,
+            id=element.get("id"),
+        )
+
+    def _emit(self, element: Element) -> Emit | None:
+        output = OUTPUTS[element.tag]
+        interface = ""
+        if output.interface is not None:
+            interface = self.interface_of(element, output.interface)
+            if not interface:
+                return None
+        fields: tuple[Field, ...] = ()
+        match output.kind:
+            case OutputKind.BT_RETURN_STATUS:
+                status = require(element, "status", self._log)
+                if status and status not in STATUSES:
+                    what = f"`{status}` is not a status"
+                    hint = f"one of {', '.join(STATUSES)}"
+                    at = element.at("status")
+                    self._log.error("bad-status", at, element.tag, what, hint)
+                value = Literal(value=status, position=element.at("status"))
+                fields = (Field("status", value, element.position),)
+            case OutputKind.BT_SET_OUTPUT:
+                interface = require(element, "key", self._log)
+                written = self.expression_of(element, "expr")
+                if written is not None:
+                    fields = (Field("value", written, element.position),)
+            case OutputKind.BT_TICK_CHILD | OutputKind.BT_HALT_CHILD:
+                interface = require(element, "id", self._log)
+            case _:
+                fields = self.fields_of(element, "field")
+        return Emit(
+            kind=output.kind,
+            interface=interface,
+            position=element.position,
+            fields=fields,
+            goal_id=self.expression_of(element, "goal_id", optional=True),
+            thread_id=self.expression_of(element, "thread_id", optional=True),
+        )

@@ -1,0 +1,108 @@
+"""A direct interpreter of expressions.
+
+Generated code is compiled; whoever checks it interprets. Two implementations of one semantics, held
+together by differential tests, so that one fault is not blind to itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from m2c.model.expressions import (
+    ArrayLiteral,
+    Binary,
+    Conditional,
+    EventData,
+    Expression,
+    Index,
+    Literal,
+    Logical,
+    MathCall,
+    MathConstant,
+    Member,
+    ObjectLiteral,
+    PortInput,
+    Unary,
+    Variable,
+)
+from m2c.runtime import ecmascript
+
+_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+    "+": ecmascript.add,
+    "-": ecmascript.subtract,
+    "*": ecmascript.multiply,
+    "/": ecmascript.divide,
+    "%": ecmascript.remainder,
+    "**": ecmascript.power,
+    "==": ecmascript.equals,
+    "===": ecmascript.strict_equals,
+    "!=": lambda left, right: not ecmascript.equals(left, right),
+    "!==": lambda left, right: not ecmascript.strict_equals(left, right),
+    "<": ecmascript.less,
+    "<=": ecmascript.less_or_equal,
+    ">": lambda left, right: ecmascript.less(right, left),
+    ">=": lambda left, right: ecmascript.less_or_equal(right, left),
+}
+
+
+def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mapping[str, Any]) -> Any:
+    """The value of ``expression``.
+
+    Args:
+        expression: what to evaluate.
+        variables: the datamodel.
+        event: the event's parts (``data``, ``goal_id``, …).
+
+    Raises:
+        ecmascript.ExecutionError: ECMAScript would throw.
+    """
+    match expression:
+        case Literal(value=value):
+            return value
+        case Variable(name=name):
+            if name not in variables:
+                raise ecmascript.ExecutionError(f"`{name}` is not defined")
+            return variables[name]
+        case EventData(part=part):
+            return event.get(part)
+        case PortInput(key=key):
+            return event.get(f"port:{key}")
+        case Member(object=inner, name=name):
+            return ecmascript.member(evaluate(inner, variables, event), name)
+        case Index(object=inner, index=index):
+            return ecmascript.element(
+                evaluate(inner, variables, event), evaluate(index, variables, event)
+            )
+        case Unary(operator=operator, operand=operand):
+            value = evaluate(operand, variables, event)
+            match operator:
+                case "!":
+                    return not ecmascript.truthy(value)
+                case "-":
+                    return ecmascript.negate(value)
+                case "+":
+                    return ecmascript.to_number(value)
+                case "typeof":
+                    return ecmascript.type_name(value)
+        case Binary(operator=operator, left=left, right=right):
+            return _OPERATORS[operator](
+                evaluate(left, variables, event), evaluate(right, variables, event)
+            )
+        case Logical(operator=operator, left=left, right=right):
+            value = evaluate(left, variables, event)
+            keep = ecmascript.truthy(value) == (operator == "||")
+            return value if keep else evaluate(right, variables, event)
+        case Conditional(test=test, then=then, otherwise=otherwise):
+            chosen = then if ecmascript.truthy(evaluate(test, variables, event)) else otherwise
+            return evaluate(chosen, variables, event)
+        case MathCall(function=function, arguments=arguments):
+            return ecmascript.MATH[function](
+                *(evaluate(argument, variables, event) for argument in arguments)
+            )
+        case MathConstant(name=name):
+            return ecmascript.CONSTANTS[name]
+        case ArrayLiteral(elements=elements):
+            return [evaluate(element, variables, event) for element in elements]
+        case ObjectLiteral(entries=entries):
+            return {key: evaluate(value, variables, event) for key, value in entries}

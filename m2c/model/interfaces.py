@@ -1,0 +1,275 @@
+"""Interface definitions: ``.msg``, ``.srv`` and ``.action`` files, and ROS 2's standard messages.
+
+Grammar: https://docs.ros.org/en/jazzy/Concepts/Basic/About-Interfaces.html. The standard messages of
+Jazzy come with rosbags, which is imported only when a model asks for one of them.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from m2c.model.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive, Structure
+from m2c.model.diagnostics import DiagnosticLog, Position
+
+_FIELD = re.compile(
+    r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:<=)?\d*\])?\s+"
+    r"(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)"
+)
+_PRIMITIVES = {*INTEGER_RANGES, *FLOATS, "bool", "string", "wstring"}
+_PART = {"msg": (), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+_EMPTY_TEXT = "---\n"
+_STANDARD_SERVICES = {
+    "std_srvs/srv/Empty": _EMPTY_TEXT,
+    "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message\n",
+    "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
+}
+"""std_srvs (Jazzy 5.3); rosbags ships messages only."""
+
+Value = bool | int | float | str
+
+
+class ServiceType(msgspec.Struct, frozen=True):
+    """A service definition such as ``std_srvs/srv/SetBool``."""
+
+    name: str
+    request: Structure
+    response: Structure
+
+
+class ActionType(msgspec.Struct, frozen=True):
+    """An action definition such as ``example_interfaces/action/Fibonacci``."""
+
+    name: str
+    goal: Structure
+    result: Structure
+    feedback: Structure
+
+
+def canonical(name: str, kind: str) -> str:
+    """``pkg/Name``, ``pkg/msg/Name`` or ``pkg::msg::Name`` as ``pkg/<kind>/Name``.
+
+    Args:
+        name: a type name in any spelling.
+        kind: ``msg``, ``srv`` or ``action``; used where the name does not say it.
+    """
+    parts = name.strip().replace("::", "/").split("/")
+    return f"{parts[0]}/{kind}/{parts[1]}" if len(parts) == 2 else "/".join(parts)
+
+
+class InterfaceLibrary:
+    """The interface types that a set of models can refer to."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, Path] = {}
+        self._structures: dict[str, Structure] = {}
+        self._open: list[str] = []
+        self._log = DiagnosticLog()
+
+    @classmethod
+    def load(cls, directories: Sequence[Path], log: DiagnosticLog) -> InterfaceLibrary:
+        """Index the definitions below ``directories`` (``<package>/{msg,srv,action}/*``).
+
+        A file is parsed when it is first asked for; faults in it go to ``log`` then.
+        """
+        library = cls()
+        library._log = log
+        for directory in directories:
+            for path in sorted(directory.glob("**/*.*")):
+                kind = path.suffix[1:]
+                if kind in _PART and path.parent.name == kind:
+                    library._files[f"{path.parent.parent.name}/{kind}/{path.stem}"] = path
+        return library
+
+    def names(self, kind: str) -> list[str]:
+        """The custom types of ``kind`` (``msg``, ``srv``, ``action``), sorted."""
+        return sorted(name for name in self._files if name.split("/")[1] == kind)
+
+    def message(self, name: str) -> Structure:
+        """The message type ``name``; KeyError with a suggestion if there is none."""
+        return self._structure(canonical(name, "msg"))
+
+    def service(self, name: str) -> ServiceType:
+        """The service type ``name``; KeyError with a suggestion if there is none."""
+        full = canonical(name, "srv")
+        self._require(full, "srv")
+        return ServiceType(full, *(self._structure(f"{full}_{part}") for part in _PART["srv"]))
+
+    def action(self, name: str) -> ActionType:
+        """The action type ``name``; KeyError with a suggestion if there is none."""
+        full = canonical(name, "action")
+        self._require(full, "action")
+        return ActionType(full, *(self._structure(f"{full}_{part}") for part in _PART["action"]))
+
+    def _require(self, full: str, kind: str) -> None:
+        if full not in self._files and full not in _STANDARD_SERVICES:
+            raise KeyError(self._unknown(full, [*self.names(kind), *_STANDARD_SERVICES]))
+
+    def _structure(self, full: str) -> Structure:
+        known = self._structures.get(full)
+        if known is not None:
+            return known
+        if full.split("/")[1] == "msg" and full not in self._files:
+            found = self._standard(full)
+        else:
+            self._parse_file(full)
+            found = self._structures.get(full)
+        if found is None:
+            raise KeyError(self._unknown(full, [*self.names("msg"), *_standard_definitions()]))
+        self._structures[full] = found
+        return found
+
+    def _parse_file(self, full: str) -> None:
+        kind = full.split("/")[1]
+        stem = full.rpartition("_")[0] if _PART.get(kind) else full
+        if stem in self._files:
+            path = self._files[stem]
+            text, file = path.read_text(encoding="utf-8", errors="replace"), str(path)
+        elif stem in _STANDARD_SERVICES:
+            text, file = _STANDARD_SERVICES[stem], stem
+        else:
+            return
+        if stem in self._open:
+            self._log.error("recursive-type", Position(file, 1, 1), "", f"{stem} contains itself")
+            return
+        self._open.append(stem)
+        parts = _PART[kind] or ("",)
+        sections: list[list[tuple[int, str]]] = [[]]
+        for number, line in enumerate(text.splitlines(), 1):
+            if line.strip() == "---":
+                sections.append([])
+            else:
+                sections[-1].append((number, line))
+        if len(sections) > len(parts):
+            self._log.error(
+                "bad-interface",
+                Position(file, 1, 1),
+                "",
+                f"{len(sections)} sections divided by ---",
+                f"a .{kind} file has {len(parts)}",
+            )
+        sections += [[]] * (len(parts) - len(sections))
+        for part, lines in zip(parts, sections, strict=False):
+            name = f"{stem}_{part}" if part else stem
+            self._structures[name] = self._read_section(name, lines, file)
+        self._open.pop()
+
+    def _read_section(self, name: str, lines: Iterable[tuple[int, str]], file: str) -> Structure:
+        fields: list[tuple[str, DataType]] = []
+        defaults: list[tuple[str, Any]] = []
+        constants: list[tuple[str, str, Value]] = []
+        for number, raw in lines:
+            line = _without_comment(raw)
+            if not line.strip():
+                continue
+            at = Position(file, number, len(line) - len(line.lstrip()) + 1)
+            match = _FIELD.fullmatch(line.strip())
+            if match is None:
+                hint = "a line is `type name`, `type name default` or `type NAME=constant`"
+                self._log.error("bad-interface", at, "", f"cannot read `{line.strip()}`", hint)
+                continue
+            rest = match["rest"].strip()
+            if rest.startswith("="):
+                constants.append((match["name"], match["base"], _literal(rest[1:], match["base"])))
+                continue
+            kind = self._field_type(match, name.split("/", maxsplit=1)[0], at)
+            if kind is None:
+                continue
+            fields.append((match["name"], kind))
+            if rest:
+                defaults.append((match["name"], _literal(rest, match["base"])))
+        return Structure(name, tuple(fields), tuple(defaults), tuple(constants))
+
+    def _field_type(self, match: re.Match[str], package: str, at: Position) -> DataType | None:
+        base = match["base"]
+        element: DataType
+        if base in _PRIMITIVES:
+            element = Primitive("string" if base == "wstring" else base)
+        else:
+            try:
+                element = self.message(base if "/" in base else f"{package}/msg/{base}")
+            except KeyError as error:
+                self._log.error("unknown-type", at, "", str(error.args[0]))
+                return None
+        if not match["array"]:
+            return element
+        size = match["array"][1:-1]
+        if not size:
+            return Array(element)
+        return Array(element, int(size.removeprefix("<=")), not size.startswith("<="))
+
+    def _standard(self, full: str) -> Structure | None:
+        definition = _standard_definitions().get(full)
+        if definition is None:
+            return None
+        constants, fields = definition
+        return Structure(
+            full,
+            tuple(
+                (name, self._standard_type(kind))
+                for name, kind in fields
+                if name != "structure_needs_at_least_one_member"
+            ),
+            (),
+            tuple((name, kind, value) for name, kind, value in constants),
+        )
+
+    def _standard_type(self, kind: Any) -> DataType:
+        node, argument = kind
+        match node.name:
+            case "BASE":
+                return Primitive("byte" if argument[0] == "octet" else argument[0])
+            case "NAME":
+                return self._structure(argument)
+            case "ARRAY":
+                return Array(self._standard_type(argument[0]), argument[1], True)
+            case _:
+                return Array(self._standard_type(argument[0]), argument[1] or None)
+
+    def _unknown(self, full: str, known: Iterable[str]) -> str:
+        near = difflib.get_close_matches(full, list(known), 1)
+        return f"unknown type {full}" + (f"; did you mean {near[0]}?" if near else "")
+
+
+def _standard_definitions() -> dict[str, Any]:
+    from rosbags.typesys import Stores, get_typestore  # 90 ms: only for models that need it
+
+    global _STANDARD  # noqa: PLW0603 - a cache of an immutable table
+    if _STANDARD is None:
+        _STANDARD = dict(get_typestore(Stores.ROS2_JAZZY).fielddefs)
+    return _STANDARD
+
+
+_STANDARD: dict[str, Any] | None = None
+
+
+def _without_comment(line: str) -> str:
+    quote = ""
+    for index, character in enumerate(line):
+        if quote:
+            quote = "" if character == quote else quote
+        elif character in "\"'":
+            quote = character
+        elif character == "#":
+            return line[:index]
+    return line
+
+
+def _literal(text: str, base: str) -> Any:
+    """A default or constant: numbers, booleans (``true``), strings with or without quotes, lists."""
+    text = text.strip()
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    if base in ("string", "wstring") and text[:1] not in "\"'[":
+        return text
+    try:
+        value = ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return text
+    return tuple(value) if isinstance(value, list) else value

@@ -1,0 +1,57 @@
+"""Checks of one element against the vocabulary: known here, known attributes, required ones."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.typing import nearest
+from m2c.model.vocabulary import ATTRIBUTES
+from m2c.model.xml import Element
+
+
+def check_element(
+    element: Element,
+    log: DiagnosticLog,
+    *,
+    as_tag: str = "",
+    inside: Collection[str] = (),
+    parent: str = "",
+) -> bool:
+    """Report an element that may not stand inside ``parent``, and attributes it does not have.
+
+    Args:
+        element: what to check.
+        log: where ``unknown-tag`` and ``unknown-attribute`` go.
+        as_tag: look the attributes up under this tag.
+        inside: the tags allowed here; empty: any.
+        parent: the element it stands in, for the message.
+
+    Returns:
+        Whether the element may stand here.
+    """
+    if inside and element.tag not in inside:
+        log.error(
+            "unknown-tag",
+            element.position,
+            element.tag,
+            f"not an element of <{parent}>",
+            nearest(element.tag, inside),
+        )
+        return False
+    allowed = ATTRIBUTES[as_tag or element.tag]
+    for name in element.attributes:
+        if name not in allowed:
+            hint = nearest(name, allowed) if allowed else "it has no attributes"
+            what = f"unknown attribute `{name}`"
+            log.error("unknown-attribute", element.at(name), element.tag, what, hint)
+    return True
+
+
+def require(element: Element, attribute: str, log: DiagnosticLog) -> str:
+    """The value of ``attribute``; reports ``missing-attribute`` and returns "" if there is none."""
+    value = element.get(attribute)
+    if not value:
+        what = f"the attribute `{attribute}` is missing"
+        log.error("missing-attribute", element.position, element.tag, what)
+    return value

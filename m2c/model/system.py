@@ -1,0 +1,335 @@
+"""A whole system: node models, behaviour-tree policy and plugins, tick rate, interface types."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import msgspec
+
+from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import Machine, Spelling
+from m2c.model.reader import machine_of
+from m2c.model.typing import nearest
+from m2c.model.xml import Element, read_xml
+
+DEFAULT_TICK_RATE_HZ = 1.0
+MODEL_SUFFIXES = (".scxml", ".ascxml")
+SYSTEM_ROOTS = ("convince_mc_tc", "roaml")
+_ANCESTORS = 3
+"""How many folders above a model an ``interfaces`` folder is looked for."""
+
+_NODE_TYPES = ("ros-scxml", "ros-ascxml", "scxml", "ascxml")
+_PLUGIN_TYPES = ("bt-plugin-ros-scxml", "bt-plugin-ros-ascxml")
+_IGNORED = {
+    "properties": "properties are checked by moon, not by m2c",
+    "generated_files": "",
+}
+
+
+class System(msgspec.Struct, frozen=True, kw_only=True):
+    """What is generated and run together.
+
+    Attributes:
+        name: of the system file or folder, or of the only model.
+        path: where it was read from.
+        nodes: one machine per process.
+        plugins: behaviour-tree plugins, by machine name the leaf's ID.
+        policy: the behaviour tree's XML file, if there is one.
+        tick_rate_hz: how often the tree is ticked.
+        library: the interface types that the models use.
+        sources: every file that was read, models and policy.
+    """
+
+    name: str
+    path: Path
+    nodes: tuple[Machine, ...]
+    plugins: tuple[Machine, ...] = ()
+    policy: Path | None = None
+    tick_rate_hz: float = DEFAULT_TICK_RATE_HZ
+    library: InterfaceLibrary
+    sources: tuple[Path, ...] = ()
+
+    def node(self, name: str) -> Machine | None:
+        """The node called ``name``."""
+        return next((node for node in self.nodes if node.name == name), None)
+
+
+def load(
+    paths: Sequence[Path], log: DiagnosticLog, interface_directories: Sequence[Path] = ()
+) -> System | None:
+    """Read models, folders of models or one system file as one system.
+
+    Args:
+        paths: ``.scxml``/``.ascxml`` files, folders, or one system file (root ``convince_mc_tc``,
+            ``roaml`` or ``specification``).
+        log: where every fault goes.
+        interface_directories: where ``.msg``/``.srv``/``.action`` files are; in addition, a folder
+            ``interfaces`` beside a model or up to three folders above it is used.
+
+    Returns:
+        The system, or None if nothing usable was read. Errors in single models leave the others.
+    """
+    files: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            found = sorted(item for item in path.rglob("*") if item.suffix in MODEL_SUFFIXES)
+            if not found:
+                hint = f"a model ends in {' or '.join(MODEL_SUFFIXES)}"
+                log.error("no-models", Position(str(path)), "", "no model in this folder", hint)
+            files += found
+        else:
+            files.append(path)
+    systems = [path for path in files if path.suffix not in MODEL_SUFFIXES]
+    if systems:
+        if len(files) > 1:
+            what = "a system file is read alone"
+            log.error("mixed-input", Position(str(systems[0])), "", what, "give one path")
+            return None
+        return read_system(systems[0], log, interface_directories)
+    if not files:
+        return None
+    library = library_for(files, interface_directories, log)
+    nodes = read_machines(files, library, log)
+    name = files[0].stem if len(files) == 1 else paths[0].resolve().stem
+    sources = tuple(files)
+    return System(name=name, path=paths[0], nodes=nodes, library=library, sources=sources)
+
+
+def read_system(
+    path: Path, log: DiagnosticLog, interface_directories: Sequence[Path] = ()
+) -> System | None:
+    """Read the system file at ``path``; None if it is not one."""
+    root = read_xml(path, log)
+    if root is None:
+        return None
+    if root.tag == "specification":
+        from m2c.model.full_model import read_full_model
+
+        return read_full_model(root, path, log, interface_directories)
+    if root.tag not in SYSTEM_ROOTS:
+        log.error(
+            "unknown-tag",
+            root.position,
+            root.tag,
+            "neither a model nor a system file",
+            f"the root of a system file is one of {', '.join(SYSTEM_ROOTS)}, specification",
+        )
+        return None
+    return _SystemReader(path, log).read(root, interface_directories)
+
+
+class _SystemReader:
+    def __init__(self, path: Path, log: DiagnosticLog) -> None:
+        self._path = path
+        self._log = log
+        self._nodes: list[Path] = []
+        self._plugins: list[Path] = []
+        self._interfaces: list[Path] = []
+        self._policy: Path | None = None
+        self._rate = DEFAULT_TICK_RATE_HZ
+
+    def read(self, root: Element, interface_directories: Sequence[Path]) -> System:
+        for child in root.children:
+            match child.tag:
+                case "mc_parameters" | "parameters":
+                    self._parameters(child)
+                case "behavior_tree":
+                    self._tree(child)
+                case "node_models":
+                    self._nodes += self._inputs(child, _NODE_TYPES)
+                case "interfaces":
+                    self._interfaces += self._inputs(child, ("ros-interfaces",))
+                case tag if tag in _IGNORED:
+                    self._log.note(
+                        "ignored-element", child.position, tag, _IGNORED[tag] or "ignored"
+                    )
+                case tag:
+                    known = (
+                        "parameters",
+                        "behavior_tree",
+                        "node_models",
+                        "interfaces",
+                        "properties",
+                    )
+                    what = f"not an element of <{root.tag}>"
+                    self._log.error("unknown-tag", child.position, tag, what, nearest(tag, known))
+        models = [*self._nodes, *self._plugins]
+        library = library_for(models, [*interface_directories, *self._interfaces], self._log)
+        sources = [self._path, *models, *([self._policy] if self._policy else [])]
+        stem = self._path.stem
+        folder = self._path.resolve().parent.name
+        return System(
+            name=folder if stem in ("system", "main") else stem,
+            path=self._path,
+            nodes=read_machines(self._nodes, library, self._log),
+            plugins=read_machines(self._plugins, library, self._log),
+            policy=self._policy,
+            tick_rate_hz=self._rate,
+            library=library,
+            sources=tuple(sources),
+        )
+
+    def _parameters(self, element: Element) -> None:
+        for child in element.all("bt_tick_rate"):
+            try:
+                rate = float(child.get("value"))
+            except ValueError:
+                rate = 0.0
+            if rate <= 0:
+                self._log.error(
+                    "bad-rate",
+                    child.at("value"),
+                    child.tag,
+                    f"`{child.get('value')}` is not a rate",
+                    "ticks a second, greater than 0",
+                )
+            else:
+                self._rate = rate
+
+    def _tree(self, element: Element) -> None:
+        policies = self._inputs(element, ("bt.cpp-xml",), others=_PLUGIN_TYPES)
+        self._plugins += self._inputs(element, _PLUGIN_TYPES, others=("bt.cpp-xml",))
+        if len(policies) > 1:
+            what = f"{len(policies)} behaviour trees"
+            self._log.error("duplicate-policy", element.position, element.tag, what, "give one")
+        self._policy = policies[0] if policies else self._policy
+
+    def _inputs(
+        self, element: Element, types: Sequence[str], others: Sequence[str] = ()
+    ) -> list[Path]:
+        found = []
+        for child in element.children:
+            kind = child.get("type")
+            if child.tag != "input" or kind not in (*types, *others):
+                what = (
+                    f"not an element of <{element.tag}>"
+                    if child.tag != "input"
+                    else (f"unknown input type `{kind}`")
+                )
+                hint = nearest(kind, (*types, *others)) if child.tag == "input" else "use <input>"
+                if not others or kind not in others:
+                    self._log.error("unknown-tag", child.position, child.tag, what, hint)
+                continue
+            if kind in others:
+                continue
+            path = resolve(self._path.parent, child.get("src"), child, self._log)
+            if path is not None:
+                found.append(path)
+        return found
+
+
+def resolve(folder: Path, source: str, element: Element, log: DiagnosticLog) -> Path | None:
+    """The file or folder ``source``, relative to ``folder``.
+
+    A path that differs from an existing one only by case is accepted with a warning: published
+    systems were written on file systems that do not tell them apart.
+    """
+    at = element.at("src" if "src" in element.attributes else "path")
+    if not source:
+        what = "the attribute `src` is missing"
+        log.error("missing-attribute", element.position, element.tag, what)
+        return None
+    path = folder / source
+    if path.exists():
+        return path
+    current = folder
+    for part in Path(source).parts:
+        exact = current / part
+        if part == ".." or exact.exists():
+            current = exact
+            continue
+        near = [item for item in _entries(current) if item.name.lower() == part.lower()]
+        if len(near) != 1:
+            hint = nearest(part, (item.name for item in _entries(current)))
+            log.error("missing-file", at, element.tag, f"{path} does not exist", hint)
+            return None
+        current = near[0]
+    log.warning(
+        "path-case",
+        at,
+        element.tag,
+        f"`{source}` is written {current} on disk",
+        "use the same case",
+    )
+    return current
+
+
+def _entries(folder: Path) -> Iterable[Path]:
+    return folder.iterdir() if folder.is_dir() else ()
+
+
+def library_for(
+    files: Sequence[Path], directories: Sequence[Path], log: DiagnosticLog
+) -> InterfaceLibrary:
+    """The interface types for ``files``: ``directories``, and ``interfaces`` folders near them."""
+    folders = list(directories)
+    for file in files:
+        parents = file.resolve().parents
+        for parent in parents[: _ANCESTORS + 1]:
+            candidate = parent / "interfaces"
+            if candidate.is_dir() and any(candidate.glob("*/[msa]*/*")):
+                folders.append(candidate)
+                break
+    unique = list(dict.fromkeys(folder.resolve() for folder in folders))
+    for folder in unique:
+        if not folder.is_dir():
+            log.error(
+                "missing-file", Position(str(folder)), "", "this interface folder does not exist"
+            )
+    return InterfaceLibrary.load([folder for folder in unique if folder.is_dir()], log)
+
+
+def read_with_reference(
+    path: Path, system: System, name: str, log: DiagnosticLog
+) -> Machine | None:
+    """Read the model in ``path`` as a replacement for the node ``name`` of ``system``."""
+    root = read_xml(path, log)
+    if root is None:
+        return None
+    reference = system.node(name)
+    machine = machine_of(root, log, system.library, reference, _channels(system.nodes))
+    if machine is None:
+        return None
+    return msgspec.structs.replace(machine, name=name)
+
+
+def read_machines(
+    files: Sequence[Path], library: InterfaceLibrary, log: DiagnosticLog
+) -> tuple[Machine, ...]:
+    """All machines; plain ones last, when the channels of the others are known."""
+    machines: dict[Path, Machine] = {}
+    plain: list[tuple[Path, Element]] = []
+    for file in files:
+        if file in machines:
+            log.warning("duplicate-input", Position(str(file)), "", "this model is listed twice")
+            continue
+        root = read_xml(file, log)
+        if root is None:
+            continue
+        errors = DiagnosticLog()
+        machine = machine_of(root, errors, library)
+        if machine is not None and machine.spelling is Spelling.SCXML:
+            plain.append((file, root))
+            continue
+        log.diagnostics += errors.diagnostics
+        if machine is not None and not errors.has_errors:
+            machines[file] = machine
+    channels = _channels(machines.values())
+    for file, root in plain:
+        errors = DiagnosticLog()
+        machine = machine_of(root, errors, library, None, channels)
+        log.diagnostics += errors.diagnostics
+        if machine is not None and not errors.has_errors:
+            machines[file] = machine
+    return tuple(machines[file] for file in files if file in machines)
+
+
+def _channels(machines: Iterable[Machine]) -> dict[str, str]:
+    return {
+        interface.channel: interface.type_name
+        for machine in machines
+        for interface in machine.interfaces
+        if interface.channel and interface.type_name
+    }

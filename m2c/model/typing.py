@@ -1,0 +1,399 @@
+"""Static types of expressions, and the faults that can be told before a model runs."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+
+import msgspec
+
+from m2c.model.datatypes import (
+    ANY,
+    BOOL,
+    FLOAT64,
+    INT64,
+    INTEGER_RANGES,
+    NULL,
+    NUMBER,
+    STRING,
+    Array,
+    DataType,
+    Primitive,
+    Structure,
+    describe,
+    is_integer,
+    is_number,
+)
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.expressions import (
+    ArrayLiteral,
+    Binary,
+    Conditional,
+    EventData,
+    Expression,
+    Index,
+    Literal,
+    Logical,
+    MathCall,
+    MathConstant,
+    Member,
+    ObjectLiteral,
+    PortInput,
+    Unary,
+    Variable,
+)
+
+INTEGRAL_MATH = frozenset({"floor", "ceil", "round", "trunc", "sign"})
+"""``Math`` functions whose result is a whole number."""
+
+
+class Scope(msgspec.Struct, frozen=True):
+    """What names mean at one place of a model.
+
+    Attributes:
+        variables: the datamodel.
+        event: what of the event can be read here, by ``EventData.part``.
+        ports: the behaviour-tree input ports, by key.
+    """
+
+    variables: Mapping[str, DataType]
+    event: Mapping[str, DataType] = {}
+    ports: Mapping[str, DataType] = {}
+
+
+def type_of(expression: Expression, scope: Scope) -> DataType:
+    """The static type of ``expression``; ``ANY`` where nothing is known."""
+    return _Typer(scope, None, "").type_of(expression)
+
+
+def check_expression(
+    expression: Expression,
+    scope: Scope,
+    expected: DataType | None,
+    element: str,
+    log: DiagnosticLog,
+) -> DataType:
+    """Report every fault in ``expression`` and return its type.
+
+    Args:
+        expression: what to check.
+        scope: what is visible.
+        expected: the type that the place wants; None if any will do.
+        element: the XML element, for messages.
+        log: where faults go: ``undeclared-variable``, ``unknown-field``, ``type-mismatch``,
+            ``out-of-range``, ``event-data-not-available``.
+    """
+    kind = _Typer(scope, log, element).type_of(expression, expected)
+    if expected is not None:
+        _check_fits(expression, kind, expected, element, log)
+    return kind
+
+
+def assignable(value: DataType, target: DataType) -> bool:
+    """Whether a value of type ``value`` may be stored where ``target`` is declared."""
+    if ANY in (value, target):
+        return True
+    if is_integer(target):
+        return is_integer(value) or value == NUMBER
+    if is_number(target):
+        return is_number(value)
+    if isinstance(target, Array):
+        return isinstance(value, Array) and assignable(value.element, target.element)
+    if isinstance(target, Structure):
+        if not isinstance(value, Structure):
+            return False
+        if value.name:
+            return value.name == target.name
+        return all(
+            (wanted := target.field(name)) is not None and assignable(kind, wanted)
+            for name, kind in value.fields
+        )
+    return value == target
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """``did you mean x?`` for the closest of ``known``, else the list of them."""
+    names = sorted(set(known))
+    near = difflib.get_close_matches(name, names, 1)
+    if near:
+        return f"did you mean {near[0]}?"
+    return f"known: {', '.join(names)}" if names else ""
+
+
+def constant_value(expression: Expression) -> int | float | None:
+    """The number that ``expression`` is, if it is a literal (with a sign or not)."""
+    match expression:
+        case Literal(value=bool()):
+            return None
+        case Literal(value=int() | float() as value):
+            return value
+        case Unary(operator="-", operand=Literal(value=int() | float() as value)):
+            return None if isinstance(value, bool) else -value
+        case _:
+            return None
+
+
+def _check_fits(
+    expression: Expression, kind: DataType, expected: DataType, element: str, log: DiagnosticLog
+) -> None:
+    value = constant_value(expression)
+    if value is not None and is_integer(expected) and isinstance(expected, Primitive):
+        low, high = INTEGER_RANGES[expected.name]
+        if isinstance(value, int) or value.is_integer():
+            if not low <= value <= high:
+                log.error(
+                    "out-of-range",
+                    expression.position,
+                    element,
+                    f"{value} does not fit {expected.name}",
+                    f"{expected.name} holds {low} to {high}",
+                )
+            return
+    if assignable(kind, expected):
+        return
+    hint = f"a value of type {describe(expected)} is needed"
+    if is_integer(expected) and is_number(kind):
+        hint = "use Math.floor, Math.round or Math.trunc to make it whole"
+    log.error(
+        "type-mismatch",
+        expression.position,
+        element,
+        f"a value of type {describe(kind)} where {describe(expected)} is declared",
+        hint,
+    )
+
+
+class _Typer:
+    """One walk over an expression; reports if it has a log."""
+
+    def __init__(self, scope: Scope, log: DiagnosticLog | None, element: str) -> None:
+        self._scope = scope
+        self._log = log
+        self._element = element
+
+    def _error(self, rule: str, node: Expression, message: str, hint: str = "") -> None:
+        if self._log is not None:
+            self._log.error(rule, node.position, self._element, message, hint)
+
+    def type_of(self, node: Expression, expected: DataType | None = None) -> DataType:
+        match node:
+            case Literal(value=value):
+                return _literal_type(value)
+            case Variable(name=name):
+                return self._variable(node, name)
+            case EventData(part=part, spelling=spelling):
+                if part not in self._scope.event:
+                    self._error(
+                        "event-data-not-available",
+                        node,
+                        f"`{spelling}` is not available here",
+                        self._available(),
+                    )
+                return self._scope.event.get(part, ANY)
+            case PortInput(key=key):
+                if key not in self._scope.ports:
+                    hint = nearest(key, self._scope.ports) or "declare it with <bt_declare_port_in>"
+                    self._error("undeclared-port", node, f"port `{key}` is not declared", hint)
+                return self._scope.ports.get(key, ANY)
+            case Member(object=inner, name=name):
+                return self._member(node, self.type_of(inner), name)
+            case Index(object=inner, index=index):
+                return self._index(node, self.type_of(inner), self.type_of(index))
+            case Unary(operator=operator, operand=operand):
+                return self._unary(node, operator, self.type_of(operand))
+            case Binary():
+                return self._binary(node, self.type_of(node.left), self.type_of(node.right))
+            case Logical(left=left, right=right):
+                first, second = self.type_of(left), self.type_of(right)
+                return first if first == second else (_common(first, second) or ANY)
+            case Conditional(test=test, then=then, otherwise=otherwise):
+                self.type_of(test)
+                first, second = self.type_of(then, expected), self.type_of(otherwise, expected)
+                return _common(first, second) or ANY
+            case MathCall(function=function, arguments=arguments):
+                return self._math(function, arguments)
+            case MathConstant():
+                return FLOAT64
+            case ArrayLiteral(elements=elements):
+                return self._array(node, elements, expected)
+            case ObjectLiteral(entries=entries):
+                return self._object(node, entries, expected)
+
+    def _available(self) -> str:
+        parts = {"data": "the message's fields"}
+        names = [parts.get(part, part) for part in self._scope.event]
+        return f"available: {', '.join(names)}" if names else "no event data is, outside a handler"
+
+    def _variable(self, node: Expression, name: str) -> DataType:
+        kind = self._scope.variables.get(name)
+        if kind is None:
+            hint = nearest(name, self._scope.variables) or "declare it with <data>"
+            self._error("undeclared-variable", node, f"`{name}` is not declared", hint)
+            return ANY
+        return kind
+
+    def _member(self, node: Expression, kind: DataType, name: str) -> DataType:
+        if isinstance(kind, Structure):
+            found = kind.field(name)
+            if found is None:
+                constant = next((base for key, base, _ in kind.constants if key == name), None)
+                if constant is not None:
+                    return Primitive(constant)
+                self._error(
+                    "unknown-field",
+                    node,
+                    f"{describe(kind)} has no field `{name}`",
+                    nearest(name, (key for key, _ in kind.fields)) or "it has no fields",
+                )
+                return ANY
+            return found
+        if name == "length" and (isinstance(kind, Array) or kind == STRING):
+            return INT64
+        if kind != ANY:
+            self._error("unknown-field", node, f"a value of type {describe(kind)} has no `{name}`")
+        return ANY
+
+    def _index(self, node: Expression, kind: DataType, index: DataType) -> DataType:
+        if isinstance(kind, Array):
+            if index != ANY and not is_number(index):
+                self._error("type-mismatch", node, f"an index of type {describe(index)}")
+            return kind.element
+        if kind == STRING:
+            return STRING
+        if isinstance(kind, Primitive) and kind != ANY:
+            self._error("type-mismatch", node, f"a value of type {describe(kind)} has no elements")
+        return ANY
+
+    def _unary(self, node: Expression, operator: str, kind: DataType) -> DataType:
+        if operator == "!":
+            return BOOL
+        if operator == "typeof":
+            return STRING
+        if kind != ANY and not is_number(kind):
+            self._error("type-mismatch", node, f"`{operator}` applied to {describe(kind)}")
+            return NUMBER
+        return kind if kind != ANY else NUMBER
+
+    def _binary(self, node: Binary, left: DataType, right: DataType) -> DataType:
+        operator = node.operator
+        if operator in ("==", "!=", "===", "!==", "<", "<=", ">", ">="):
+            if not _comparable(left, right, ordered=operator[0] in "<>"):
+                self._mixed(node, left, right)
+            return BOOL
+        if operator == "+" and STRING in (left, right):
+            other = right if left == STRING else left
+            if isinstance(other, Array | Structure):
+                self._mixed(node, left, right)
+            return STRING
+        for kind in (left, right):
+            if kind != ANY and not is_number(kind):
+                self._mixed(node, left, right)
+                return NUMBER
+        if operator == "/" or operator == "**":
+            return FLOAT64
+        if ANY in (left, right):
+            return ANY if operator == "+" else NUMBER
+        return _common(left, right) or NUMBER
+
+    def _mixed(self, node: Binary, left: DataType, right: DataType) -> None:
+        self._error(
+            "type-mismatch",
+            node,
+            f"`{node.operator}` between {describe(left)} and {describe(right)}",
+            "both sides must have one type",
+        )
+
+    def _math(self, function: str, arguments: tuple[Expression, ...]) -> DataType:
+        kinds = []
+        for argument in arguments:
+            kind = self.type_of(argument)
+            kinds.append(kind)
+            if kind != ANY and not is_number(kind):
+                self._error(
+                    "type-mismatch",
+                    argument,
+                    f"Math.{function} of a value of type {describe(kind)}",
+                )
+        if function in INTEGRAL_MATH:
+            return INT64
+        if function in ("abs", "max", "min") and kinds and all(is_integer(kind) for kind in kinds):
+            return INT64
+        return FLOAT64
+
+    def _array(
+        self, node: Expression, elements: tuple[Expression, ...], expected: DataType | None
+    ) -> DataType:
+        inner = expected.element if isinstance(expected, Array) else None
+        kinds = [self.type_of(element, inner) for element in elements]
+        if inner is not None and self._log is not None:
+            for element, kind in zip(elements, kinds, strict=True):
+                _check_fits(element, kind, inner, self._element, self._log)
+            length = expected.length if isinstance(expected, Array) else None
+            if length is not None and len(elements) > length:
+                self._error("out-of-range", node, f"{len(elements)} elements, at most {length} fit")
+        if inner is not None:
+            return Array(inner)
+        common: DataType | None = kinds[0] if kinds else ANY
+        for kind in kinds[1:]:
+            common = _common(common, kind) if common is not None else None
+        return Array(common or ANY)
+
+    def _object(
+        self,
+        node: Expression,
+        entries: tuple[tuple[str, Expression], ...],
+        expected: DataType | None,
+    ) -> DataType:
+        wanted = expected if isinstance(expected, Structure) else None
+        fields = []
+        for key, value in entries:
+            inner = wanted.field(key) if wanted is not None else None
+            if wanted is not None and inner is None:
+                self._error(
+                    "unknown-field",
+                    node,
+                    f"{describe(wanted)} has no field `{key}`",
+                    nearest(key, (name for name, _ in wanted.fields)),
+                )
+            kind = self.type_of(value, inner)
+            if inner is not None and self._log is not None:
+                _check_fits(value, kind, inner, self._element, self._log)
+            fields.append((key, kind))
+        return wanted if wanted is not None else Structure("", tuple(fields))
+
+
+def _literal_type(value: bool | int | float | str | None) -> DataType:
+    match value:
+        case None:
+            return NULL
+        case bool():
+            return BOOL
+        case str():
+            return STRING
+        case int():
+            return INT64
+        case float():
+            return FLOAT64
+
+
+def _comparable(left: DataType, right: DataType, ordered: bool) -> bool:
+    if ANY in (left, right) or left == right:
+        return True
+    if NULL in (left, right):
+        return not ordered
+    if is_number(left) and is_number(right):
+        return True
+    return isinstance(left, Structure) and isinstance(right, Structure)
+
+
+def _common(left: DataType, right: DataType) -> DataType | None:
+    """The narrowest type that holds both, if there is one."""
+    if left == right:
+        return left
+    if ANY in (left, right):
+        return ANY
+    if is_integer(left) and is_integer(right):
+        return INT64
+    if is_number(left) and is_number(right):
+        return NUMBER if NUMBER in (left, right) else FLOAT64
+    return None
