@@ -1,0 +1,65 @@
+"""What both ends of a service publish about a call, for whoever listens.
+
+The wire form of ``<service>/_service_event`` on transports whose middleware has no service
+introspection of its own. It carries what ROS 2's ``service_msgs/msg/ServiceEventInfo`` carries,
+plus the contents: the request with REQUEST_*, the response with RESPONSE_*.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from transports.interface import ObservationKind
+
+EVENT_SUFFIX = "/_service_event"
+"""Appended to a service's channel name, as ROS 2 does."""
+
+TYPE_SUFFIX = "_Event"
+"""Appended to a service's type name (``pkg/srv/Name_Event``), as ROS 2 does."""
+
+REQUEST_SENT = 0
+REQUEST_RECEIVED = 1
+RESPONSE_SENT = 2
+RESPONSE_RECEIVED = 3
+
+KIND_OF_EVENT = (
+    ObservationKind.REQUEST_SENT,
+    ObservationKind.REQUEST_RECEIVED,
+    ObservationKind.RESPONSE_SENT,
+    ObservationKind.RESPONSE_RECEIVED,
+)
+"""Indexed by ``ServiceEventInfo.event_type``."""
+
+
+class ServiceEventInfo(msgspec.Struct, frozen=True):
+    """``service_msgs/msg/ServiceEventInfo``, with the client named instead of numbered.
+
+    Attributes:
+        event_type: REQUEST_SENT, REQUEST_RECEIVED, RESPONSE_SENT or RESPONSE_RECEIVED.
+        stamp_ns: when it happened, ns since the epoch, on the clock of the publishing end.
+        client: the calling node.
+        sequence_number: the number of the client's call: the same in all four events of a call.
+    """
+
+    event_type: int
+    stamp_ns: int
+    client: str
+    sequence_number: int
+
+
+class ServiceEvent(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One of the four things that happen in a call.
+
+    Attributes:
+        info: which, when, whose.
+        request, response: the message: already encoded (``msgspec.Raw``) when sending, plain
+            maps, lists and scalars when received; None where the event has none.
+        error: why the call did not end in a response (``remote_error: …``, ``timeout: …``).
+    """
+
+    info: ServiceEventInfo
+    request: Any = None
+    response: Any = None
+    error: str = ""

@@ -1,0 +1,155 @@
+"""One thread that runs everything: handlers of messages, requests, results and timers.
+
+Zenoh's threads only put ``(function, argument)`` pairs into a queue (``Executor.put``); ``spin``
+takes them out, one at a time. While nothing happens, it sleeps in ``queue.get`` until the next
+timer is due: an idle node uses no processor time.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from transports.interface import TransportError
+
+Work = tuple[Callable[[Any], None], Any]
+
+_NS = 1_000_000_000
+
+
+class Timer:
+    """A timer of the executor; ``period_ns`` 0 means once."""
+
+    __slots__ = ("cancelled", "due_ns", "handler", "period_ns")
+
+    def __init__(self, due_ns: int, period_ns: int, handler: Callable[[], None]) -> None:
+        self.due_ns = due_ns
+        self.period_ns = period_ns
+        self.handler: Callable[[], None] | None = handler
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        """Stop it; idempotent, from any thread."""
+        self.cancelled = True
+        self.handler = None
+
+
+def _call(handler: Callable[[], None]) -> None:
+    handler()
+
+
+def _nothing(_: object) -> None:
+    """Wakes the executor."""
+
+
+class Executor:
+    """A work queue and a heap of timers, served by the thread that spins."""
+
+    def __init__(self) -> None:
+        self._queue: SimpleQueue[Work] = SimpleQueue()
+        self.put: Callable[[Work], None] = self._queue.put
+        """Run ``function(argument)`` on the executor's thread; callable from any thread."""
+        self._heap: list[tuple[int, int, Timer]] = []
+        self._count = itertools.count()
+        self._spinner = threading.Lock()
+        self._thread = 0
+        self._closed = False
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` on the executor's thread; callable from any thread."""
+        self.put((_call, handler))
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` once."""
+        return self._start(Timer(time.monotonic_ns() + int(delay_s * _NS), 0, handler))
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` each ``period_s``, counted from now: lateness does not add up."""
+        period_ns = int(period_s * _NS)
+        if period_ns <= 0:
+            raise TransportError(f"a timer's period must be positive, not {period_s} s")
+        return self._start(Timer(time.monotonic_ns() + period_ns, period_ns, handler))
+
+    def close(self) -> None:
+        """End ``spin``; idempotent, from any thread."""
+        self._closed = True
+        self.put((_nothing, None))
+
+    def spin(self, until: Callable[[], bool] | None = None) -> None:
+        """Run work and timers until ``close()`` or until ``until()`` holds after some work."""
+        if not self._spinner.acquire(blocking=False):
+            raise TransportError("this transport is already spinning on another thread")
+        self._thread = threading.get_ident()
+        try:
+            self._run(until)
+        finally:
+            self._thread = 0
+            self._spinner.release()
+
+    def _run(self, until: Callable[[], bool] | None) -> None:
+        get, heap = self._queue.get, self._heap
+        while not self._closed:
+            if until is not None and until():
+                return
+            if not heap:
+                function, argument = get()
+                function(argument)
+                continue
+            wait_ns = heap[0][0] - time.monotonic_ns()
+            if wait_ns <= 0:
+                self._fire()
+                continue
+            try:
+                function, argument = get(timeout=wait_ns / _NS)
+            except Empty:
+                continue
+            function(argument)
+
+    def _start(self, timer: Timer) -> Timer:
+        if threading.get_ident() == self._thread:
+            self._push(timer)
+        else:
+            self.put((self._push, timer))
+        return timer
+
+    def _push(self, timer: Timer) -> None:
+        heapq.heappush(self._heap, (timer.due_ns, next(self._count), timer))
+
+    def _fire(self) -> None:
+        timer = heapq.heappop(self._heap)[2]
+        handler = timer.handler
+        if handler is None:
+            return
+        if timer.period_ns:
+            timer.due_ns += timer.period_ns
+            behind_ns = time.monotonic_ns() - timer.due_ns
+            if behind_ns > 0:  # ticks that were slept through are skipped, the phase is kept
+                timer.due_ns += (behind_ns // timer.period_ns + 1) * timer.period_ns
+            self._push(timer)
+        handler()
+
+
+class Completion:
+    """A value that one thread waits for and another delivers."""
+
+    def __init__(self) -> None:
+        self._ready = threading.Event()
+        self._lock = threading.Lock()
+        self._value: Any = None
+
+    def set(self, value: Any) -> None:
+        """Deliver ``value``; only the first delivery counts."""
+        with self._lock:
+            if not self._ready.is_set():
+                self._value = value
+                self._ready.set()
+
+    def wait(self, timeout_s: float) -> Any:
+        """The value, or None after ``timeout_s`` seconds."""
+        self._ready.wait(timeout_s)
+        return self._value

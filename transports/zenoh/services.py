@@ -1,0 +1,322 @@
+"""Services: a queryable at the server, a get at the client.
+
+Any Zenoh tool can call a service: the request is the query's payload, the response the reply's.
+A remote error is an error reply. The query is dropped after its answer, which closes the caller's
+channel; a channel that closes without an answer means that nobody serves (or that who served is
+gone).
+"""
+
+# zenoh's stubs leave the results of some methods open
+# mypy: disable-error-code="no-untyped-call"
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import msgspec
+import zenoh
+
+from transports import service_events as event
+from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
+from transports.zenoh.executor import Executor, Timer
+from transports.zenoh.introspection import ServiceEvents
+from transports.zenoh.names import key_of
+from transports.zenoh.wire import (
+    Codec,
+    PayloadError,
+    attachment,
+    read_attachment,
+    report_payload,
+)
+
+_GRACE_S = 1.0
+"""Zenoh's own time limit comes this much after ours: it only frees what a lost call holds."""
+
+_NO_CONTENTS = b"\x80"
+"""An empty map: the request of a tool that calls without a payload (all fields default)."""
+
+
+class ServiceCodec(msgspec.Struct, frozen=True):
+    """How the messages of one service are encoded."""
+
+    request: Codec
+    response: Codec
+
+
+def codec_of(service: Service) -> ServiceCodec:
+    """The codec of ``service``; its parts are named as ROS 2 names them."""
+    return ServiceCodec(
+        Codec(f"{service.type_name}_Request", service.request),
+        Codec(f"{service.type_name}_Response", service.response),
+    )
+
+
+class Request:
+    """A request that this node serves."""
+
+    __slots__ = ("_call", "_query", "_server", "client", "data")
+
+    def __init__(
+        self, server: Server, query: zenoh.Query, call: int, client: str, data: Any
+    ) -> None:
+        self._server = server
+        self._query: zenoh.Query | None = query
+        self._call = call
+        self.client = client
+        self.data = data
+
+    def respond(self, response: Message) -> None:
+        """Answer; TransportError if it is answered already."""
+        server = self._server
+        payload = server.codec.response.encode(response)
+        query = self._take()
+        events = server.events
+        stamp_ns = events.stamp() if events.heard else 0
+        try:
+            query.reply(server.key, payload, encoding=server.codec.response.encoding)
+            query.drop()
+        except zenoh.ZError as error:
+            raise TransportError(f"cannot answer {server.name}: {error}") from error
+        if stamp_ns:
+            events.record(event.RESPONSE_SENT, stamp_ns, self.client, self._call, response=payload)
+            events.flush_soon()
+
+    def fail(self, error: str) -> None:
+        """End the call with a remote error; TransportError if it is answered already."""
+        server = self._server
+        query = self._take()
+        events = server.events
+        stamp_ns = events.stamp() if events.heard else 0
+        try:
+            query.reply_err(error.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
+            query.drop()
+        except zenoh.ZError as cause:
+            raise TransportError(f"cannot answer {server.name}: {cause}") from cause
+        if stamp_ns:
+            events.record(
+                event.RESPONSE_SENT,
+                stamp_ns,
+                self.client,
+                self._call,
+                error=f"{CallOutcome.REMOTE_ERROR}: {error}",
+            )
+            events.flush_soon()
+
+    def _take(self) -> zenoh.Query:
+        query = self._query
+        if query is None:
+            raise TransportError(
+                f"call {self._call} of {self.client or 'an unnamed client'} to "
+                f"{self._server.name} is answered already"
+            )
+        self._query = None
+        return query
+
+
+class Server:
+    """Serves one service."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        executor: Executor,
+        service: Service,
+        events: ServiceEvents,
+        handler: Callable[[Request], None],
+    ) -> None:
+        self.name = service.name
+        self.key = key_of(service.name)
+        self.codec = codec_of(service)
+        self.events = events
+        self._handler = handler
+        put, receive = executor.put, self._receive
+        callback: Any = zenoh.handlers.Callback(lambda query: put((receive, query)), indirect=False)
+        self.declared = session.declare_queryable(self.key, callback, complete=True)
+
+    def _receive(self, query: zenoh.Query) -> None:
+        events = self.events
+        stamp_ns = events.stamp() if events.heard else 0
+        call, client = read_attachment(query.attachment)
+        try:
+            data = self.codec.request.decode(query.payload, query.encoding)
+        except PayloadError as error:
+            report_payload(self.name, client, error)
+            Request(self, query, call, client, None).fail(f"bad request: {error}")
+            return
+        if stamp_ns:
+            payload = query.payload
+            events.record(
+                event.REQUEST_RECEIVED,
+                stamp_ns,
+                client,
+                call,
+                request=_NO_CONTENTS if payload is None else payload.to_bytes(),
+            )
+            events.flush_soon()
+        self._handler(Request(self, query, call, client, data))
+
+
+class _Call:
+    """One call on its way: whichever of reply, end of replies and timer comes first ends it."""
+
+    __slots__ = ("client", "done", "number", "timer")
+
+    def __init__(self, client: Client, number: int, done: Callable[[CallResult], None]) -> None:
+        self.client = client
+        self.number = number
+        self.done: Callable[[CallResult], None] | None = done
+        self.timer: Timer | None = None
+
+    def replied(self, reply: zenoh.Reply) -> None:
+        if self.done is not None:
+            self._end(*self.client.result_of(reply))
+
+    def closed(self, _: object) -> None:
+        if self.done is not None:
+            self._end(self.client.unavailable, None)
+
+    def timed_out(self) -> None:
+        if self.done is not None:
+            self._end(self.client.timeout, None)
+
+    def _end(self, result: CallResult, payload: bytes | None) -> None:
+        done, self.done = self.done, None
+        if self.timer is not None:
+            self.timer.cancel()
+        self.client.ended(self.number, result, payload)
+        if done is not None:
+            done(result)
+
+
+class Client:
+    """Calls one service."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        executor: Executor,
+        service: Service,
+        events: ServiceEvents,
+        node: str,
+        numbers: itertools.count[int],
+    ) -> None:
+        self._session = session
+        self._executor = executor
+        self._name = service.name
+        self._key = session.declare_keyexpr(key_of(service.name))
+        self._codec = codec_of(service)
+        self._events = events
+        self._node = node
+        self._node_bytes = node.encode()
+        self._numbers = numbers
+        self._waiting: set[SimpleQueue[zenoh.Reply | None]] = set()
+        self.unavailable = CallResult(
+            CallOutcome.UNAVAILABLE,
+            error=f"{service.name}: nobody answers: no node serves it, or it went away",
+        )
+        self.timeout = CallResult(
+            CallOutcome.TIMEOUT, error=f"{service.name}: no answer within the time limit"
+        )
+
+    def call(
+        self, request: Message, done: Callable[[CallResult], None], timeout_s: float = 5.0
+    ) -> None:
+        """Send ``request``; ``done`` gets the result on the executor thread, exactly once."""
+        payload = self._codec.request.encode(request)
+        number = next(self._numbers)
+        call = _Call(self, number, done)
+        put, replied, closed = self._executor.put, call.replied, call.closed
+        call.timer = self._executor.after(timeout_s, call.timed_out)
+        self._send(
+            number,
+            payload,
+            timeout_s,
+            zenoh.handlers.Callback(
+                lambda reply: put((replied, reply)), lambda: put((closed, None)), indirect=False
+            ),
+        )
+
+    def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
+        """Send ``request`` and wait, on the calling thread, without the executor."""
+        payload = self._codec.request.encode(request)
+        number = next(self._numbers)
+        replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()
+        put = replies.put
+        deadline = time.monotonic() + timeout_s
+        self._waiting.add(replies)
+        try:
+            self._send(
+                number,
+                payload,
+                timeout_s,
+                zenoh.handlers.Callback(put, lambda: put(None), indirect=False),
+            )
+            reply = replies.get(timeout=max(deadline - time.monotonic(), 0.0))
+        except Empty:
+            result, contents = self.timeout, None
+        else:
+            result, contents = (self.unavailable, None) if reply is None else self.result_of(reply)
+        finally:
+            self._waiting.discard(replies)
+        self.ended(number, result, contents)
+        return result
+
+    def close(self) -> None:
+        """End calls that wait: the session is about to close."""
+        for replies in tuple(self._waiting):
+            replies.put(None)
+
+    def _send(self, number: int, payload: bytes, timeout_s: float, handler: Any) -> None:
+        events = self._events
+        stamp_ns = events.stamp() if events.heard else 0
+        try:
+            self._session.get(
+                self._key,
+                handler,
+                timeout=timeout_s + _GRACE_S,
+                payload=payload,
+                encoding=self._codec.request.encoding,
+                attachment=attachment(number, self._node_bytes),
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+        except zenoh.ZError as error:
+            raise TransportError(f"cannot call {self._name}: {error}") from error
+        if stamp_ns:
+            events.record(event.REQUEST_SENT, stamp_ns, self._node, number, request=payload)
+            events.flush()
+
+    def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, bytes | None]:
+        """What a reply means, and the encoded response for the service event."""
+        sample = reply.ok
+        if sample is None:
+            error = reply.err
+            text = "" if error is None else error.payload.to_bytes().decode(errors="replace")
+            return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
+        try:
+            response = self._codec.response.decode(sample.payload, sample.encoding)
+        except PayloadError as error:
+            report_payload(self._name, "its server", error)
+            text = f"{self._name}: bad response: {error}"
+            return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
+        contents = sample.payload.to_bytes() if self._events.heard else None
+        return CallResult(CallOutcome.RESPONSE, response), contents
+
+    def ended(self, number: int, result: CallResult, contents: bytes | None) -> None:
+        """Record how call ``number`` ended, for those who listen."""
+        events = self._events
+        if not events.heard:
+            return
+        failed = result.outcome is not CallOutcome.RESPONSE
+        events.record(
+            event.RESPONSE_RECEIVED,
+            events.stamp(),
+            self._node,
+            number,
+            response=contents,
+            error=f"{result.outcome}: {result.error}" if failed else "",
+        )
+        events.flush_soon()

@@ -1,0 +1,282 @@
+"""The tap: hears everything by wildcard subscribers, and holds nobody up.
+
+Zenoh writes what arrives into a ring of its own (no Python, no lock that Python holds), from which
+one thread takes and decodes batches for the executor. When the reader is slow, the ring overwrites
+its oldest entries: nodes never notice, and the gaps in the sequence numbers tell how many were
+missed.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from fnmatch import fnmatchcase
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import msgspec
+import zenoh
+
+from transports.interface import Observation, ObservationKind
+from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX, ServiceEvent
+from transports.zenoh.executor import Executor
+from transports.zenoh.names import (
+    LINK_KEYS,
+    NODE_KEYS,
+    channel_of,
+    node_of,
+    subscriptions,
+)
+from transports.zenoh.presence import Nodes, read_token, watch
+from transports.zenoh.wire import (
+    MEDIA_TYPE,
+    UNSPECIFIED,
+    PayloadError,
+    decode_with,
+    read_attachment,
+)
+
+RING_CAPACITY = 65_536
+"""Messages kept for a slow reader (more than a second at the fastest rates measured)."""
+
+_BATCH = 512
+"""At most this many observations are handed to the executor at once."""
+
+_AHEAD = 2
+"""Batches decoded ahead of the reader; all else waits in the ring, where it can be dropped."""
+
+_decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
+_decode_any = msgspec.msgpack.Decoder().decode
+
+
+class Losses:
+    """What a tap missed or could not decode."""
+
+    def __init__(self) -> None:
+        self._last: dict[tuple[str, str], int] = {}
+        self._missed: dict[tuple[str, str], int] = {}
+        self._undecodable: dict[tuple[str, str], tuple[int, str]] = {}
+
+    def number(self, channel: str, source: str, sequence: int) -> None:
+        """Take the sequence number of something heard into account.
+
+        A number that does not go up is a restarted node, whose numbers start again.
+        """
+        place = (channel, source)
+        last = self._last.get(place)
+        self._last[place] = sequence
+        if last is not None and sequence > last + 1:
+            self._missed[place] = self._missed.get(place, 0) + sequence - last - 1
+
+    def undecodable(self, channel: str, source: str, error: PayloadError) -> None:
+        """Count a payload that could not be decoded."""
+        count, first = self._undecodable.get((channel, source), (0, str(error)))
+        self._undecodable[channel, source] = (count + 1, first)
+
+    def sentences(self) -> list[str]:
+        """What went wrong, one sentence for each channel and source."""
+        missed = [
+            f"missed {count} message{'s' * (count != 1)} on {channel} from {source or 'unknown'}"
+            for (channel, source), count in sorted(self._missed.copy().items())
+        ]
+        undecodable = [
+            f"could not decode {count} message{'s' * (count != 1)} on {channel} "
+            f"from {source or 'unknown'}: {first}"
+            for (channel, source), (count, first) in sorted(self._undecodable.copy().items())
+        ]
+        return missed + undecodable
+
+
+class Tap:
+    """A passive listener; see ``transports.interface.Tap``."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        executor: Executor,
+        globs: Sequence[str],
+        handler: Callable[[Observation], None],
+    ) -> None:
+        self._session = session
+        self._executor = executor
+        self._globs = tuple(globs)
+        self._handler = handler
+        self._losses = Losses()
+        self._wanted: dict[str, bool] = {}
+        self._closed = False
+        self._tokens: SimpleQueue[zenoh.Sample] = SimpleQueue()
+        self._tokens_lock = threading.Lock()
+        self._nodes = Nodes()
+        self._heard_by: dict[str, list[str]] = {}
+        self._watches = [
+            watch(session, f"{prefix}/**", self._tokens.put) for prefix in (NODE_KEYS, LINK_KEYS)
+        ]
+        self._free = threading.Semaphore(_AHEAD)
+        self._subscribers = [
+            session.declare_subscriber(key, zenoh.handlers.RingChannel(RING_CAPACITY))
+            for key in subscriptions(self._globs)
+        ]
+        for subscriber in self._subscribers:
+            threading.Thread(
+                target=self._listen, args=(subscriber.handler,), name="zenoh-tap", daemon=True
+            ).start()
+
+    def peers(self) -> Sequence[str]:
+        """Names of the nodes this tap is linked to, directly or by a router."""
+        linked, _ = self._links()
+        return linked
+
+    def problems(self) -> Sequence[str]:
+        """What was missed, what could not be decoded, and which nodes cannot be heard."""
+        _, unlinked = self._links()
+        return [
+            *self._losses.sentences(),
+            *(f"{name} is up, but not linked to this tap: it is not heard" for name in unlinked),
+        ]
+
+    def close(self) -> None:
+        """Stop listening; idempotent."""
+        if self._closed:
+            return
+        self._closed = True
+        for declared in (*self._subscribers, *self._watches):
+            declared.undeclare()
+        self._free.release()
+
+    def _links(self) -> tuple[list[str], list[str]]:
+        """``(linked, up but not linked)`` names of nodes."""
+        with self._tokens_lock:
+            while True:
+                try:
+                    sample = self._tokens.get_nowait()
+                except Empty:
+                    break
+                self._take_token(sample)
+            info = self._session.info
+            here = {str(info.zid())}
+            linked_ids = {str(zid) for zid in info.peers_zid()}
+            routed = bool(info.routers_zid())
+            linked, unlinked = set(), set()
+            for name, ids in self._nodes.sessions.items():
+                others = ids - here
+                if others & linked_ids or (others and routed):
+                    linked.add(name)
+                elif others:
+                    unlinked.add(name)
+            for names in self._heard_by.values():
+                unlinked.update(names)
+            own = {name for name, ids in self._nodes.sessions.items() if ids & here}
+            return sorted(linked), sorted(unlinked - linked - own)
+
+    def _take_token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if key.startswith(NODE_KEYS):
+            self._nodes.update(read_token(NODE_KEYS, sample))
+            return
+        token = read_token(LINK_KEYS, sample)
+        names = [node_of(chunk) for chunk in token.rest[0].split(",") if chunk != "-"]
+        if token.up:
+            self._heard_by[token.zid] = names
+        elif self._heard_by.get(token.zid) == names:  # a newer list may have come before
+            del self._heard_by[token.zid]
+
+    def _listen(self, ring: Any) -> None:
+        receive, take = ring.recv, ring.try_recv
+        while True:
+            self._free.acquire()
+            try:
+                sample = receive()
+                batch: list[Observation] = []
+                while sample is not None:
+                    if (observation := self._observe(sample)) is not None:
+                        batch.append(observation)
+                    sample = take() if len(batch) < _BATCH else None
+            except zenoh.ZError:  # the subscriber is undeclared: nothing more will come
+                self._free.release()
+                return
+            self._executor.put((self._deliver, batch))
+
+    def _deliver(self, batch: list[Observation]) -> None:
+        handler = self._handler
+        try:
+            for observation in batch:
+                if self._closed:
+                    return
+                handler(observation)
+        finally:
+            self._free.release()
+
+    def _observe(self, sample: zenoh.Sample) -> Observation | None:
+        received_ns = time.time_ns()
+        key = str(sample.key_expr)
+        is_event = key.endswith(EVENT_SUFFIX)
+        channel = channel_of(key.removesuffix(EVENT_SUFFIX) if is_event else key)
+        if not self._wants(channel):
+            return None
+        sequence, source = read_attachment(sample.attachment)
+        if sequence >= 0:
+            self._losses.number(channel, source, sequence)
+        type_name = _type_of(str(sample.encoding))
+        payload = sample.payload.to_bytes()
+        try:
+            if is_event:
+                return _service_observation(
+                    received_ns, channel, type_name, payload, source, sequence
+                )
+            data = decode_with(_decode_any, payload)
+        except PayloadError as error:
+            self._losses.undecodable(channel, source, error)
+            return None
+        stamp = sample.timestamp
+        return Observation(
+            stamp_ns=received_ns if stamp is None else stamp.get_time_as_ntp64().as_nanos(),
+            received_ns=received_ns,
+            channel=channel,
+            kind=ObservationKind.MESSAGE,
+            type_name=type_name,
+            data=data,
+            source=source,
+            sequence=sequence,
+        )
+
+    def _wants(self, channel: str) -> bool:
+        """Whether ``channel``, or the action it is a part of, matches a glob."""
+        wanted = self._wanted.get(channel)
+        if wanted is None:
+            names = (channel, channel.partition("/_action/")[0])
+            wanted = not self._globs or any(
+                fnmatchcase(name, glob) for name in names for glob in self._globs
+            )
+            self._wanted[channel] = wanted
+        return wanted
+
+
+def _type_of(encoding: str) -> str:
+    if encoding == UNSPECIFIED:
+        return ""
+    return encoding.removeprefix(MEDIA_TYPE + ";")
+
+
+def _service_observation(
+    received_ns: int, channel: str, type_name: str, payload: bytes, source: str, sequence: int
+) -> Observation:
+    event: ServiceEvent = decode_with(_decode_event, payload)
+    info = event.info
+    if not 0 <= info.event_type < len(KIND_OF_EVENT):
+        raise PayloadError(f"unknown event type {info.event_type} - at `$.info.event_type`")
+    kind = KIND_OF_EVENT[info.event_type]
+    is_request = kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+    return Observation(
+        stamp_ns=info.stamp_ns,
+        received_ns=received_ns,
+        channel=channel,
+        kind=kind,
+        type_name=type_name.removesuffix(TYPE_SUFFIX) + ("_Request" if is_request else "_Response"),
+        data=event.request if is_request else event.response,
+        source=source,
+        sequence=sequence,
+        client=info.client,
+        call=info.sequence_number,
+        error=event.error,
+    )

@@ -1,0 +1,119 @@
+"""Topics: publications and subscriptions."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import zenoh
+from zenoh import ext
+
+from transports.interface import Message, Reliability, Topic, TransportError
+from transports.zenoh.executor import Executor
+from transports.zenoh.names import key_of
+from transports.zenoh.wire import (
+    Codec,
+    PayloadError,
+    attachment,
+    read_attachment,
+    report_payload,
+)
+
+
+class _Declared(Protocol):
+    def put(self, payload: bytes, *, attachment: bytes) -> None: ...
+
+    def undeclare(self) -> None: ...
+
+
+class Sequence:
+    """Numbers of what one node publishes on one channel, from 0; taken under ``lock`` with the
+    publication itself, so that numbers and messages leave in the same order.
+    """
+
+    __slots__ = ("lock", "next")
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.next = 0
+
+
+class Publisher:
+    """Publishes one topic.
+
+    Reliable topics wait for room when a link's queue is full (Zenoh closes the link of a reader
+    that does not read at all), best-effort ones drop.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, topic: Topic, node: bytes, sequence: Sequence
+    ) -> None:
+        self._topic = topic
+        self._codec = Codec(topic.type_name, topic.message)
+        self._node = node
+        self._sequence = sequence
+        self.declared = _declare_publisher(session, topic, self._codec)
+
+    def publish(self, message: Message) -> None:
+        """Send ``message``; nobody is waited for."""
+        payload = self._codec.encode(message)
+        sequence = self._sequence
+        try:
+            with sequence.lock:
+                number = sequence.next
+                sequence.next = number + 1
+                self.declared.put(payload, attachment=attachment(number, self._node))
+        except zenoh.ZError as error:
+            raise TransportError(f"cannot publish on {self._topic.name}: {error}") from error
+
+
+def _declare_publisher(session: zenoh.Session, topic: Topic, codec: Codec) -> _Declared:
+    reliable = topic.reliability is Reliability.RELIABLE
+    key = key_of(topic.name)
+    congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
+    if topic.latched:
+        latched: _Declared = ext.declare_advanced_publisher(
+            session,
+            key,
+            encoding=codec.encoding,
+            congestion_control=congestion,
+            cache=ext.CacheConfig(max_samples=1),
+            publisher_detection=True,
+        )
+        return latched
+    plain: _Declared = session.declare_publisher(
+        key,
+        encoding=codec.encoding,
+        congestion_control=congestion,
+        reliability=zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+    )
+    return plain
+
+
+def subscribe(
+    session: zenoh.Session, executor: Executor, topic: Topic, handler: Callable[[Any], None]
+) -> Any:
+    """Call ``handler(message)`` on the executor for every message; what does not decode is
+    reported and dropped. Returns what must be undeclared.
+    """
+    codec = Codec(topic.type_name, topic.message)
+
+    def receive(sample: zenoh.Sample) -> None:
+        try:
+            message = codec.decode(sample.payload, sample.encoding)
+        except PayloadError as error:
+            report_payload(topic.name, read_attachment(sample.attachment)[1], error)
+            return
+        handler(message)
+
+    put = executor.put
+    callback: Any = zenoh.handlers.Callback(lambda sample: put((receive, sample)), indirect=False)
+    if topic.latched:
+        return ext.declare_advanced_subscriber(
+            session,
+            key_of(topic.name),
+            callback,
+            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+        )
+    return session.declare_subscriber(key_of(topic.name), callback)

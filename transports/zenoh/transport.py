@@ -1,0 +1,185 @@
+"""One node's connection to Zenoh: the transport interface, made of the parts beside this file."""
+
+# zenoh's stubs leave the results of some methods open
+# mypy: disable-error-code="no-untyped-call"
+
+from __future__ import annotations
+
+import atexit
+import itertools
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import zenoh
+
+from transports.interface import (
+    Action,
+    ActionClient,
+    GoalHandle,
+    Observation,
+    Service,
+    Topic,
+    TransportError,
+)
+from transports.zenoh import presence, topics
+from transports.zenoh.executor import Completion, Executor, Timer
+from transports.zenoh.introspection import ServiceEvents
+from transports.zenoh.services import Client, Request, Server
+from transports.zenoh.session import open_session
+from transports.zenoh.tap import Tap
+
+
+def connect(node: str, options: Mapping[str, str]) -> ZenohTransport:
+    """Open ``node``'s connection; for ``options`` see ``transports.zenoh.session``.
+
+    Raises:
+        TransportError: an option is unknown or wrong, or an endpoint cannot be reached.
+    """
+    if not node:
+        raise TransportError("a node needs a name")
+    return ZenohTransport(node, open_session(options))
+
+
+class ZenohTransport:
+    """A node on Zenoh; see ``transports.interface.Transport`` for every method."""
+
+    def __init__(self, node: str, session: zenoh.Session) -> None:
+        self._node = node
+        self._node_bytes = node.encode()
+        self._session = session
+        self._executor = Executor()
+        self._calls = itertools.count(1)
+        self._sequences: dict[str, topics.Sequence] = {}
+        self._events: dict[str, ServiceEvents] = {}
+        self._servers: set[str] = set()
+        self._clients: list[Client] = []
+        self._taps: list[Tap] = []
+        self._declared: list[Any] = []
+        self._announcement: presence.Announcement | None = None
+        self._closing = threading.Lock()
+        self._closer = 0
+        self._closed = threading.Event()
+        # A process whose session has callbacks and is not closed can hang at its end.
+        atexit.register(self.close)
+
+    @property
+    def node(self) -> str:
+        """The name of this node."""
+        return self._node
+
+    def now_ns(self) -> int:
+        """The system's clock, ns since the epoch."""
+        return time.time_ns()
+
+    def publisher(self, topic: Topic) -> topics.Publisher:
+        """Declare a publisher."""
+        sequence = self._sequences.setdefault(topic.name, topics.Sequence())
+        publisher = topics.Publisher(self._session, topic, self._node_bytes, sequence)
+        self._declared.append(publisher.declared)
+        return publisher
+
+    def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
+        """Call ``handler(message)`` for every message."""
+        self._declared.append(topics.subscribe(self._session, self._executor, topic, handler))
+
+    def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
+        """Serve ``service``; a second server of it, here or in another node, is reported."""
+        if service.name in self._servers:
+            raise TransportError(f"{service.name} is served by {self._node} already")
+        self._servers.add(service.name)
+        events = self._events_of(service)
+        server = Server(self._session, self._executor, service, events, handler)
+        token = presence.ServerToken(self._session, self._executor, self._node, service.name)
+        self._declared += [server.declared, token]
+
+    def client(self, service: Service) -> Client:
+        """A client of ``service``."""
+        events = self._events_of(service)
+        client = Client(self._session, self._executor, service, events, self._node, self._calls)
+        self._clients.append(client)
+        return client
+
+    def serve_action(
+        self,
+        action: Action,
+        goal: Callable[[GoalHandle], None],
+        cancel: Callable[[GoalHandle], None],
+    ) -> None:
+        """Serve ``action``."""
+        from transports import actions
+
+        actions.serve_action(self, action, goal, cancel)
+
+    def action_client(self, action: Action) -> ActionClient:
+        """A client of ``action``."""
+        from transports import actions
+
+        return actions.action_client(self, action)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` every ``period_s`` seconds, without drift."""
+        return self._executor.every(period_s, handler)
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` once, ``delay_s`` seconds from now."""
+        return self._executor.after(delay_s, handler)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` on the executor thread; callable from any thread."""
+        self._executor.post(handler)
+
+    def completion(self) -> Completion:
+        """A fresh completion."""
+        return Completion()
+
+    def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
+        """Wait until all ``names`` are up; returns those still missing at the end."""
+        return presence.wait_for_nodes(self._session, names, timeout_s)
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """``handler(name, up)`` whenever a node announces itself or goes away."""
+        self._declared.append(presence.watch_nodes(self._session, self._executor, handler))
+
+    def announce(self) -> None:
+        """Say that this node has declared everything and is ready."""
+        if self._announcement is None:
+            self._announcement = presence.Announcement(self._session, self._executor, self._node)
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """Hear everything on channels that match one of the globs (empty: all), passively."""
+        tap = Tap(self._session, self._executor, channels, handler)
+        self._taps.append(tap)
+        return tap
+
+    def spin(self, until: Callable[[], bool] | None = None) -> None:
+        """Run the executor on the calling thread until ``close()`` (or until ``until()``)."""
+        self._executor.spin(until)
+
+    def close(self) -> None:
+        """Stop and release everything; idempotent, from any thread."""
+        if not self._closing.acquire(blocking=False):
+            if self._closer != threading.get_ident():  # not a signal handler within close()
+                self._closed.wait()
+            return
+        self._closer = threading.get_ident()
+        self._executor.close()
+        for client in self._clients:
+            client.close()
+        for tap in self._taps:
+            tap.close()
+        if self._announcement is not None:
+            self._announcement.undeclare()
+        for declared in (*self._declared, *self._events.values()):
+            declared.undeclare()
+        self._session.close()
+        self._closed.set()
+        atexit.unregister(self.close)
+
+    def _events_of(self, service: Service) -> ServiceEvents:
+        events = self._events.get(service.name)
+        if events is None:
+            events = ServiceEvents(self._session, self._executor, service, self._node_bytes)
+            self._events[service.name] = events
+        return events
