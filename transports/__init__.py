@@ -1,0 +1,1 @@
+"""The transport interface, and the transports that come with it."""

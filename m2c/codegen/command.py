@@ -1,0 +1,90 @@
+"""The ``m2c generate`` command."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from m2c.model import DiagnosticLog
+
+
+@click.command()
+@click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path, file_okay=False))
+@click.option("--transport", default="zenoh", show_default=True, help="Middleware of the nodes.")
+@click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
+@click.option(
+    "--interfaces",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True),
+    help="Folder of ROS interface packages, or the earlier tool's INTERFACES.xml.",
+)
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path, exists=True),
+    help="The earlier tool's FULL_MODEL.xml, instead of PATHS.",
+)
+def generate(
+    paths: tuple[Path, ...],
+    output: Path,
+    transport: str,
+    force: bool,
+    interfaces: tuple[Path, ...],
+    model: Path | None,
+) -> None:
+    """Generate running Python nodes from models.
+
+    PATHS are models (.scxml, .ascxml), folders of them, or one system file. Every node becomes an
+    installable package; a system also gets its policy and a launch description. The output is the
+    same, byte for byte, each time; a file that somebody has edited is not overwritten.
+
+    Example: m2c generate --transport zenoh examples/lab_tour/system.xml -o generated
+    """
+    from m2c.check.report import print_findings
+    from m2c.codegen.package import system_files
+    from m2c.codegen.writer import EditedFilesError, write_files
+
+    known = ("zenoh", "simulated")
+    if transport not in known:
+        _fail(f"no transport `{transport}` is installed; generate knows: {', '.join(known)}")
+    inputs = [*paths, *([model] if model is not None else [])]
+    if not inputs:
+        _fail("nothing to generate from; give a model, a folder or a system file")
+    log = DiagnosticLog()
+    system = read_for_generation(inputs, interfaces, log)
+    print_findings(log.diagnostics)
+    if system is None or log.has_errors:
+        sys.exit(2)
+    try:
+        written, unchanged = write_files(system_files(system), output, force)
+    except EditedFilesError as error:
+        _fail(str(error))
+    policy = ", 1 policy" if system.policy is not None else ""
+    click.echo(
+        f"{system.name}: {len(system.nodes)} nodes{policy} in {output} "
+        f"({written} files written, {unchanged} unchanged)"
+    )
+
+
+def read_for_generation(inputs, interfaces, log):  # type: ignore[no-untyped-def]
+    """Read and check a system; the checks' findings go to ``log``."""
+    from m2c.check import check_system
+    from m2c.model import load
+    from m2c.model.full_model import cross_check, read_interface_list
+
+    folders = [path for path in interfaces if path.is_dir()]
+    lists = [path for path in interfaces if not path.is_dir()]
+    system = load(inputs, log, folders)
+    if system is None:
+        return None
+    for path in lists:
+        cross_check(system, read_interface_list(path, log), log)
+    check_system(system, log)
+    return system
+
+
+def _fail(message: str) -> None:
+    click.echo(f"error: {message}", err=True)
+    sys.exit(2)

@@ -1,0 +1,416 @@
+"""Binding a machine to channels: what a generated ``node.py`` is made of.
+
+Everything here runs on the transport's executor, so a handler is a run to completion.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from m2c.runtime.machine import EndlessLoopError
+from transports.interface import (
+    Action,
+    ActionClient,
+    CallOutcome,
+    CallResult,
+    Client,
+    GoalEvents,
+    GoalHandle,
+    GoalStatus,
+    Message,
+    Publisher,
+    Request,
+    Service,
+    Timer,
+    Topic,
+    Transport,
+)
+
+RESULT_CODES = {GoalStatus.SUCCEEDED: 4, GoalStatus.CANCELED: 5, GoalStatus.ABORTED: 6}
+"""``_wrapped_result.code``: action_msgs/msg/GoalStatus."""
+
+
+class NodeSettings(msgspec.Struct, frozen=True):
+    """How a node behaves towards the others. ``call_timeout_s`` bounds its own service calls."""
+
+    call_timeout_s: float = 5.0
+
+
+DEFAULT_SETTINGS = NodeSettings()
+
+
+class Binding:
+    """One machine's channels on one transport."""
+
+    def __init__(
+        self, transport: Transport, name: str, settings: NodeSettings, state: Callable[[], str]
+    ) -> None:
+        self._transport = transport
+        self._settings = settings
+        self._state = state
+        self._delays: dict[str, Timer] = {}
+        self._sends: dict[str, list[Timer]] = {}
+        self.log = logging.getLogger(name)
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """A publisher of ``topic``."""
+        return self._transport.publisher(topic)
+
+    def subscribe(self, topic: Topic, handler: Callable[[Any], object]) -> None:
+        """Hand every message of ``topic`` to ``handler``."""
+        self._transport.subscribe(topic, self._guard(handler))
+
+    def timer(self, rate_hz: float, handler: Callable[[], object]) -> Timer:
+        """Call ``handler`` ``rate_hz`` times a second."""
+        return self._transport.every(1.0 / rate_hz, self._guard(handler))
+
+    def server(self, service: Service, handler: Callable[[Any], bool] | None) -> ServerPort:
+        """Serve ``service``; ``handler`` says whether the active state takes the request."""
+        port = ServerPort(service.name, self.log, self._state)
+        guarded = self._guard(handler) if handler is not None else None
+        self._transport.serve(service, lambda request: port.handle(request, guarded))
+        return port
+
+    def client(
+        self,
+        service: Service,
+        response: Callable[[Any], object] | None,
+        error: Callable[[], bool] | None,
+    ) -> ClientPort:
+        """Call ``service``; ``error`` says whether the active state handles a failed call."""
+        return ClientPort(
+            self._transport.client(service),
+            service.name,
+            self._settings.call_timeout_s,
+            self._guard(response) if response is not None else None,
+            self._guard(error) if error is not None else None,
+            self.log,
+            self._state,
+        )
+
+    def action_server(
+        self,
+        action: Action,
+        goal: Callable[[Any, int], bool] | None,
+        cancel: Callable[[int], object] | None,
+    ) -> ActionServerPort:
+        """Serve ``action``; goals are numbered from 1 in order of arrival."""
+        port = ActionServerPort(action.name, self.log, self._state)
+        guarded_goal = self._guard(goal) if goal is not None else None
+        guarded_cancel = self._guard(cancel) if cancel is not None else None
+        self._transport.serve_action(
+            action,
+            lambda handle: port.handle_goal(handle, guarded_goal),
+            lambda handle: port.handle_cancel(handle, guarded_cancel),
+        )
+        return port
+
+    def action_client(self, action: Action, handlers: GoalHandlers) -> ActionClientPort:
+        """Send goals of ``action``; ``handlers`` hear what becomes of them."""
+        return ActionClientPort(
+            self._transport.action_client(action),
+            action.name,
+            self._settings.call_timeout_s,
+            msgspec.structs.replace(
+                handlers,
+                **{
+                    field: self._guard(handler)
+                    for field in handlers.__struct_fields__
+                    if (handler := getattr(handlers, field)) is not None
+                },
+            ),
+            self.log,
+        )
+
+    def post(self, handler: Callable[[], object]) -> None:
+        """Run ``handler`` as the next event."""
+        self._transport.post(self._guard(handler))
+
+    def start_delay(self, name: str, delay_s: float, handler: Callable[[str], object]) -> None:
+        """Start the delayed transition ``name``; see ``stop_delay``."""
+        self.stop_delay(name)
+        guarded = self._guard(handler)
+        self._delays[name] = self._transport.after(delay_s, lambda: guarded(name))
+
+    def stop_delay(self, name: str) -> None:
+        """Cancel the delayed transition ``name`` if it is waiting."""
+        timer = self._delays.pop(name, None)
+        if timer is not None:
+            timer.cancel()
+
+    def send_self(
+        self,
+        event: str,
+        data: Any,
+        delay_s: float,
+        send_id: str,
+        handler: Callable[[str, Any], object],
+    ) -> None:
+        """Send ``event`` to the machine itself after ``delay_s``; ``send_id`` can cancel it."""
+        guarded = self._guard(handler)
+        if delay_s <= 0:
+            self._transport.post(lambda: guarded(event, data))
+            return
+        timer = self._transport.after(delay_s, lambda: guarded(event, data))
+        if send_id:
+            self._sends.setdefault(send_id, []).append(timer)
+
+    def cancel_send(self, send_id: str) -> None:
+        """Cancel the delayed sends with this id that have not left."""
+        for timer in self._sends.pop(send_id, ()):
+            timer.cancel()
+
+    def say(self, label: str, text: str) -> None:
+        """A ``<log>`` of the model."""
+        self.log.info("%s%s", f"{label}: " if label else "", text)
+
+    def _guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """A fault of the model ends its macrostep, not the node."""
+
+        def guarded(*arguments: Any) -> Any:
+            try:
+                return handler(*arguments)
+            except EndlessLoopError as error:
+                self.log.error("%s", error)
+                return True
+
+        return guarded
+
+
+class ServerPort:
+    """The requests of one service that wait for an answer.
+
+    A response answers the request being processed, else the oldest unanswered one.
+    """
+
+    def __init__(self, channel: str, log: logging.Logger, state: Callable[[], str]) -> None:
+        self._channel = channel
+        self._log = log
+        self._state = state
+        self._waiting: deque[Request] = deque()
+        self._current: Request | None = None
+
+    def handle(self, request: Request, handler: Callable[[Any], bool] | None) -> None:
+        """Process ``request``; one that no transition takes is discarded and never answered."""
+        state = self._state()
+        self._waiting.append(request)
+        self._current = request
+        taken = handler(request.data) if handler is not None else False
+        self._current = None
+        if not taken and request in self._waiting:
+            self._waiting.remove(request)
+            self._log.warning("state %s discards a request to %s", state, self._channel)
+
+    def respond(self, response: Message) -> None:
+        """Answer a request."""
+        if not self._waiting:
+            self._log.warning("a response on %s, but no request is waiting", self._channel)
+            return
+        request = self._waiting[0]
+        if self._current is not None and self._current in self._waiting:
+            request = self._current
+        self._waiting.remove(request)
+        request.respond(response)
+
+
+class ClientPort:
+    """Calls of one service. A failed one that the machine does not handle is logged."""
+
+    def __init__(
+        self,
+        client: Client,
+        channel: str,
+        timeout_s: float,
+        response: Callable[[Any], object] | None,
+        error: Callable[[], bool] | None,
+        log: logging.Logger,
+        state: Callable[[], str],
+    ) -> None:
+        self._client = client
+        self._channel = channel
+        self._timeout_s = timeout_s
+        self._response = response
+        self._error = error
+        self._log = log
+        self._state = state
+
+    def call(self, request: Message) -> None:
+        """Send ``request`` and go on; the response is an event."""
+        self._client.call(request, self._done, self._timeout_s)
+
+    def _done(self, result: CallResult) -> None:
+        if result.outcome is CallOutcome.RESPONSE:
+            if self._response is not None:
+                self._response(result.response)
+            return
+        state = self._state()
+        if self._error is None or not self._error():
+            self._log.error(
+                "state %s does not handle a failed call of %s: %s",
+                state,
+                self._channel,
+                result.error or result.outcome,
+            )
+
+
+class ActionServerPort:
+    """The goals of one action, numbered from 1."""
+
+    def __init__(self, channel: str, log: logging.Logger, state: Callable[[], str]) -> None:
+        self._channel = channel
+        self._log = log
+        self._state = state
+        self._goals: dict[int, GoalHandle] = {}
+        self._numbers: dict[str, int] = {}
+        self._last = 0
+
+    def handle_goal(self, handle: GoalHandle, handler: Callable[[Any, int], bool] | None) -> None:
+        """A new goal; one that no transition takes is rejected."""
+        self._last += 1
+        number = self._last
+        self._goals[number] = handle
+        self._numbers[handle.goal_id] = number
+        state = self._state()
+        if handler is None or not handler(handle.goal, number):
+            self._log.warning("state %s discards a goal of %s; rejected", state, self._channel)
+            self.reject(number)
+
+    def handle_cancel(self, handle: GoalHandle, handler: Callable[[int], object] | None) -> None:
+        """A request to cancel a goal."""
+        number = self._numbers.get(handle.goal_id)
+        if number is None or handler is None:
+            self._log.warning("a cancel request on %s is discarded", self._channel)
+        else:
+            handler(number)
+
+    def accept(self, goal_id: int) -> None:
+        """Accept a goal."""
+        if (handle := self._goal(goal_id)) is not None:
+            handle.accept()
+
+    def reject(self, goal_id: int) -> None:
+        """Reject a goal."""
+        if (handle := self._end(goal_id)) is not None:
+            handle.reject()
+
+    def feedback(self, goal_id: int, feedback: Message) -> None:
+        """Send feedback."""
+        if (handle := self._goal(goal_id)) is not None:
+            handle.publish_feedback(feedback)
+
+    def succeed(self, goal_id: int, result: Message) -> None:
+        """End a goal: succeeded."""
+        if (handle := self._end(goal_id)) is not None:
+            handle.succeed(result)
+
+    def abort(self, goal_id: int, result: Message) -> None:
+        """End a goal: aborted."""
+        if (handle := self._end(goal_id)) is not None:
+            handle.abort(result)
+
+    def canceled(self, goal_id: int, result: Message) -> None:
+        """End a goal: canceled."""
+        if (handle := self._end(goal_id)) is not None:
+            handle.canceled(result)
+
+    def _goal(self, goal_id: int) -> GoalHandle | None:
+        handle = self._goals.get(goal_id)
+        if handle is None:
+            self._log.warning("%s has no goal %s", self._channel, goal_id)
+        return handle
+
+    def _end(self, goal_id: int) -> GoalHandle | None:
+        handle = self._goal(goal_id)
+        if handle is not None:
+            del self._goals[goal_id]
+            del self._numbers[handle.goal_id]
+        return handle
+
+
+class GoalHandlers(msgspec.Struct, frozen=True):
+    """The machine's methods for what becomes of a goal; None where the model has no handler."""
+
+    accepted: Callable[[int], object] | None = None
+    rejected: Callable[[int], object] | None = None
+    feedback: Callable[[Any, int], object] | None = None
+    succeeded: Callable[[Any, int, int], object] | None = None
+    aborted: Callable[[Any, int, int], object] | None = None
+    canceled: Callable[[Any, int, int], object] | None = None
+
+
+class ActionClientPort:
+    """The goals that a machine sends, numbered from 1."""
+
+    def __init__(
+        self,
+        client: ActionClient,
+        channel: str,
+        timeout_s: float,
+        handlers: GoalHandlers,
+        log: logging.Logger,
+    ) -> None:
+        self._client = client
+        self._channel = channel
+        self._timeout_s = timeout_s
+        self._handlers = handlers
+        self._log = log
+        self._ids: dict[int, str] = {}
+        self._last = 0
+
+    def send_goal(self, goal: Message) -> None:
+        """Send a goal; what becomes of it are events."""
+        self._last += 1
+        number = self._last
+        handlers = self._handlers
+        ends = {
+            GoalStatus.SUCCEEDED: handlers.succeeded,
+            GoalStatus.ABORTED: handlers.aborted,
+            GoalStatus.CANCELED: handlers.canceled,
+        }
+
+        def result(_: str, status: GoalStatus, message: Any) -> None:
+            self._ids.pop(number, None)
+            handler = ends.get(status)
+            if handler is None:
+                self._log.warning("a goal of %s ended: %s; no handler", self._channel, status)
+            else:
+                handler(message, number, RESULT_CODES[status])
+
+        def rejected(_: str) -> None:
+            self._ids.pop(number, None)
+            if handlers.rejected is not None:
+                handlers.rejected(number)
+
+        def failed(goal_id: str, why: CallResult) -> None:
+            self._log.error("a goal of %s failed: %s", self._channel, why.error or why.outcome)
+            rejected(goal_id)
+
+        def accepted(_: str) -> None:
+            if handlers.accepted is not None:
+                handlers.accepted(number)
+
+        def feedback(_: str, message: Any) -> None:
+            if handlers.feedback is not None:
+                handlers.feedback(message, number)
+
+        events = GoalEvents(
+            accepted=accepted,
+            rejected=rejected,
+            feedback=feedback,
+            result=result,
+            failed=failed,
+        )
+        self._ids[number] = self._client.send_goal(goal, events, self._timeout_s)
+
+    def send_cancel(self, goal_id: int | None) -> None:
+        """Ask to cancel the goal; None: the last one sent."""
+        number = goal_id or self._last
+        if number in self._ids:
+            self._client.cancel(self._ids[number])
+        else:
+            self._log.warning("no goal of %s to cancel", self._channel)

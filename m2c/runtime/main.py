@@ -1,0 +1,81 @@
+"""The command line of a generated node."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from m2c.runtime.binding import NodeSettings
+from transports.interface import Transport, TransportError
+from transports.registry import connect
+
+
+def add_transport_options(parser: argparse.ArgumentParser) -> None:
+    """The options by which every process finds its middleware."""
+    parser.add_argument("--transport", default="zenoh", help="middleware (default: zenoh)")
+    parser.add_argument(
+        "--endpoint", action="append", default=[], help="where to connect, e.g. tcp/127.0.0.1:7447"
+    )
+    parser.add_argument("--zenoh-config", default="", help="a Zenoh configuration file (JSON5)")
+    parser.add_argument("--namespace", default="", help="prefix of every channel")
+    parser.add_argument("--log-level", default="INFO", help="DEBUG, INFO, WARNING or ERROR")
+
+
+def transport_options(arguments: argparse.Namespace) -> dict[str, str]:
+    """The transport's options, from parsed arguments."""
+    options = {
+        "endpoint": ",".join(arguments.endpoint),
+        "config": arguments.zenoh_config,
+        "namespace": arguments.namespace,
+    }
+    return {name: value for name, value in options.items() if value}
+
+
+def set_up_logging(level: str) -> None:
+    """One line per record on standard error, flushed at once."""
+    logging.basicConfig(
+        level=level.upper(), stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s"
+    )
+
+
+def main(
+    node_class: Callable[[Transport, NodeSettings], Any],
+    name: str,
+    arguments: Sequence[str] | None = None,
+) -> NoReturn:
+    """Run one generated node until SIGINT or SIGTERM; exits with 0 then, 2 if it cannot start.
+
+    Args:
+        node_class: the generated ``…Node``.
+        name: the machine's name, also the node's unless ``--node-name`` says otherwise.
+        arguments: command line; this process's by default.
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"python -m {name}",
+        description=f"Run the node {name}.",
+        epilog="example: --transport zenoh --endpoint tcp/127.0.0.1:7447",
+    )
+    add_transport_options(parser)
+    parser.add_argument("--node-name", default=name, help="name of this node in the system")
+    parser.add_argument(
+        "--call-timeout", type=float, default=5.0, help="seconds, for its own calls"
+    )
+    parsed = parser.parse_args(arguments)
+    set_up_logging(parsed.log_level)
+    try:
+        transport = connect(parsed.transport, parsed.node_name, transport_options(parsed))
+    except TransportError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: transport.post(transport.close))
+    node = node_class(transport, NodeSettings(parsed.call_timeout))
+    transport.post(node.start)
+    transport.post(transport.announce)
+    transport.spin()
+    transport.close()
+    sys.exit(0)

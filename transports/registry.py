@@ -1,0 +1,43 @@
+"""Finding a transport by name: entry points of group ``m2c.transports``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+
+from transports.interface import Transport, TransportError
+
+GROUP = "m2c.transports"
+
+
+def available() -> list[str]:
+    """Names of the installed transports, sorted."""
+    return sorted({point.name for point in entry_points(group=GROUP)})
+
+
+def connect(transport: str, node: str, options: Mapping[str, str]) -> Transport:
+    """Connect ``node`` by the transport called ``transport``.
+
+    Args:
+        transport: one of :func:`available`.
+        node: the node's name, unique in the system.
+        options: the transport's own options (``endpoint``, ``listen``, ``config``, …).
+
+    Raises:
+        TransportError: there is no such transport, or it cannot connect.
+    """
+    found = [point for point in entry_points(group=GROUP) if point.name == transport]
+    if not found:
+        hint = f"installed: {', '.join(available()) or 'none'}"
+        raise TransportError(f"no transport `{transport}` is installed; {hint}")
+    return _load(found[0])(node, options)  # type: ignore[no-any-return]
+
+
+def _load(point: EntryPoint):  # type: ignore[no-untyped-def]
+    distribution = point.dist.name if point.dist is not None else "an unknown distribution"
+    try:
+        return point.load()
+    except (ImportError, AttributeError) as error:
+        raise TransportError(
+            f"the transport `{point.name}` of {distribution} cannot be loaded: {error}"
+        ) from error
