@@ -23,7 +23,7 @@ import zenoh
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
 from transports.zenoh.executor import Executor, Timer
-from transports.zenoh.introspection import ServiceEvents
+from transports.zenoh.introspection import FLUSH_DELAY_S, ServiceEvents
 from transports.zenoh.names import key_of
 from transports.zenoh.wire import (
     Codec,
@@ -83,7 +83,7 @@ class Request:
             raise TransportError(f"cannot answer {server.name}: {error}") from error
         if stamp_ns:
             events.record(event.RESPONSE_SENT, stamp_ns, self.client, self._call, response=payload)
-            events.flush_soon()
+            events.flush_later()
 
     def fail(self, error: str) -> None:
         """End the call with a remote error; TransportError if it is answered already."""
@@ -104,7 +104,7 @@ class Request:
                 self._call,
                 error=f"{CallOutcome.REMOTE_ERROR}: {error}",
             )
-            events.flush_soon()
+            events.flush_later()
 
     def _take(self) -> zenoh.Query:
         query = self._query
@@ -156,7 +156,7 @@ class Server:
                 call,
                 request=_NO_CONTENTS if payload is None else payload.to_bytes(),
             )
-            events.flush_soon()
+            events.flush_later()
         self._handler(Request(self, query, call, client, data))
 
 
@@ -230,6 +230,8 @@ class Client:
         number = next(self._numbers)
         call = _Call(self, number, done)
         put, replied, closed = self._executor.put, call.replied, call.closed
+        if self._events.heard:
+            self._events.flush_later()
         call.timer = self._executor.after(timeout_s, call.timed_out)
         self._send(
             number,
@@ -255,7 +257,7 @@ class Client:
                 timeout_s,
                 zenoh.handlers.Callback(put, lambda: put(None), indirect=False),
             )
-            reply = replies.get(timeout=max(deadline - time.monotonic(), 0.0))
+            reply = self._first(replies, deadline)
         except Empty:
             result, contents = self.timeout, None
         else:
@@ -269,6 +271,19 @@ class Client:
         """End calls that wait: the session is about to close."""
         for replies in tuple(self._waiting):
             replies.put(None)
+
+    def _first(
+        self, replies: SimpleQueue[zenoh.Reply | None], deadline: float
+    ) -> zenoh.Reply | None:
+        """The first reply, or None when there is none; Empty after ``deadline`` (monotonic)."""
+        wait_s = max(deadline - time.monotonic(), 0.0)
+        if self._events.heard and wait_s > FLUSH_DELAY_S:
+            try:
+                return replies.get(timeout=FLUSH_DELAY_S)
+            except Empty:  # a call that takes its time: say that it is under way
+                self._events.flush()
+                wait_s = max(deadline - time.monotonic(), 0.0)
+        return replies.get(timeout=wait_s)
 
     def _send(self, number: int, payload: bytes, timeout_s: float, handler: Any) -> None:
         events = self._events
@@ -287,7 +302,6 @@ class Client:
             raise TransportError(f"cannot call {self._name}: {error}") from error
         if stamp_ns:
             events.record(event.REQUEST_SENT, stamp_ns, self._node, number, request=payload)
-            events.flush()
 
     def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, bytes | None]:
         """What a reply means, and the encoded response for the service event."""
@@ -319,4 +333,4 @@ class Client:
             response=contents,
             error=f"{result.outcome}: {result.error}" if failed else "",
         )
-        events.flush_soon()
+        events.flush_later()

@@ -1,0 +1,146 @@
+"""What a tap can take: observations decoded and written to a file, none lost.
+
+One process publishes at a fixed rate on several channels; a bare Zenoh subscriber (counting only)
+and a tap (decoding, each observation a line of JSON in a file) hear it in turns of one run.
+
+Usage: ``python benchmarks/tap.py [--rate N] [--seconds S]``. Prints counts, losses and the share
+of one processor that the tap needed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import socket
+import tempfile
+import threading
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import msgspec
+
+from transports.interface import Observation, Topic
+from transports.zenoh import connect
+from transports.zenoh.session import open_session
+
+CHANNELS = 4
+
+
+class BatteryState(msgspec.Struct):
+    percentage: float = 0.0
+    voltage: float = 0.0
+    power_supply_status: int = 0
+    location: str = ""
+
+
+TOPICS = [
+    Topic(f"/robot{n}/battery_state", "sensor_msgs/msg/BatteryState", BatteryState)
+    for n in range(CHANNELS)
+]
+
+
+def publish(endpoint: str, pipe: Connection) -> None:
+    transport = connect("robot", {"endpoint": endpoint})
+    publishers = [transport.publisher(topic) for topic in TOPICS]
+    transport.announce()
+    pace = threading.Event()
+    pipe.send(True)
+    while job := pipe.recv():
+        rate, seconds = job
+        start = time.monotonic()
+        sent, total = 0, int(rate * seconds)
+        while sent < total:
+            due = min(total, int((time.monotonic() - start) * rate) + 1)
+            for number in range(sent, due):
+                publishers[number % CHANNELS].publish(
+                    BatteryState(number * 0.001, 24.5, 2, "charging dock 1")
+                )
+            sent = max(sent, due)
+            pace.wait(0.001)
+        pipe.send((sent, time.monotonic() - start))
+    transport.close()
+
+
+def settled(count: list[int], total: int) -> None:
+    """Wait until all has arrived, or nothing more does."""
+    pace = threading.Event()
+    before = -1
+    while count[0] < total and count[0] != before:
+        before = count[0]
+        pace.wait(1.0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rate", type=int, default=60_000, help="messages per second")
+    parser.add_argument("--seconds", type=float, default=5.0)
+    arguments = parser.parse_args()
+    job = (arguments.rate, arguments.seconds)
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    transport = connect("monitor", {"listen": endpoint})
+    spinner = threading.Thread(target=transport.spin)
+    spinner.start()
+    context = multiprocessing.get_context("spawn")
+    pipe, there = context.Pipe()
+    robot = context.Process(target=publish, args=(endpoint, there), daemon=True)
+    robot.start()
+    pipe.recv()
+
+    bare = open_session({"endpoint": endpoint})
+    transport.wait_for_nodes(["robot"], 10)
+    count = [0]
+
+    def count_one(_: object) -> None:
+        count[0] += 1
+
+    subscriber = bare.declare_subscriber("**", count_one)
+    pipe.send(job)
+    sent, took = pipe.recv()
+    settled(count, sent)
+    print(f"bare subscriber: sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), heard {count[0]}")
+    subscriber.undeclare()
+    bare.close()
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "observations.jsonl"
+        heard = [0]
+        encode = msgspec.json.Encoder().encode_into
+        buffer = bytearray()
+        with path.open("wb", buffering=1 << 20) as file:
+
+            def write(observation: Observation) -> None:
+                heard[0] += 1
+                encode(observation, buffer)
+                buffer.extend(b"\n")
+                file.write(buffer)
+                buffer.clear()
+
+            tap = transport.tap([], write)
+            processor = time.process_time()
+            pipe.send(job)
+            sent, took = pipe.recv()
+            settled(heard, sent)
+            processor = time.process_time() - processor
+            problems = list(tap.problems())
+            tap.close()
+            transport.close()
+            spinner.join()
+        lines = path.read_bytes().count(b"\n")
+    print(
+        f"tap:             sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), in the file {lines}"
+    )
+    print(f"  {sent / took:,.0f} observations/s (target ≥ 50 000), lost {sent - lines} (target 0)")
+    print(f"  processor time {processor:.2f} s: {processor / sent * 1e6:.1f} µs per observation")
+    for problem in problems:
+        print(f"  {problem}")
+    pipe.send(None)
+    robot.join(5)
+    robot.terminate()
+
+
+if __name__ == "__main__":
+    main()
