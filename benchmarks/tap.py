@@ -48,6 +48,8 @@ def publish(endpoint: str, pipe: Connection) -> None:
     pipe.send(True)
     while job := pipe.recv():
         rate, seconds = job
+        while not all(publisher.declared.matching_status.matching for publisher in publishers):
+            pace.wait(0.01)
         start = time.monotonic()
         sent, total = 0, int(rate * seconds)
         while sent < total:

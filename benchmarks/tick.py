@@ -21,7 +21,6 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 import msgspec
-import zenoh
 
 from transports.interface import CallOutcome, Observation, Service
 from transports.zenoh import connect

@@ -31,7 +31,6 @@ _DEFAULTS: Mapping[str, object] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": True,
     "timestamping/enabled": True,
-    "connect/timeout_ms": CONNECT_TIMEOUT_MS,
     "connect/exit_on_failure": True,
     "connect/retry": {
         "period_init_ms": 100,
@@ -62,7 +61,7 @@ def configuration(options: Mapping[str, str]) -> zenoh.Config:
     """The Zenoh configuration that ``options`` ask for."""
     path = options.get("config", "")
     config = _read(Path(path)) if path else zenoh.Config()
-    for key, value in _DEFAULTS.items():
+    for key, value in {**_DEFAULTS, "connect/timeout_ms": CONNECT_TIMEOUT_MS}.items():
         if not path or config.get_json(key) == "null":
             config.insert_json5(key, json.dumps(value))
     for option, key in (("endpoint", "connect/endpoints"), ("listen", "listen/endpoints")):
