@@ -1,0 +1,78 @@
+"""Findings as text, JSON or SARIF 2.1.0."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from typing import Any, TextIO
+
+from m2c.model.diagnostics import Diagnostic, Severity
+
+_COLOURS = {Severity.ERROR: "\x1b[31m", Severity.WARNING: "\x1b[33m", Severity.NOTE: "\x1b[36m"}
+_LEVELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.NOTE: "note"}
+
+
+def print_findings(
+    diagnostics: Sequence[Diagnostic], stream: TextIO | None = None, notes: bool = False
+) -> None:
+    """A line per finding, in file order; coloured on a terminal. Notes only on request."""
+    out = stream if stream is not None else sys.stderr
+    colour = out.isatty()
+    for found in sorted(diagnostics, key=lambda item: (item.position, item.rule)):
+        if found.severity is Severity.NOTE and not notes:
+            continue
+        text = str(found)
+        if colour:
+            shade = _COLOURS[found.severity]
+            text = text.replace(f" {found.severity}:", f" {shade}{found.severity}:\x1b[0m", 1)
+        print(text, file=out)
+
+
+def count(diagnostics: Sequence[Diagnostic], severity: Severity) -> int:
+    """How many findings have ``severity``."""
+    return sum(found.severity is severity for found in diagnostics)
+
+
+def as_json(diagnostics: Sequence[Diagnostic]) -> str:
+    """An array of findings, each an object with file, line, column, severity, rule and texts."""
+    return json.dumps([_entry(found) for found in diagnostics], indent=2)
+
+
+def _entry(found: Diagnostic) -> dict[str, Any]:
+    return {
+        "file": found.position.file,
+        "line": found.position.line,
+        "column": found.position.column,
+        "severity": str(found.severity),
+        "rule": found.rule,
+        "element": found.element,
+        "message": found.message,
+        "hint": found.hint,
+    }
+
+
+def as_sarif(diagnostics: Sequence[Diagnostic]) -> str:
+    """A SARIF 2.1.0 log with one run (OASIS sarif-v2.1.0)."""
+    rules = sorted({found.rule for found in diagnostics})
+    run = {
+        "tool": {"driver": {"name": "m2c", "rules": [{"id": rule} for rule in rules]}},
+        "results": [_result(found, rules) for found in diagnostics],
+    }
+    schema = "https://json.schemastore.org/sarif-2.1.0.json"
+    return json.dumps({"$schema": schema, "version": "2.1.0", "runs": [run]}, indent=2)
+
+
+def _result(found: Diagnostic, rules: list[str]) -> dict[str, Any]:
+    physical: dict[str, Any] = {"artifactLocation": {"uri": found.position.file}}
+    if found.position.line:
+        region = {"startLine": found.position.line, "startColumn": max(found.position.column, 1)}
+        physical["region"] = region
+    text = f"{found.message}; {found.hint}" if found.hint else found.message
+    return {
+        "ruleId": found.rule,
+        "ruleIndex": rules.index(found.rule),
+        "level": _LEVELS[found.severity],
+        "message": {"text": text},
+        "locations": [{"physicalLocation": physical}],
+    }

@@ -1,0 +1,181 @@
+"""Types: every expression against the datamodel and the interface definitions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from m2c.model.datatypes import ANY, INT64, STRING, DataType, Structure, describe
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.expressions import Variable
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import (
+    Assign,
+    Emit,
+    Field,
+    If,
+    InterfaceKind,
+    Log,
+    Machine,
+    OutputKind,
+    Raise,
+    Statement,
+    Transition,
+)
+from m2c.model.scopes import event_parts, output_data_type
+from m2c.model.typing import Scope, check_expression, nearest
+from m2c.model.vocabulary import OUTPUTS, STATUSES
+
+_TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
+_LOOKUP = {
+    InterfaceKind.PUBLISHER: "message",
+    InterfaceKind.SUBSCRIBER: "message",
+    InterfaceKind.SERVER: "service",
+    InterfaceKind.CLIENT: "service",
+    InterfaceKind.ACTION_SERVER: "action",
+    InterfaceKind.ACTION_CLIENT: "action",
+}
+
+
+def check_types(machine: Machine, library: InterfaceLibrary, log: DiagnosticLog) -> bool:
+    """Report every type fault of ``machine``; False if an interface type is unknown.
+
+    Rules: ``unknown-type``, those of :func:`m2c.model.typing.check_expression`, and the warning
+    ``unset-output-field``.
+    """
+    known = True
+    for interface in machine.interfaces:
+        if interface.kind is InterfaceKind.TIMER:
+            continue
+        try:
+            getattr(library, _LOOKUP[interface.kind])(interface.type_name)
+        except KeyError as error:
+            hint = "give the folder of its definition with --interfaces"
+            log.error("unknown-type", interface.position, "", str(error.args[0]), hint)
+            known = False
+    if not known:
+        return False
+    _TypeCheck(machine, library, log).run()
+    for thread in machine.threads:
+        _TypeCheck(thread.machine, library, log).run()
+    return True
+
+
+class _TypeCheck:
+    def __init__(self, machine: Machine, library: InterfaceLibrary, log: DiagnosticLog) -> None:
+        self._machine = machine
+        self._library = library
+        self._log = log
+        self._variables: dict[str, DataType] = {data.name: data.type for data in machine.data}
+        self._ports = {port.key: port.type for port in machine.ports if not port.output}
+
+    def run(self) -> None:
+        known: dict[str, DataType] = {}
+        for data in self._machine.data:
+            scope = Scope(known, {}, self._ports)
+            expected = data.type if data.declared else None
+            check_expression(data.initial, scope, expected, "data", self._log)
+            known[data.name] = data.type
+        for state in self._machine.states:
+            self._block(state.on_entry, self._scope({}))
+            self._block(state.on_exit, self._scope({}))
+            for transition in state.transitions:
+                self._transition(transition)
+
+    def _scope(self, event: Mapping[str, DataType]) -> Scope:
+        variables = self._variables
+        if "status" in event:
+            variables = {**dict.fromkeys(STATUSES, STRING), **variables}
+        return Scope(variables, event, self._ports)
+
+    def _transition(self, transition: Transition) -> None:
+        scope = self._scope(event_parts(transition.event, self._machine, self._library))
+        if transition.cond is not None:
+            check_expression(transition.cond, scope, None, transition.element, self._log)
+        self._block(transition.body, scope)
+        for target in transition.targets:
+            self._block(target.body, scope)
+
+    def _block(self, statements: Sequence[Statement], scope: Scope) -> None:
+        for statement in statements:
+            match statement:
+                case Assign():
+                    self._assign(statement, scope)
+                case If(branches=branches):
+                    for test, body in branches:
+                        if test is not None:
+                            check_expression(test, scope, None, "if", self._log)
+                        self._block(body, scope)
+                case Log(value=value) if value is not None:
+                    check_expression(value, scope, None, "log", self._log)
+                case Raise(fields=fields, delay_s=delay):
+                    for field in fields:
+                        check_expression(field.value, scope, None, "param", self._log)
+                    if delay is not None:
+                        check_expression(delay, scope, None, "send", self._log)
+                case Emit():
+                    self._emit(statement, scope)
+
+    def _assign(self, statement: Assign, scope: Scope) -> None:
+        location = statement.location
+        if isinstance(location, Variable) and location.name not in scope.variables:
+            hint = nearest(location.name, scope.variables) or "declare it with <data>"
+            what = f"`{location.name}` is not declared"
+            self._log.error("undeclared-variable", location.position, "assign", what, hint)
+            check_expression(statement.value, scope, None, "assign", self._log)
+            return
+        kind = check_expression(location, scope, None, "assign", self._log)
+        check_expression(statement.value, scope, None if kind == ANY else kind, "assign", self._log)
+
+    def _emit(self, emit: Emit, scope: Scope) -> None:
+        tag = _TAGS[emit.kind]
+        for number in (emit.goal_id, emit.thread_id):
+            if number is not None:
+                check_expression(number, scope, INT64, tag, self._log)
+        if emit.kind is OutputKind.BT_SET_OUTPUT:
+            port = next((item for item in self._machine.ports if item.key == emit.interface), None)
+            if port is None or not port.output:
+                keys = [item.key for item in self._machine.ports if item.output]
+                hint = nearest(emit.interface, keys) or "declare it with <bt_declare_port_out>"
+                what = f"output port `{emit.interface}` is not declared"
+                self._log.error("undeclared-port", emit.position, tag, what, hint)
+            for field in emit.fields:
+                check_expression(
+                    field.value, scope, port.type if port is not None else None, tag, self._log
+                )
+            return
+        kind = output_data_type(emit.kind, emit.interface, self._machine, self._library)
+        if kind is None:
+            for field in emit.fields:
+                if emit.kind is not OutputKind.BT_RETURN_STATUS:
+                    what = f"this output has no field `{field.name}`"
+                    self._log.error("unknown-field", field.position, "field", what)
+            return
+        self._fields(emit, tag, kind, scope)
+
+    def _fields(self, emit: Emit, tag: str, kind: Structure, scope: Scope) -> None:
+        for field in emit.fields:
+            wanted = self._field_type(field, kind)
+            if wanted is not None:
+                check_expression(field.value, scope, wanted, "field", self._log)
+        given = {field.name.partition(".")[0] for field in emit.fields}
+        missing = [name for name, _ in kind.fields if name not in given]
+        if missing:
+            names = ", ".join(f"`{name}`" for name in missing)
+            what = f"{names} of {describe(kind)} {'is' if len(missing) == 1 else 'are'} never set"
+            hint = "it is sent as zero or empty; set it with <field>"
+            self._log.warning("unset-output-field", emit.position, tag, what, hint)
+
+    def _field_type(self, field: Field, kind: Structure) -> DataType | None:
+        current: DataType = kind
+        for part in field.name.split("."):
+            found = current.field(part) if isinstance(current, Structure) else None
+            if found is None:
+                names = (
+                    [name for name, _ in current.fields] if isinstance(current, Structure) else []
+                )
+                what = f"{describe(current)} has no field `{part}`"
+                hint = nearest(part, names) or "it has no fields"
+                self._log.error("unknown-field", field.position, "field", what, hint)
+                return None
+            current = found
+        return current
