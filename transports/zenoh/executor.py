@@ -60,6 +60,10 @@ class Executor:
         self._thread = 0
         self._closed = False
 
+    def is_current(self) -> bool:
+        """Whether the calling thread is the one that spins."""
+        return threading.get_ident() == self._thread
+
     def post(self, handler: Callable[[], None]) -> None:
         """Run ``handler`` on the executor's thread; callable from any thread."""
         self.put((_call, handler))
@@ -81,7 +85,10 @@ class Executor:
         self.put((_nothing, None))
 
     def spin(self, until: Callable[[], bool] | None = None) -> None:
-        """Run work and timers until ``close()`` or until ``until()`` holds after some work."""
+        """Run work and timers until ``close()`` or until ``until()`` holds.
+
+        ``until`` is asked before each piece of work; ``post`` something to have it asked.
+        """
         if not self._spinner.acquire(blocking=False):
             raise TransportError("this transport is already spinning on another thread")
         self._thread = threading.get_ident()
@@ -111,7 +118,7 @@ class Executor:
             function(argument)
 
     def _start(self, timer: Timer) -> Timer:
-        if threading.get_ident() == self._thread:
+        if self.is_current():
             self._push(timer)
         else:
             self.put((self._push, timer))

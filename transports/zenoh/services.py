@@ -244,6 +244,11 @@ class Client:
 
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and wait, on the calling thread, without the executor."""
+        if self._executor.is_current():
+            raise TransportError(
+                f"call_and_wait of {self._name} on the executor's own thread: nothing else would "
+                "run meanwhile; use call"
+            )
         payload = self._codec.request.encode(request)
         number = next(self._numbers)
         replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()

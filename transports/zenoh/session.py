@@ -38,6 +38,9 @@ _DEFAULTS: Mapping[str, object] = {
         "period_increase_factor": 2,
     },
     "listen/exit_on_failure": True,
+    # A reader that is stopped altogether may hold up who publishes to it for this long, once;
+    # then its link is closed. (A reader that is only slow holds up nobody: see tap.py.)
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
 }
 
 _RUST_PLACE = re.compile(r" at /\S+\.rs:\d+\.?")
@@ -61,15 +64,15 @@ def configuration(options: Mapping[str, str]) -> zenoh.Config:
     """The Zenoh configuration that ``options`` ask for."""
     path = options.get("config", "")
     config = _read(Path(path)) if path else zenoh.Config()
+    blank = zenoh.Config()
     for key, value in {**_DEFAULTS, "connect/timeout_ms": CONNECT_TIMEOUT_MS}.items():
-        if not path or config.get_json(key) == "null":
+        if not path or config.get_json(key) == blank.get_json(key):
             config.insert_json5(key, json.dumps(value))
     for option, key in (("endpoint", "connect/endpoints"), ("listen", "listen/endpoints")):
         endpoints = [e.strip() for e in options.get(option, "").split(",") if e.strip()]
         if endpoints:
             _set_endpoints(config, option, key, endpoints)
-    blank = zenoh.Config().get_json("listen/endpoints")
-    if config.get_json("listen/endpoints") == blank:
+    if config.get_json("listen/endpoints") == blank.get_json("listen/endpoints"):
         config.insert_json5("listen/endpoints", '{"peer": ["tcp/127.0.0.1:0"]}')
     if namespace := options.get("namespace", "").strip("/"):
         try:
