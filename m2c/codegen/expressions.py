@@ -95,7 +95,9 @@ class ExpressionCompiler:
         if target is None or target == ANY:
             return text
         if is_integer(target):
-            return text if is_integer(kind) else self._runtime("integer", text, fails=True)
+            if is_integer(kind) and not text.startswith("ecmascript."):
+                return text
+            return self._runtime("integer", text, fails=True)
         if isinstance(target, Primitive) and target.name.startswith("float"):
             if isinstance(node, Literal) and isinstance(node.value, int):
                 return repr(float(node.value))
