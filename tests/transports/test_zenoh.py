@@ -16,7 +16,10 @@ import pytest
 import zenoh
 
 from transports.interface import (
+    Action,
     CallOutcome,
+    GoalEvents,
+    GoalStatus,
     ObservationKind,
     Service,
     Topic,
@@ -400,6 +403,34 @@ def test_a_tap_is_linked_to_all_by_gossip(network):
     tap = network.node("tap").tap([], lambda observation: None)
     eventually(lambda: tap.peers() == ["hub", "one", "two"])
     eventually(lambda: tap.problems() == [])
+
+
+def test_an_action_runs_to_its_canceled_end_and_a_tap_hears_its_parts(network):
+    action = Action("/go", "test_interfaces/action/Go", peer.Number, peer.Number, peer.Number)
+    server, caller, tapper = (network.node(name) for name in ("server", "caller", "tap"))
+    heard, accepted, feedback, results = Inbox(), Inbox(), Inbox(), Inbox()
+
+    def start(goal):
+        goal.accept()
+        goal.publish_feedback(peer.Number(goal.goal.data + 1))
+
+    server.serve_action(action, start, lambda goal: goal.canceled(peer.Number(9)))
+    server.announce()
+    tapper.tap(["/go"], heard)
+    caller.wait_for_nodes(["server"], WAIT_S)
+    client = caller.action_client(action)
+    events = GoalEvents(accepted, Inbox(), feedback, results, Inbox())
+    eventually(lambda: all(e.heard for e in (*server._events.values(), *caller._events.values())))
+    goal_id = client.send_goal(peer.Number(1), events)
+    assert accepted.wait() == [goal_id]
+    assert feedback.wait() == [(goal_id, peer.Number(2))]
+    client.cancel(goal_id)
+    assert results.wait() == [(goal_id, GoalStatus.CANCELED, peer.Number(9))]
+    eventually(lambda: sum(o.kind is ObservationKind.RESPONSE_RECEIVED for o in list(heard)) == 3)
+    assert {observation.channel for observation in heard} == {
+        f"/go/_action/{part}"
+        for part in ("send_goal", "cancel_goal", "get_result", "feedback", "status")
+    }
 
 
 def test_closing_ends_a_call_that_waits(network):

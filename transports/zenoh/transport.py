@@ -14,6 +14,7 @@ from typing import Any
 
 import zenoh
 
+from transports import actions
 from transports.interface import (
     Action,
     ActionClient,
@@ -108,14 +109,10 @@ class ZenohTransport:
         cancel: Callable[[GoalHandle], None],
     ) -> None:
         """Serve ``action``."""
-        from transports import actions
-
         actions.serve_action(self, action, goal, cancel)
 
     def action_client(self, action: Action) -> ActionClient:
         """A client of ``action``."""
-        from transports import actions
-
         return actions.action_client(self, action)
 
     def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
