@@ -454,6 +454,16 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(network):
     assert network.process("careless").wait(WAIT_S) == 0
 
 
+def test_timers_of_answered_calls_are_not_kept(network):
+    node = network.node("node")
+    node.serve(peer.ADD, lambda request: request.respond(peer.AddResponse(1)))
+    client, results = node.client(peer.ADD), Inbox()
+    for number in range(1, 501):
+        client.call(peer.AddRequest(), results, timeout_s=600)
+        results.wait(number)
+    assert len(node._executor._heap) <= 64
+
+
 def test_answering_twice_is_refused(network):
     caller = network.node("caller")
     errors = Inbox()

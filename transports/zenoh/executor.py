@@ -21,6 +21,9 @@ Work = tuple[Callable[[Any], None], Any]
 
 _NS = 1_000_000_000
 
+_SWEEP = 64
+"""So many timers are kept before cancelled ones are looked for."""
+
 
 class Timer:
     """A timer of the executor; ``period_ns`` 0 means once."""
@@ -55,6 +58,7 @@ class Executor:
         self.put: Callable[[Work], None] = self._queue.put
         """Run ``function(argument)`` on the executor's thread; callable from any thread."""
         self._heap: list[tuple[int, int, Timer]] = []
+        self._sweep_at = _SWEEP
         self._count = itertools.count()
         self._spinner = threading.Lock()
         self._thread = 0
@@ -125,6 +129,10 @@ class Executor:
         return timer
 
     def _push(self, timer: Timer) -> None:
+        if len(self._heap) >= self._sweep_at:  # answered calls leave their timers behind
+            self._heap[:] = [entry for entry in self._heap if not entry[2].cancelled]
+            heapq.heapify(self._heap)
+            self._sweep_at = 2 * len(self._heap) + _SWEEP
         heapq.heappush(self._heap, (timer.due_ns, next(self._count), timer))
 
     def _fire(self) -> None:
