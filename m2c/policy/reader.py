@@ -1,0 +1,287 @@
+"""Read a BehaviorTree.CPP policy, format 3 or 4 (declared or not), into a :class:`Policy`.
+
+What differs between the formats is translated here, so that everything after knows version 4 only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+import msgspec
+
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.typing import nearest
+from m2c.model.xml import Element, read_xml
+from m2c.policy.tree import (
+    BUILTINS,
+    MANY,
+    BuiltinNode,
+    LeafKind,
+    LeafNode,
+    Policy,
+    SubTreeNode,
+    Tree,
+    TreeNode,
+    sub_trees,
+)
+
+_VERSION_3 = {
+    "SequenceStar": "SequenceWithMemory",
+    "RetryUntilSuccesful": "RetryUntilSuccessful",
+    "SubTreePlus": "SubTree",
+}
+"""Node types that BehaviorTree.CPP 4 calls otherwise (the typing error is version 3's own)."""
+_VERSION_3_PORTS = {
+    ("Parallel", "success_threshold"): "success_count",
+    ("Parallel", "failure_threshold"): "failure_count",
+    ("SubTree", "__autoremap"): "_autoremap",
+    ("SubTree", "__shared_blackboard"): "_autoremap",
+}
+_LEAF_KINDS = {"Action": LeafKind.ACTION, "Condition": LeafKind.CONDITION}
+_EXPLICIT = ("Action", "Condition", "Control", "Decorator")
+_ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
+"""Attributes by which an element that nobody declared is known to be a leaf."""
+_EDITOR = ("_uid", "_description", "_fullpath")
+
+
+class _Declared(msgspec.Struct, frozen=True):
+    """A leaf type of ``<TreeNodesModel>``."""
+
+    kind: LeafKind
+    defaults: dict[str, str]
+
+
+def read_policy(
+    path: Path, log: DiagnosticLog, leaf_types: Collection[str] = ()
+) -> Policy | None:
+    """Read the policy in ``path``; None after reporting errors.
+
+    Args:
+        path: the XML file.
+        log: where faults go: ``unknown-node``, ``missing-subtree``, ``recursive-subtree``,
+            ``duplicate-tree``, ``missing-tree``, ``child-count``, ``unknown-port`` and those of
+            :func:`m2c.model.xml.read_xml`.
+        leaf_types: names of behaviour-tree plugins, so that ``<MyPlugin …/>`` is known as a leaf.
+    """
+    own = DiagnosticLog()
+    root = read_xml(path, own)
+    policy = _PolicyReader(path, own, leaf_types).read(root) if root is not None else None
+    log.diagnostics += own.diagnostics
+    return None if own.has_errors else policy
+
+
+class _PolicyReader:
+    def __init__(self, path: Path, log: DiagnosticLog, leaf_types: Collection[str]) -> None:
+        self._path = path
+        self._log = log
+        self._leaf_types = leaf_types
+        self._declared: dict[str, _Declared] = {}
+
+    def read(self, root: Element) -> Policy | None:
+        if root.tag != "root":
+            hint = "the root of a behaviour-tree policy is <root>"
+            self._log.error("unknown-tag", root.position, root.tag, "not a policy", hint)
+            return None
+        for child in root.all("TreeNodesModel"):
+            self._read_declarations(child)
+        trees: dict[str, Tree] = {}
+        for child in root.children:
+            if child.tag == "BehaviorTree":
+                tree = self._read_tree(child, trees)
+                if tree is not None:
+                    trees[tree.id] = tree
+            elif child.tag == "include":
+                what = "other files are not included"
+                self._log.error(
+                    "unknown-tag", child.position, child.tag, what, "put all trees in one file"
+                )
+            elif child.tag != "TreeNodesModel":
+                known = ("BehaviorTree", "TreeNodesModel")
+                what = "not an element of <root>"
+                hint = nearest(child.tag, known)
+                self._log.error("unknown-tag", child.position, child.tag, what, hint)
+        self._check_sub_trees(trees)
+        main = self._main_tree(root, trees)
+        return Policy(self._path, main, tuple(trees.values())) if main is not None else None
+
+    def _read_declarations(self, model: Element) -> None:
+        for element in model.all("Action", "Condition"):
+            defaults = {
+                port.get("name"): port.get("default")
+                for port in element.all("input_port", "inout_port")
+                if port.get("default")
+            }
+            self._declared[element.get("ID")] = _Declared(_LEAF_KINDS[element.tag], defaults)
+
+    def _main_tree(self, root: Element, trees: dict[str, Tree]) -> str | None:
+        if not trees:
+            what = "the policy has no <BehaviorTree>"
+            self._log.error("missing-tree", root.position, root.tag, what)
+            return None
+        named = root.get("main_tree_to_execute")
+        if named in trees:
+            return named
+        if named:
+            what = f"the main tree `{named}` does not exist"
+            at = root.at("main_tree_to_execute")
+            self._log.error("missing-tree", at, root.tag, what, nearest(named, trees))
+            return None
+        if len(trees) == 1:
+            return next(iter(trees))
+        what = f"which of the trees {', '.join(trees)} is executed is not said"
+        hint = 'write main_tree_to_execute="…"'
+        self._log.error("missing-tree", root.position, root.tag, what, hint)
+        return None
+
+    def _read_tree(self, element: Element, trees: dict[str, Tree]) -> Tree | None:
+        name = element.get("ID") or "BehaviorTree"
+        if name in trees:
+            what = f"a second tree `{name}`"
+            hint = f"the first stands at {trees[name].position}"
+            self._log.error("duplicate-tree", element.at("ID"), element.tag, what, hint)
+            return None
+        if len(element.children) != 1:
+            what = f"a tree has one root node, this one has {len(element.children)}"
+            self._log.error("child-count", element.position, element.tag, what)
+            return None
+        root = self._read_node(element.children[0])
+        return Tree(name, root, element.position) if root is not None else None
+
+    def _read_node(self, element: Element) -> TreeNode | None:
+        tag = element.tag
+        if tag in _EXPLICIT:
+            tag = element.get("ID")
+            if not tag:
+                what = "the attribute `ID` is missing"
+                self._log.error("missing-attribute", element.position, element.tag, what)
+                return None
+        tag = _VERSION_3.get(tag, tag)
+        if tag == "SubTree":
+            return self._read_sub_tree(element)
+        if tag in BUILTINS:
+            return self._read_builtin(element, tag)
+        if element.tag in _LEAF_KINDS or self._is_leaf(element, tag):
+            return self._read_leaf(element, tag)
+        known = [*BUILTINS, *_VERSION_3, *self._declared, *self._leaf_types, "SubTree"]
+        what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
+        hint = nearest(tag, known) or "a leaf is addressed by service_name or interface"
+        self._log.error("unknown-node", element.position, element.tag, what, hint)
+        return None
+
+    def _is_leaf(self, element: Element, tag: str) -> bool:
+        return tag in self._declared or tag in self._leaf_types or (
+            not element.children and any(key in element.attributes for key in _ADDRESS)
+        )
+
+    def _read_sub_tree(self, element: Element) -> SubTreeNode | None:
+        name = element.get("ID")
+        if not name:
+            what = "the attribute `ID` is missing"
+            self._log.error("missing-attribute", element.position, element.tag, what)
+            return None
+        attributes = tuple(
+            (_VERSION_3_PORTS.get(("SubTree", key), key), value)
+            for key, value in element.attributes.items()
+            if key not in ("ID", "name")
+        )
+        return SubTreeNode(
+            id=name, name=element.get("name"), position=element.position, attributes=attributes
+        )
+
+    def _read_builtin(self, element: Element, tag: str) -> BuiltinNode:
+        builtin = BUILTINS[tag]
+        count = len(element.children)
+        if not builtin.least <= count <= builtin.most:
+            if builtin.most == MANY:
+                wanted = f"at least {builtin.least}"
+            elif builtin.least == builtin.most:
+                wanted = str(builtin.least) if builtin.least else "none"
+            else:
+                wanted = f"{builtin.least} to {builtin.most}"
+            what = f"{count} children"
+            hint = f"{tag} takes {wanted}"
+            self._log.error("child-count", element.position, element.tag, what, hint)
+        children = [self._read_node(child) for child in element.children]
+        return BuiltinNode(
+            tag=tag,
+            name=element.get("name"),
+            position=element.position,
+            attributes=self._ports(element, tag, builtin.ports),
+            children=tuple(child for child in children if child is not None),
+        )
+
+    def _ports(
+        self, element: Element, tag: str, ports: tuple[str, ...]
+    ) -> tuple[tuple[str, str], ...]:
+        kept = []
+        for written, value in element.attributes.items():
+            key = _VERSION_3_PORTS.get((tag, written), written)
+            if written in ("ID", "name", *_EDITOR):
+                continue
+            if key in ports and not value.strip():
+                what = f"`{written}` is empty: its default is used"
+                self._log.note("empty-port", element.at(written), element.tag, what)
+            elif key in ports or key.startswith("_"):
+                kept.append((key, value))
+            else:
+                what = f"{tag} has no port `{written}`"
+                self._log.error(
+                    "unknown-port", element.at(written), element.tag, what, nearest(key, ports)
+                )
+        return tuple(kept)
+
+    def _read_leaf(self, element: Element, tag: str) -> LeafNode | None:
+        if element.children:
+            child = element.children[0]
+            what = f"the leaf `{tag}` cannot have children"
+            self._log.error("child-count", child.position, child.tag, what)
+            return None
+        declared = self._declared.get(tag)
+        kind = _LEAF_KINDS.get(element.tag) or (declared.kind if declared else None)
+        attributes = {**(declared.defaults if declared else {}), **element.attributes}
+        if attributes.get("isMonitored", "").strip().lower() in ("true", "1"):
+            self._log.note(
+                "monitored-leaf",
+                element.at("isMonitored"),
+                element.tag,
+                "isMonitored is ignored",
+                "moon listens without standing in between",
+            )
+        own = ("ID", "name", "isMonitored", *_EDITOR)
+        return LeafNode(
+            id=tag,
+            name=element.get("name") or tag,
+            kind=kind,
+            position=element.position,
+            element=element.tag,
+            attributes=tuple(
+                (key, value.strip()) for key, value in attributes.items() if key not in own
+            ),
+        )
+
+    def _check_sub_trees(self, trees: dict[str, Tree]) -> None:
+        for tree in trees.values():
+            for place in sub_trees(tree.root):
+                if place.id not in trees:
+                    what = f"the sub-tree `{place.id}` does not exist"
+                    hint = nearest(place.id, trees)
+                    self._log.error("missing-subtree", place.position, "SubTree", what, hint)
+        done: set[str] = set()
+        for name in trees:
+            self._walk(name, (), trees, done)
+
+    def _walk(
+        self, name: str, above: tuple[str, ...], trees: dict[str, Tree], done: set[str]
+    ) -> None:
+        if name in done or name not in trees:
+            return
+        for place in sub_trees(trees[name].root):
+            chain = (*above, name)
+            if place.id in chain:
+                loop = " → ".join((*chain[chain.index(place.id) :], place.id))
+                what = f"a tree cannot contain itself: {loop}"
+                self._log.error("recursive-subtree", place.position, "SubTree", what)
+            else:
+                self._walk(place.id, chain, trees, done)
+        done.add(name)

@@ -1,0 +1,158 @@
+"""What a policy is: behaviour trees whose leaves name skills. Plain data, no middleware."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+
+import msgspec
+
+from m2c.model.diagnostics import Position
+
+MANY = 1_000
+"""No bound on the number of children."""
+
+
+class LeafKind(StrEnum):
+    """A condition answers at once; an action may answer RUNNING and can be halted."""
+
+    CONDITION = "condition"
+    ACTION = "action"
+
+
+class Builtin(msgspec.Struct, frozen=True):
+    """A node type of BehaviorTree.CPP 4: how many children it takes, which ports it has."""
+
+    least: int
+    most: int
+    ports: tuple[str, ...] = ()
+
+
+_CONTROL = Builtin(1, MANY)
+_DECORATOR = Builtin(1, 1)
+_LEAF = Builtin(0, 0)
+_LOOP = Builtin(1, 1, ("queue", "value", "if_empty"))
+
+BUILTINS: dict[str, Builtin] = {
+    **{
+        name: _CONTROL
+        for name in (
+            *("Sequence", "AsyncSequence", "SequenceWithMemory", "ReactiveSequence"),
+            *("Fallback", "AsyncFallback", "ReactiveFallback"),
+        )
+    },
+    "Parallel": Builtin(1, MANY, ("success_count", "failure_count")),
+    "ParallelAll": Builtin(1, MANY, ("max_failures",)),
+    "IfThenElse": Builtin(2, 3),
+    "WhileDoElse": Builtin(2, 3),
+    **{
+        f"Switch{cases}": Builtin(
+            cases + 1, cases + 1, ("variable", *(f"case_{i}" for i in range(1, cases + 1)))
+        )
+        for cases in range(2, 7)
+    },
+    **{
+        name: _DECORATOR
+        for name in (
+            *("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure"),
+        )
+    },
+    "Repeat": Builtin(1, 1, ("num_cycles",)),
+    "RetryUntilSuccessful": Builtin(1, 1, ("num_attempts",)),
+    "Delay": Builtin(1, 1, ("delay_msec",)),
+    "Timeout": Builtin(1, 1, ("msec",)),
+    "RunOnce": Builtin(1, 1, ("then_skip",)),
+    "Precondition": Builtin(1, 1, ("if", "else")),
+    "SkipUnlessUpdated": Builtin(1, 1, ("entry",)),
+    "WaitValueUpdate": Builtin(1, 1, ("entry",)),
+    **{f"Loop{kind}": _LOOP for kind in ("Int", "Bool", "Double", "String")},
+    "AlwaysSuccess": _LEAF,
+    "AlwaysFailure": _LEAF,
+    "Script": Builtin(0, 0, ("code",)),
+    "ScriptCondition": Builtin(0, 0, ("code",)),
+    "SetBlackboard": Builtin(0, 0, ("value", "output_key")),
+    "UnsetBlackboard": Builtin(0, 0, ("key",)),
+    "WasEntryUpdated": Builtin(0, 0, ("entry",)),
+    "Sleep": Builtin(0, 0, ("msec",)),
+}
+"""The node types that every policy can use (registered by BehaviorTree.CPP 4 itself)."""
+
+
+class BuiltinNode(msgspec.Struct, frozen=True, kw_only=True):
+    """A control node, decorator or built-in leaf; ``tag`` is its name in BehaviorTree.CPP 4."""
+
+    tag: str
+    name: str
+    position: Position
+    attributes: tuple[tuple[str, str], ...] = ()
+    children: tuple[TreeNode, ...] = ()
+
+
+class SubTreeNode(msgspec.Struct, frozen=True, kw_only=True):
+    """A place where the tree ``id`` is put; ``attributes`` remap its ports."""
+
+    id: str
+    name: str
+    position: Position
+    attributes: tuple[tuple[str, str], ...] = ()
+
+
+class LeafNode(msgspec.Struct, frozen=True, kw_only=True):
+    """A leaf as it is written: ``<Action ID= name= …>`` or ``<ID name= …>``.
+
+    ``kind`` is what the file says, None if it does not; ``attributes`` include the defaults that
+    ``<TreeNodesModel>`` declares, but not ``ID``, ``name`` and ``isMonitored``.
+    """
+
+    id: str
+    name: str
+    kind: LeafKind | None
+    position: Position
+    element: str
+    attributes: tuple[tuple[str, str], ...] = ()
+
+    def get(self, key: str) -> str:
+        """The attribute ``key``, or an empty text."""
+        return dict(self.attributes).get(key, "")
+
+
+TreeNode = BuiltinNode | SubTreeNode | LeafNode
+
+
+class Tree(msgspec.Struct, frozen=True):
+    """One ``<BehaviorTree>``."""
+
+    id: str
+    root: TreeNode
+    position: Position
+
+
+class Policy(msgspec.Struct, frozen=True):
+    """A policy file: its trees, and which of them is executed."""
+
+    path: Path
+    main: str
+    trees: tuple[Tree, ...]
+
+    def leaves(self) -> Iterator[LeafNode]:
+        """Every leaf that stands in a tree, in document order."""
+        for tree in self.trees:
+            yield from _leaves(tree.root)
+
+
+def _leaves(node: TreeNode) -> Iterator[LeafNode]:
+    if isinstance(node, LeafNode):
+        yield node
+    elif isinstance(node, BuiltinNode):
+        for child in node.children:
+            yield from _leaves(child)
+
+
+def sub_trees(node: TreeNode) -> Iterator[SubTreeNode]:
+    """Every place below ``node`` where a sub-tree is put."""
+    if isinstance(node, SubTreeNode):
+        yield node
+    elif isinstance(node, BuiltinNode):
+        for child in node.children:
+            yield from sub_trees(child)
