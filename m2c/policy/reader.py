@@ -52,9 +52,7 @@ class _Declared(msgspec.Struct, frozen=True):
     defaults: dict[str, str]
 
 
-def read_policy(
-    path: Path, log: DiagnosticLog, leaf_types: Collection[str] = ()
-) -> Policy | None:
+def read_policy(path: Path, log: DiagnosticLog, leaf_types: Collection[str] = ()) -> Policy | None:
     """Read the policy in ``path``; None after reporting errors.
 
     Args:
@@ -170,8 +168,10 @@ class _PolicyReader:
         return None
 
     def _is_leaf(self, element: Element, tag: str) -> bool:
-        return tag in self._declared or tag in self._leaf_types or (
-            not element.children and any(key in element.attributes for key in _ADDRESS)
+        return (
+            tag in self._declared
+            or tag in self._leaf_types
+            or (not element.children and any(key in element.attributes for key in _ADDRESS))
         )
 
     def _read_sub_tree(self, element: Element) -> SubTreeNode | None:

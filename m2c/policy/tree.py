@@ -35,13 +35,13 @@ _LEAF = Builtin(0, 0)
 _LOOP = Builtin(1, 1, ("queue", "value", "if_empty"))
 
 BUILTINS: dict[str, Builtin] = {
-    **{
-        name: _CONTROL
-        for name in (
+    **dict.fromkeys(
+        (
             *("Sequence", "AsyncSequence", "SequenceWithMemory", "ReactiveSequence"),
             *("Fallback", "AsyncFallback", "ReactiveFallback"),
-        )
-    },
+        ),
+        _CONTROL,
+    ),
     "Parallel": Builtin(1, MANY, ("success_count", "failure_count")),
     "ParallelAll": Builtin(1, MANY, ("max_failures",)),
     "IfThenElse": Builtin(2, 3),
@@ -52,12 +52,9 @@ BUILTINS: dict[str, Builtin] = {
         )
         for cases in range(2, 7)
     },
-    **{
-        name: _DECORATOR
-        for name in (
-            *("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure"),
-        )
-    },
+    **dict.fromkeys(
+        (*("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure"),), _DECORATOR
+    ),
     "Repeat": Builtin(1, 1, ("num_cycles",)),
     "RetryUntilSuccessful": Builtin(1, 1, ("num_attempts",)),
     "Delay": Builtin(1, 1, ("delay_msec",)),

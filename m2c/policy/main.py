@@ -1,0 +1,66 @@
+"""The command line of a generated policy."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import msgspec
+
+from m2c.policy.runner import PolicyRunner
+from m2c.policy.tree import Policy
+from m2c.runtime.main import add_transport_options, set_up_logging, transport_options
+from transports.interface import TransportError
+from transports.registry import connect
+
+
+def main(
+    folder: Path,
+    plugins: Mapping[str, Callable[..., Any]],
+    arguments: Sequence[str] | None = None,
+) -> NoReturn:
+    """Run the policy in ``folder`` until SIGINT, SIGTERM or its last tick; exits with 0 then.
+
+    The tree is ticked on a thread of its own, because a tick waits for its skills' answers; the main
+    thread runs the transport.
+    """
+    parser = argparse.ArgumentParser(
+        prog="policy",
+        description="Run a behaviour-tree policy.",
+        epilog="example: --endpoint tcp/127.0.0.1:7447 --rate 5 --ticks 100",
+    )
+    add_transport_options(parser)
+    parser.add_argument("--node-name", default="policy")
+    parser.add_argument("--rate", type=float, help="ticks a second (default: the system's)")
+    parser.add_argument("--ticks", type=int, help="stop after this many ticks")
+    parser.add_argument("--tick-timeout", type=float, default=5.0, help="seconds, for one leaf")
+    parsed = parser.parse_args(arguments)
+    set_up_logging(parsed.log_level)
+    policy = msgspec.json.decode((folder / "policy.json").read_bytes(), type=Policy)
+    try:
+        transport = connect(parsed.transport, parsed.node_name, transport_options(parsed))
+    except TransportError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    runner = PolicyRunner(transport, policy, plugins, parsed.tick_timeout)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: runner.stop())
+
+    def tick() -> None:
+        try:
+            runner.run(parsed.rate or policy.tick_rate_hz, parsed.ticks)
+        finally:
+            transport.post(transport.close)
+
+    thread = threading.Thread(target=tick, name="policy")
+    transport.announce()
+    thread.start()
+    transport.spin()
+    thread.join()
+    transport.close()
+    sys.exit(0)

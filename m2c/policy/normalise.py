@@ -1,0 +1,49 @@
+"""A policy as the XML that BehaviorTree.CPP 4 loads, each leaf under its own name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from xml.sax.saxutils import quoteattr
+
+from m2c.model.diagnostics import Position
+from m2c.policy.leaves import Leaf
+from m2c.policy.tree import LeafNode, Policy, SubTreeNode, TreeNode
+
+
+def normalised(policy: Policy, leaves: Mapping[Position, Leaf]) -> str:
+    """The text of ``policy`` in format 4; a leaf is an element called ``leaf.name``.
+
+    Nodes registered from Python cannot declare ports, so a leaf's ports stay out of the XML: they
+    are in ``leaves``, which must have one for every leaf of the policy.
+    """
+    lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoteattr(policy.main)}>']
+    for tree in policy.trees:
+        lines.append(f"  <BehaviorTree ID={quoteattr(tree.id)}>")
+        _write(tree.root, leaves, 2, lines)
+        lines.append("  </BehaviorTree>")
+    lines.append("</root>")
+    return "\n".join(lines) + "\n"
+
+
+def _write(node: TreeNode, leaves: Mapping[Position, Leaf], depth: int, lines: list[str]) -> None:
+    margin = "  " * depth
+    match node:
+        case LeafNode():
+            leaf = leaves[node.position]
+            lines.append(f"{margin}<{leaf.name} name={quoteattr(leaf.name)}/>")
+        case SubTreeNode():
+            attributes = _attributes([("ID", node.id), ("name", node.name), *node.attributes])
+            lines.append(f"{margin}<SubTree{attributes}/>")
+        case _:
+            attributes = _attributes([("name", node.name), *node.attributes])
+            if not node.children:
+                lines.append(f"{margin}<{node.tag}{attributes}/>")
+                return
+            lines.append(f"{margin}<{node.tag}{attributes}>")
+            for child in node.children:
+                _write(child, leaves, depth + 1, lines)
+            lines.append(f"{margin}</{node.tag}>")
+
+
+def _attributes(pairs: list[tuple[str, str]]) -> str:
+    return "".join(f" {key}={quoteattr(value)}" for key, value in pairs if value or key != "name")
