@@ -17,7 +17,7 @@ from m2c.model.interfaces import ServiceType
 from m2c.model.machine import EventKind, Interface, InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.model.typing import nearest
-from m2c.policy.tree import BUILTINS, LeafKind, LeafNode, Policy
+from m2c.policy.tree import BUILTINS, LeafKind, LeafNode, PolicyFile
 
 _TICK_KINDS = {"TickCondition": LeafKind.CONDITION, "TickAction": LeafKind.ACTION}
 """Last part of a tick service's type name (bt_interfaces and its variants)."""
@@ -30,7 +30,7 @@ _HALT_PORT = "service_name_halt"
 _REFERENCE = re.compile(r"\{.*\}")
 
 
-class Leaf(msgspec.Struct, frozen=True, kw_only=True):
+class BoundLeaf(msgspec.Struct, frozen=True, kw_only=True):
     """A leaf with everything that running it takes.
 
     Attributes:
@@ -54,16 +54,18 @@ class Leaf(msgspec.Struct, frozen=True, kw_only=True):
     ports: tuple[tuple[str, str], ...] = ()
 
 
-def bind_leaves(policy: Policy, system: System, log: DiagnosticLog) -> dict[Position, Leaf]:
-    """The :class:`Leaf` for each leaf of ``policy``, by the position of its element.
+def bind_leaves(
+    policy: PolicyFile, system: System, log: DiagnosticLog
+) -> dict[Position, BoundLeaf]:
+    """The :class:`BoundLeaf` for each leaf of ``policy``, by the position of its element.
 
     Rules reported: ``leaf-address``, ``leaf-type``, ``leaf-kind``, ``leaf-port``, ``unserved-leaf``,
     ``monitored-leaf``. Leaves with errors are missing from the result. Elements that say the same
-    thing (one skill used in two places) share one Leaf.
+    thing (one skill used in two places) share one BoundLeaf.
     """
     binder = _Binder(system, log)
-    found: dict[Position, Leaf] = {}
-    taken: dict[str, Leaf] = {}
+    found: dict[Position, BoundLeaf] = {}
+    taken: dict[str, BoundLeaf] = {}
     for node in policy.leaves():
         leaf = binder.bind(node)
         if leaf is None:
@@ -79,7 +81,7 @@ def bind_leaves(policy: Policy, system: System, log: DiagnosticLog) -> dict[Posi
     return found
 
 
-def _same(one: Leaf, other: Leaf) -> bool:
+def _same(one: BoundLeaf, other: BoundLeaf) -> bool:
     return one == msgspec.structs.replace(other, name=one.name, position=one.position)
 
 
@@ -100,7 +102,7 @@ class _Binder:
             if interface.kind is InterfaceKind.SERVER and interface.channel
         }
 
-    def bind(self, node: LeafNode) -> Leaf | None:
+    def bind(self, node: LeafNode) -> BoundLeaf | None:
         for key, value in node.attributes:
             if _REFERENCE.search(value):
                 what = f"`{key}` is the blackboard entry `{value}`"
@@ -127,7 +129,7 @@ class _Binder:
                 self._log.error("leaf-type", node.position, node.element, what, hint)
                 return None
             halt, halt_type = self._halt(node, None, tick)
-            return Leaf(
+            return BoundLeaf(
                 name=node.name,
                 kind=kind,
                 position=node.position,
@@ -143,7 +145,7 @@ class _Binder:
             self._log.error("leaf-type", node.position, node.element, what, hint)
             return None
         halt, halt_type = self._halt(node, machine, tick)
-        return Leaf(
+        return BoundLeaf(
             name=node.name,
             kind=self._kind(node, interface.type_name),
             position=node.position,
@@ -154,7 +156,7 @@ class _Binder:
             node=machine.name,
         )
 
-    def _bind_plugin(self, node: LeafNode, plugin: Machine, tick: str) -> Leaf | None:
+    def _bind_plugin(self, node: LeafNode, plugin: Machine, tick: str) -> BoundLeaf | None:
         children = {EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED}
         events = {
             transition.event.kind
@@ -198,7 +200,7 @@ class _Binder:
             hint = f"`{plugin.name}` calls it as {client.type_name}"
             self._log.error("leaf-type", node.position, node.element, what, hint)
             return None
-        return Leaf(
+        return BoundLeaf(
             name=node.name,
             kind=self._kind(node, tick_type),
             position=node.position,

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from xml.sax.saxutils import quoteattr
 
 from m2c.model.diagnostics import Position
-from m2c.policy.leaves import Leaf
-from m2c.policy.tree import LeafNode, Policy, SubTreeNode, TreeNode
+from m2c.policy.leaves import BoundLeaf
+from m2c.policy.tree import LeafNode, PolicyFile, SubTreeNode, TreeNode
 
 
-def normalised(policy: Policy, leaves: Mapping[Position, Leaf]) -> str:
+def normalised(policy: PolicyFile, leaves: Mapping[Position, BoundLeaf]) -> str:
     """The text of ``policy`` in format 4; a leaf is an element called ``leaf.name``.
 
     Nodes registered from Python cannot declare ports, so a leaf's ports stay out of the XML: they
@@ -25,7 +25,9 @@ def normalised(policy: Policy, leaves: Mapping[Position, Leaf]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _write(node: TreeNode, leaves: Mapping[Position, Leaf], depth: int, lines: list[str]) -> None:
+def _write(
+    node: TreeNode, leaves: Mapping[Position, BoundLeaf], depth: int, lines: list[str]
+) -> None:
     margin = "  " * depth
     match node:
         case LeafNode():

@@ -1,4 +1,4 @@
-"""Read a BehaviorTree.CPP policy, format 3 or 4 (declared or not), into a :class:`Policy`.
+"""Read a BehaviorTree.CPP policy, format 3 or 4 (declared or not), into a :class:`PolicyFile`.
 
 What differs between the formats is translated here, so that everything after knows version 4 only.
 """
@@ -19,7 +19,7 @@ from m2c.policy.tree import (
     BuiltinNode,
     LeafKind,
     LeafNode,
-    Policy,
+    PolicyFile,
     SubTreeNode,
     Tree,
     TreeNode,
@@ -52,7 +52,9 @@ class _Declared(msgspec.Struct, frozen=True):
     defaults: dict[str, str]
 
 
-def read_policy(path: Path, log: DiagnosticLog, leaf_types: Collection[str] = ()) -> Policy | None:
+def read_policy_file(
+    path: Path, log: DiagnosticLog, leaf_types: Collection[str] = ()
+) -> PolicyFile | None:
     """Read the policy in ``path``; None after reporting errors.
 
     Args:
@@ -76,7 +78,7 @@ class _PolicyReader:
         self._leaf_types = leaf_types
         self._declared: dict[str, _Declared] = {}
 
-    def read(self, root: Element) -> Policy | None:
+    def read(self, root: Element) -> PolicyFile | None:
         if root.tag != "root":
             hint = "the root of a behaviour-tree policy is <root>"
             self._log.error("unknown-tag", root.position, root.tag, "not a policy", hint)
@@ -101,7 +103,7 @@ class _PolicyReader:
                 self._log.error("unknown-tag", child.position, child.tag, what, hint)
         self._check_sub_trees(trees)
         main = self._main_tree(root, trees)
-        return Policy(self._path, main, tuple(trees.values())) if main is not None else None
+        return PolicyFile(self._path, main, tuple(trees.values())) if main is not None else None
 
     def _read_declarations(self, model: Element) -> None:
         for element in model.all("Action", "Condition"):

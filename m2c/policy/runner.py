@@ -9,10 +9,18 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from m2c.policy.tree import Leaf, Policy
+from m2c.policy.program import Leaf, Policy
 from m2c.runtime.binding import NodeSettings
 from m2c.runtime.messages import TypedMessage, message_class
-from transports.interface import CallOutcome, Client, Completion, Service, Topic, Transport
+from transports.interface import (
+    CallOutcome,
+    Client,
+    Completion,
+    Service,
+    Topic,
+    Transport,
+    TransportError,
+)
 
 STATUS_CODES = {0: "SUCCESS", 1: "FAILURE", 2: "RUNNING"}
 """The ``status`` of a tick's response."""
@@ -69,6 +77,7 @@ class PolicyRunner:
         self._publisher = transport.publisher(TICKS)
         self._ticked: list[LeafTick] = []
         self._count = 0
+        self._faults: list[Exception] = []
         self._stopped: Completion = transport.completion()
         factory = behaviortreepy.BehaviorTreeFactory()
         for leaf in policy.leaves:
@@ -90,7 +99,7 @@ class PolicyRunner:
     def _tick_of(self, leaf: Leaf, run: _ServiceLeaf | _PluginLeaf) -> Callable[..., Any]:
         def tick(*_: object) -> Any:
             began = time.perf_counter()
-            status = run.tick()
+            status = self._guarded(leaf, run.tick) or "FAILURE"
             if status == "RUNNING" and not leaf.action:
                 self._log.error("condition %s answers RUNNING; taken as FAILURE", leaf.name)
                 status = "FAILURE"
@@ -102,18 +111,33 @@ class PolicyRunner:
 
     def _halt_of(self, leaf: Leaf, run: _ServiceLeaf | _PluginLeaf) -> Callable[..., None]:
         def halt(*_: object) -> None:
-            run.halt()
+            self._guarded(leaf, run.halt)
             self._ticked.append(LeafTick(leaf.name, "HALTED"))
 
         return halt
 
+    def _guarded(self, leaf: Leaf, what: Callable[[], str | None]) -> str | None:
+        """``what()``; an exception must not unwind through C++, so ``tick`` raises it afterwards."""
+        try:
+            return what()
+        except TransportError as error:
+            self._log.error("leaf %s: %s; taken as FAILURE", leaf.name, error)
+        except Exception as error:
+            self._faults.append(error)
+        return None
+
     def tick(self) -> TreeTick:
-        """Tick the tree once, publish what happened and return it."""
+        """Tick the tree once, publish what happened and return it.
+
+        An exception that a leaf raised counts as its FAILURE and is raised after the tick.
+        """
         self._ticked = []
-        status = self._tree.tick_exactly_once()
+        status = self._tree.tick_once()  # again while a node of the tree itself wakes it up
         self._count += 1
         record = TreeTick(self._count, status.name, self._ticked)
         self._publisher.publish(record)
+        if self._faults:
+            raise self._faults.pop(0)
         return record
 
     def run(self, rate_hz: float, ticks: int | None = None) -> int:
@@ -218,8 +242,13 @@ class _PluginLeaf:
         status = self._ask(self._node.tick)
         if status is None:
             self._log.error(
-                "leaf %s: its plugin does not answer; taken as FAILURE", self._leaf.name
+                "leaf %s: its plugin %s gave no status within %g s (%s); taken as FAILURE",
+                self._leaf.name,
+                self._leaf.plugin,
+                self._timeout_s,
+                self._leaf.tick or "no service",
             )
+            self._transport.post(self._node.start)  # or it would wait for the old answer for ever
             return "FAILURE"
         return status
 

@@ -125,7 +125,7 @@ class Tree(msgspec.Struct, frozen=True):
     position: Position
 
 
-class Policy(msgspec.Struct, frozen=True):
+class PolicyFile(msgspec.Struct, frozen=True):
     """A policy file: its trees, and which of them is executed."""
 
     path: Path

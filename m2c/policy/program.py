@@ -1,0 +1,95 @@
+"""A policy ready to run: XML for BehaviorTree.CPP 4, and how each of its leaves is ticked.
+
+This is what a generated policy package holds, so that running it needs no model.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from m2c.model.datatypes import Structure
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.system import System
+from m2c.policy.leaves import BoundLeaf, bind_leaves
+from m2c.policy.normalise import normalised
+from m2c.policy.reader import read_policy_file
+from m2c.policy.tree import LeafKind
+
+
+class Leaf(msgspec.Struct, frozen=True, kw_only=True):
+    """A leaf that a skill (or a plugin) serves.
+
+    Attributes:
+        id: the name of its element in the policy's XML.
+        name: what people call it.
+        action: whether it may be RUNNING.
+        tick, tick_type, tick_request, tick_response: its tick service; "" where only a plugin knows.
+        halt, halt_type, halt_request, halt_response: the skill's halt service; "" if it has none.
+        plugin: name of the plugin machine that runs the leaf; "" if the runner calls the service.
+        ports: the plugin's input ports.
+    """
+
+    id: str
+    name: str
+    action: bool
+    tick: str = ""
+    tick_type: str = ""
+    tick_request: Structure | None = None
+    tick_response: Structure | None = None
+    halt: str = ""
+    halt_type: str = ""
+    halt_request: Structure | None = None
+    halt_response: Structure | None = None
+    plugin: str = ""
+    ports: dict[str, str] = {}
+
+
+class Policy(msgspec.Struct, frozen=True):
+    """A behaviour tree ready to run."""
+
+    name: str
+    xml: str
+    leaves: tuple[Leaf, ...]
+    tick_rate_hz: float = 1.0
+
+
+def read_policy(path: Path, system: System, log: DiagnosticLog) -> Policy | None:
+    """Read the policy in ``path`` and bind its leaves to the machines of ``system``.
+
+    Returns:
+        The policy, or None after an error (rules: see ``read_policy_file`` and ``bind_leaves``).
+    """
+    own = DiagnosticLog()
+    file = read_policy_file(path, own, {plugin.name for plugin in system.plugins})
+    policy = None
+    if file is not None:
+        bound = bind_leaves(file, system, own)
+        if not own.has_errors:
+            leaves = {leaf.name: _runnable(leaf, system.library) for leaf in bound.values()}
+            xml = normalised(file, bound)
+            policy = Policy(path.stem, xml, tuple(leaves.values()), system.tick_rate_hz)
+    log.diagnostics += own.diagnostics
+    return policy
+
+
+def _runnable(leaf: BoundLeaf, library: InterfaceLibrary) -> Leaf:
+    tick = library.service(leaf.tick_type) if leaf.tick_type else None
+    halt = library.service(leaf.halt_type) if leaf.halt_type else None
+    return Leaf(
+        id=leaf.name,
+        name=leaf.name,
+        action=leaf.kind is LeafKind.ACTION,
+        tick=leaf.tick,
+        tick_type=leaf.tick_type,
+        tick_request=tick.request if tick is not None else None,
+        tick_response=tick.response if tick is not None else None,
+        halt=leaf.halt,
+        halt_type=leaf.halt_type,
+        halt_request=halt.request if halt is not None else None,
+        halt_response=halt.response if halt is not None else None,
+        plugin=leaf.plugin,
+        ports=dict(leaf.ports),
+    )
