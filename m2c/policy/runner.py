@@ -233,7 +233,7 @@ class _PluginLeaf:
             transport,
             NodeSettings(timeout_s),
             leaf.ports,
-            lambda status: self._answer.set(status),
+            self._answer.set,
             lambda: self._answer.set("HALTED"),
         )
         transport.post(self._node.start)

@@ -1,0 +1,149 @@
+"""The ``m2c run`` command."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+
+@click.command()
+@click.argument("system", type=click.Path(path_type=Path, exists=True))
+@click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
+@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Tree ticks a second.")
+@click.option("--ticks", type=click.IntRange(min=1), help="Stop after this many ticks.")
+@click.option("--only", multiple=True, metavar="NODE", help="Run only this node (repeatable).")
+@click.option("--without", multiple=True, metavar="NODE", help="Leave this node out (repeatable).")
+@click.option(
+    "--replace",
+    "replacements",
+    multiple=True,
+    metavar="NODE=PATH",
+    help="Run a changed node in its place: a model file, or a generated package.",
+)
+@click.option(
+    "--endpoint", default=DEFAULT_ENDPOINT, show_default=True, help="Where the nodes meet."
+)
+@click.option(
+    "--zenoh-config",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Zenoh configuration file for every process (TLS, routers…).",
+)
+@click.option("--namespace", default="", help="Prefix of every channel.")
+@click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
+def run(
+    system: Path,
+    transport: str,
+    rate: float | None,
+    ticks: int | None,
+    only: tuple[str, ...],
+    without: tuple[str, ...],
+    replacements: tuple[str, ...],
+    endpoint: str,
+    zenoh_config: Path | None,
+    namespace: str,
+    quiet: bool,
+) -> None:
+    """Run a system: every node as a process of its own, and the policy.
+
+    SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The tree is
+    ticked once all nodes are up. Ctrl-C stops everything; so does the death of a node (exit code 1).
+
+    Example: m2c run generated --ticks 100
+    """
+    from m2c.launch.description import LaunchError, read_description, replace, select
+    from m2c.launch.system import RunningSystem, RunSettings, say
+    from transports.interface import TransportError
+    from transports.registry import connect
+
+    changed = _parse_replacements(replacements)
+    with tempfile.TemporaryDirectory(prefix="m2c-run-") as scratch:
+        try:
+            folder = system if system.is_dir() else Path(scratch) / "system"
+            if not system.is_dir():
+                _generate(system, folder, changed)
+            models = {name: path for name, path in changed.items() if path.is_file()}
+            if system.is_dir() and models:
+                name, path = next(iter(models.items()))
+                _fail(
+                    f"--replace {name}={path}: replacing by a model needs the system file as SYSTEM"
+                )
+            description = select(read_description(folder), only, without)
+            packages = {name: path for name, path in changed.items() if path.is_dir()}
+            description = replace(description, folder, packages)
+            options = {"listen": endpoint, "namespace": namespace}
+            if zenoh_config is not None:
+                options["config"] = str(zenoh_config)
+            arguments = ["--transport", transport, "--endpoint", endpoint]
+            if namespace:
+                arguments += ["--namespace", namespace]
+            if zenoh_config is not None:
+                arguments += ["--zenoh-config", str(zenoh_config)]
+            connection = connect(
+                transport, "m2c_run", {name: value for name, value in options.items() if value}
+            )
+            try:
+                say(f"{description.system}: starting {len(description.nodes)} nodes at {endpoint}")
+                settings = RunSettings(tuple(arguments), rate, ticks or 0, quiet)
+                code = RunningSystem(description, folder, connection, settings, say).run()
+            finally:
+                connection.close()
+        except (LaunchError, TransportError) as error:
+            _fail(str(error))
+    sys.exit(code)
+
+
+def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
+    found = {}
+    for text in written:
+        name, equals, path = text.partition("=")
+        if not equals or not name or not Path(path).exists():
+            _fail(f"--replace {text}: expected NODE=PATH, where PATH exists")
+        found[name] = Path(path)
+    return found
+
+
+def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> None:
+    """Generate the system in ``path``, with the models of ``changed`` in place of its own."""
+    import msgspec
+
+    from m2c.check import check_system
+    from m2c.check.report import print_findings
+    from m2c.codegen.package import system_files
+    from m2c.codegen.writer import write_files
+    from m2c.model import DiagnosticLog, ModelError, load
+    from m2c.model.system import read_with_reference
+
+    log = DiagnosticLog()
+    system = load([path], log)
+    if system is not None:
+        nodes = list(system.nodes)
+        for name, model in changed.items():
+            index = next((i for i, node in enumerate(nodes) if node.name == name), None)
+            if index is None:
+                known = ", ".join(node.name for node in nodes)
+                _fail(f"{system.name} has no node {name}; it has {known}")
+            if model.is_file():
+                machine = read_with_reference(model, system, name, log)
+                if machine is not None:
+                    nodes[index] = machine
+        system = msgspec.structs.replace(system, nodes=tuple(nodes))
+        check_system(system, log)
+    if system is None or log.has_errors:
+        print_findings(log.diagnostics)
+        sys.exit(2)
+    try:
+        write_files(system_files(system), folder)
+    except ModelError as error:
+        print_findings(error.diagnostics)
+        sys.exit(2)
+
+
+def _fail(message: str) -> NoReturn:
+    click.echo(f"error: {message}", err=True)
+    sys.exit(2)

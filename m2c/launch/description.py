@@ -1,0 +1,95 @@
+"""``launch.json``: what a generated system consists of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+FILE = "launch.json"
+FORMAT = 1
+
+
+class Package(msgspec.Struct, frozen=True):
+    """A generated package: the node's name, its Python package, its folder."""
+
+    name: str
+    package: str
+    path: str
+
+
+class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The nodes of a system and its policy."""
+
+    format: int
+    system: str
+    tick_rate_hz: float
+    nodes: tuple[Package, ...]
+    policy: Package | None = None
+
+
+class LaunchError(Exception):
+    """The system cannot be run; the text says why and what would be right."""
+
+
+def read_description(folder: Path) -> LaunchDescription:
+    """Read ``folder/launch.json``.
+
+    Raises:
+        LaunchError: it is not there, or not of this version.
+    """
+    path = folder / FILE
+    try:
+        description = msgspec.json.decode(path.read_bytes(), type=LaunchDescription)
+    except OSError as error:
+        raise LaunchError(f"{path}: {error.strerror}; make it with `m2c generate`") from error
+    except msgspec.MsgspecError as error:
+        raise LaunchError(f"{path}: {error}; generate the system again") from error
+    if description.format != FORMAT:
+        raise LaunchError(
+            f"{path}: format {description.format}, this m2c reads {FORMAT}; generate the system again"
+        )
+    return description
+
+
+def select(
+    description: LaunchDescription, only: tuple[str, ...], without: tuple[str, ...]
+) -> LaunchDescription:
+    """``description`` with some nodes; the policy counts as a node called ``policy``.
+
+    Raises:
+        LaunchError: a name is not one of the system.
+    """
+    names = [node.name for node in description.nodes]
+    if description.policy is not None:
+        names.append(description.policy.name)
+    for name in (*only, *without):
+        if name not in names:
+            raise LaunchError(f"{description.system} has no node {name}; it has {', '.join(names)}")
+    kept = [name for name in names if (not only or name in only) and name not in without]
+    nodes = tuple(node for node in description.nodes if node.name in kept)
+    policy = description.policy
+    if policy is not None and policy.name not in kept:
+        policy = None
+    return msgspec.structs.replace(description, nodes=nodes, policy=policy)
+
+
+def replace(
+    description: LaunchDescription, folder: Path, replacements: dict[str, Path]
+) -> LaunchDescription:
+    """``description`` with generated packages in place of some nodes.
+
+    Raises:
+        LaunchError: no such node, or the folder is not a generated package.
+    """
+    nodes = {node.name: node for node in description.nodes}
+    for name, path in replacements.items():
+        if name not in nodes:
+            raise LaunchError(f"{description.system} has no node {name}; it has {', '.join(nodes)}")
+        inner = [item.parent.name for item in sorted(path.glob("*/__main__.py"))]
+        if len(inner) != 1:
+            raise LaunchError(
+                f"{path}: not a generated package; expected <package>/__main__.py in it"
+            )
+        nodes[name] = Package(name, inner[0], str(path.resolve()))
+    return msgspec.structs.replace(description, nodes=tuple(nodes.values()))

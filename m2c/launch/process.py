@@ -1,0 +1,96 @@
+"""One child process of a running system: its output, and its end."""
+
+from __future__ import annotations
+
+import collections
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+KEPT_LINES = 8
+"""Last lines of a process's error output, for the report of how it died."""
+STOP_TIMEOUT_S = 5.0
+"""A process that has not ended so long after SIGTERM is killed."""
+
+_PR_SET_PDEATHSIG = 1
+_libc = ctypes.CDLL(None)
+
+
+def _die_with_parent() -> None:
+    """Have the kernel end this child when the launcher dies, however it dies (prctl(2))."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+class NodeProcess:
+    """A node (or the policy) as a process of its own.
+
+    Args:
+        name: the node's name, the prefix of its output.
+        package: its Python package; run by ``python -m``.
+        folder: put on the module path.
+        arguments: the node's command line.
+        line: called with ``(name, text)`` for each line of output, on a thread of the process's own.
+        ended: called with ``(name, exit code)`` once, on a thread of the process's own.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        package: str,
+        folder: Path,
+        arguments: Sequence[str],
+        line: Callable[[str, str], None],
+        ended: Callable[[str, int], None],
+    ) -> None:
+        self.name = name
+        self.last_lines: collections.deque[str] = collections.deque(maxlen=KEPT_LINES)
+        self._line = line
+        self._ended = ended
+        path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+        self._process = subprocess.Popen(
+            [sys.executable, "-u", "-m", package, *arguments],
+            env={**os.environ, "PYTHONPATH": path},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+            preexec_fn=_die_with_parent,  # noqa: PLW1509 - one prctl, no lock is taken
+        )
+        self._thread = threading.Thread(target=self._follow, name=f"{name}-output", daemon=True)
+        self._thread.start()
+
+    def _follow(self) -> None:
+        assert self._process.stdout is not None
+        for text in self._process.stdout:
+            stripped = text.rstrip("\n")
+            self.last_lines.append(stripped)
+            self._line(self.name, stripped)
+        self._ended(self.name, self._process.wait())
+
+    def terminate(self) -> None:
+        """Ask the process to end."""
+        if self._process.poll() is None:
+            self._process.terminate()
+
+    def finish(self) -> None:
+        """Wait for its end; kill it if it takes too long."""
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._thread.join(STOP_TIMEOUT_S)
+
+
+def describe_end(code: int) -> str:
+    """An exit code in words: ``exited with code 3``, ``was killed by SIGKILL``."""
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"exited with code {code}"

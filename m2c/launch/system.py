@@ -1,0 +1,160 @@
+"""Running a generated system: start every node, wait until all are up, run the policy, stop all."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import msgspec
+
+from m2c.launch.description import LaunchDescription, LaunchError, Package
+from m2c.launch.process import NodeProcess, describe_end
+from m2c.policy.runner import TICKS, TreeTick
+from transports.interface import Transport
+
+START_TIMEOUT_S = 30.0
+"""How long all nodes may take to be up; a machine under load starts twenty interpreters in it."""
+
+
+class RunSettings(msgspec.Struct, frozen=True):
+    """How a system is run; see ``m2c run --help``."""
+
+    node_arguments: tuple[str, ...]
+    rate_hz: float | None = None
+    ticks: int = 0
+    quiet: bool = False
+
+
+class RunningSystem:
+    """All processes of one system.
+
+    Args:
+        description: what to run.
+        folder: where the packages are.
+        transport: the launcher's own connection, to hear who is up and how the tree ticks.
+        settings: how to run it.
+        say: prints one line.
+    """
+
+    def __init__(
+        self,
+        description: LaunchDescription,
+        folder: Path,
+        transport: Transport,
+        settings: RunSettings,
+        say: Callable[[str], None],
+    ) -> None:
+        self._description = description
+        self._folder = folder
+        self._transport = transport
+        self._settings = settings
+        self._say = say
+        self._processes: dict[str, NodeProcess] = {}
+        self._died: tuple[str, int] | None = None
+        self._stopping = False
+        self._ticks = 0
+        names = [node.name for node in description.nodes]
+        self._width = max((len(name) for name in names), default=6)
+
+    def run(self) -> int:
+        """Run to the end.
+
+        Returns:
+            0 after the policy's last tick or Ctrl-C, 1 if a process died.
+
+        Raises:
+            LaunchError: a node did not come up in time.
+        """
+        transport = self._transport
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: transport.post(self._stop))
+        transport.subscribe(TICKS, self._show_tick)
+        try:
+            for node in self._description.nodes:
+                self._start(node, self._settings.node_arguments)
+            names = [node.name for node in self._description.nodes]
+            missing = transport.wait_for_nodes(names, START_TIMEOUT_S)
+            if missing and self._died is None:
+                raise LaunchError(
+                    f"not up after {START_TIMEOUT_S:g} s: {', '.join(missing)}; their output is above"
+                )
+            if self._died is None:
+                self._say(f"{len(names)} nodes are up")
+                self._start_policy()
+                transport.spin(lambda: self._stopping)
+        finally:
+            self._stopping = True
+            for process in self._processes.values():
+                process.terminate()
+            for process in self._processes.values():
+                process.finish()
+        return self._report()
+
+    def _start(self, node: Package, arguments: Sequence[str]) -> None:
+        self._processes[node.name] = NodeProcess(
+            node.name,
+            node.package,
+            self._folder / node.path,
+            [*arguments, "--node-name", node.name],
+            self._line,
+            self._ended,
+        )
+
+    def _start_policy(self) -> None:
+        policy = self._description.policy
+        if policy is None:
+            return
+        arguments = list(self._settings.node_arguments)
+        rate = self._settings.rate_hz or self._description.tick_rate_hz
+        arguments += ["--rate", str(rate)]
+        if self._settings.ticks:
+            arguments += ["--ticks", str(self._settings.ticks)]
+        self._say(f"ticking the tree {rate:g} times a second")
+        self._start(policy, arguments)
+
+    def _line(self, name: str, text: str) -> None:
+        self._say(f"{name:>{self._width}} | {text}")
+
+    def _ended(self, name: str, code: int) -> None:
+        """A process has ended: the policy after its last tick, or anybody by dying."""
+        if self._stopping:
+            return
+        policy = self._description.policy
+        if not (policy is not None and name == policy.name and code == 0):
+            self._died = self._died or (name, code)
+        self._transport.post(self._stop)
+
+    def _stop(self) -> None:
+        self._stopping = True
+
+    def _show_tick(self, tick: TreeTick) -> None:
+        self._ticks = tick.tick
+        if not self._settings.quiet:
+            self._say(f"tick {tick.tick:4d}  {tick.status:<7}  {ticked_leaves(tick)}")
+
+    def _report(self) -> int:
+        if self._died is None:
+            self._say(f"stopped after {self._ticks} ticks; all nodes have ended")
+            return 0
+        name, code = self._died
+        self._say(f"{name} {describe_end(code)}; everything was stopped. Its last lines:")
+        for text in self._processes[name].last_lines:
+            self._say(f"  {text}")
+        return 1
+
+
+_MARKS = {"SUCCESS": "ok", "FAILURE": "no", "RUNNING": "..", "HALTED": "halted"}
+
+
+def ticked_leaves(tick: TreeTick) -> str:
+    """The leaves that ``tick`` reached: ``BatteryLevel ok  IsPoiDone1 no  GoToPoi ..``."""
+    return "  ".join(
+        f"{leaf.name} {_MARKS[leaf.status]}" for leaf in tick.leaves if leaf.status in _MARKS
+    )
+
+
+def say(text: str) -> None:
+    """Print one line at once."""
+    print(text, file=sys.stdout, flush=True)
