@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 import click
 
-from m2c.model import DiagnosticLog
+from m2c.model import DiagnosticLog, ModelError, System
 
 
 @click.command()
@@ -61,6 +63,9 @@ def generate(
         written, unchanged = write_files(system_files(system), output, force)
     except EditedFilesError as error:
         _fail(str(error))
+    except ModelError as error:
+        print_findings(error.diagnostics)
+        sys.exit(2)
     policy = ", 1 policy" if system.policy is not None else ""
     click.echo(
         f"{system.name}: {len(system.nodes)} nodes{policy} in {output} "
@@ -68,7 +73,9 @@ def generate(
     )
 
 
-def read_for_generation(inputs, interfaces, log):  # type: ignore[no-untyped-def]
+def read_for_generation(
+    inputs: Sequence[Path], interfaces: Sequence[Path], log: DiagnosticLog
+) -> System | None:
     """Read and check a system; the checks' findings go to ``log``."""
     from m2c.check import check_system
     from m2c.model import load
@@ -85,6 +92,6 @@ def read_for_generation(inputs, interfaces, log):  # type: ignore[no-untyped-def
     return system
 
 
-def _fail(message: str) -> None:
+def _fail(message: str) -> NoReturn:
     click.echo(f"error: {message}", err=True)
     sys.exit(2)

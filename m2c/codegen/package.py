@@ -189,10 +189,7 @@ def _machine_text(
     third = _import_from(
         f"{package}.interfaces", [name for name in class_of.values() if _word(body, name)]
     )
-    if package.partition(".")[0] < "m2c":
-        own = [*third, *own] if third else own
-    else:
-        own = [*own, *third]
+    own = ([*third, *own] if third else own) if package.partition(".")[0] < "m2c" else [*own, *third]
     if own:
         head += ["", *own]
     return sealed("\n".join(head) + "\n" + body + "\n")

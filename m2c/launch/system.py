@@ -111,6 +111,8 @@ class RunningSystem:
         arguments += ["--rate", str(rate)]
         if self._settings.ticks:
             arguments += ["--ticks", str(self._settings.ticks)]
+        for node in self._description.nodes:
+            arguments += ["--wait-for", node.name]
         self._say(f"ticking the tree {rate:g} times a second")
         self._start(policy, arguments)
 

@@ -289,7 +289,7 @@ class _Typer:
             if kind != ANY and not is_number(kind):
                 self._mixed(node, left, right)
                 return NUMBER
-        if operator == "/" or operator == "**":
+        if operator in {"/", "**"}:
             return FLOAT64
         if ANY in (left, right):
             return ANY if operator == "+" else NUMBER

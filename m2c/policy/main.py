@@ -18,6 +18,9 @@ from m2c.runtime.main import add_transport_options, set_up_logging, transport_op
 from transports.interface import TransportError
 from transports.registry import connect
 
+START_TIMEOUT_S = 30.0
+"""How long the nodes of ``--wait-for`` may take to be up."""
+
 
 def main(
     folder: Path,
@@ -38,6 +41,9 @@ def main(
     parser.add_argument("--node-name", default="policy")
     parser.add_argument("--rate", type=float, help="ticks a second (default: the system's)")
     parser.add_argument("--ticks", type=int, default=0, help="stop after so many (0: no end)")
+    parser.add_argument(
+        "--wait-for", action="append", default=[], metavar="NODE", help="tick once this node is up"
+    )
     parser.add_argument("--tick-timeout", type=float, default=5.0, help="seconds, for one leaf")
     parsed = parser.parse_args(arguments)
     set_up_logging(parsed.log_level)
@@ -60,6 +66,11 @@ def main(
 
     thread = threading.Thread(target=tick, name="policy")
     transport.announce()
+    missing = transport.wait_for_nodes(parsed.wait_for, START_TIMEOUT_S)
+    if missing:
+        print(f"error: not up after {START_TIMEOUT_S:g} s: {', '.join(missing)}", file=sys.stderr)
+        transport.close()
+        sys.exit(2)
     thread.start()
     transport.spin()
     thread.join()

@@ -89,7 +89,7 @@ def tap(
         if seconds is not None:
             connection.after(seconds, connection.close)
         connection.spin()
-        look_around()
+        shown.refresh(connection.now_ns())
         shown.finish()
         listener.close()
     except TransportError as error:
@@ -166,6 +166,8 @@ class _Shown:
 
     def refresh(self, now_ns: int) -> None:
         """Show late calls, and the statistics anew."""
+        for line in self._matcher.answered_unheard(now_ns):
+            self._show(line)
         for line in self._matcher.unanswered(now_ns, UNANSWERED_AFTER_S):
             self._show(line)
         if self._stats and sys.stdout.isatty():

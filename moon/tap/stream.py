@@ -12,6 +12,11 @@ from transports.interface import Observation, ObservationKind
 MAX_OPEN_CALLS = 10_000
 """Calls remembered while their response is awaited; the oldest is forgotten beyond that."""
 
+CLIENT_SILENCE_S = 0.5
+"""How long the client's end of an answered call is awaited before the server's is shown."""
+
+Key = tuple[str, str, int]
+
 _REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
@@ -45,21 +50,24 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class _Call(msgspec.Struct):
-    """An open call, with the end of its request that counts."""
+    """An open call: the end of its request that counts, and the server's answer if it was heard."""
 
     request: Observation
+    answer: Observation | None = None
 
 
 class CallMatcher:
     """Turns observations into lines, each request and each response once.
 
-    A call is heard at both ends where both publish service events: the request is shown when the
-    first end is heard. The response is shown from the client's end if that is heard to have sent
-    the request, because its round trip is the one a user feels.
+    A call is heard at both ends where both publish service events, in an order that need not be the
+    order in which things happened. The request is shown when its first end is heard. The response
+    is shown from the client's end, because its round trip is the one a user feels; if that end stays
+    silent (a client of somebody else's), from the server's, a moment later.
     """
 
     def __init__(self) -> None:
-        self._open: OrderedDict[tuple[str, str, int], _Call] = OrderedDict()
+        self._open: OrderedDict[Key, _Call] = OrderedDict()
+        self._closed: OrderedDict[Key, None] = OrderedDict()
 
     @property
     def open_calls(self) -> int:
@@ -67,17 +75,19 @@ class CallMatcher:
         return len(self._open)
 
     def feed(self, seen: Observation) -> Line | None:
-        """The line for ``seen``; None if its other end was shown already."""
+        """The line for ``seen``; None if nothing is to be shown (yet)."""
         if seen.kind is ObservationKind.MESSAGE:
             return Line(
                 seen.stamp_ns, "message", seen.channel, seen.source, seen.data, seen.type_name
             )
         key = (seen.channel, seen.client, seen.call)
+        if key in self._closed:
+            return None
         if seen.kind in _REQUESTS:
             return self._request(key, seen)
         return self._response(key, seen)
 
-    def _request(self, key: tuple[str, str, int], seen: Observation) -> Line | None:
+    def _request(self, key: Key, seen: Observation) -> Line | None:
         known = self._open.get(key)
         if known is not None:
             if seen.kind is ObservationKind.REQUEST_SENT:
@@ -96,21 +106,28 @@ class CallMatcher:
             call=seen.call,
         )
 
-    def _response(self, key: tuple[str, str, int], seen: Observation) -> Line | None:
+    def _response(self, key: Key, seen: Observation) -> Line | None:
         call = self._open.get(key)
         if call is None:
             return None
         if seen.kind is ObservationKind.RESPONSE_SENT:
-            if call.request.kind is ObservationKind.REQUEST_SENT:
-                return None  # the client's end follows
+            call.answer = seen
+            return None
+        return self._close(key, call, seen)
+
+    def _close(self, key: Key, call: _Call, seen: Observation) -> Line:
         del self._open[key]
+        self._closed[key] = None
+        if len(self._closed) > MAX_OPEN_CALLS:
+            self._closed.popitem(last=False)
         same_end = (seen.kind in _CLIENT_END) == (call.request.kind in _CLIENT_END)
         trip = (seen.stamp_ns - call.request.stamp_ns) / 1000 if same_end else None
+        source = call.answer.source if call.answer is not None else ""
         return Line(
             seen.stamp_ns,
             "response",
             seen.channel,
-            seen.source if seen.kind is ObservationKind.RESPONSE_SENT else "",
+            source,
             seen.data,
             seen.type_name,
             client=seen.client,
@@ -118,6 +135,14 @@ class CallMatcher:
             round_trip_us=trip,
             error=seen.error,
         )
+
+    def answered_unheard(self, now_ns: int) -> list[Line]:
+        """Responses whose client's end has stayed silent for :data:`CLIENT_SILENCE_S`."""
+        return [
+            self._close(key, call, call.answer)
+            for key, call in list(self._open.items())
+            if call.answer is not None and now_ns - call.answer.received_ns > CLIENT_SILENCE_S * 1e9
+        ]
 
     def unanswered(self, now_ns: int, after_s: float) -> list[Line]:
         """Requests that have waited longer than ``after_s``; each is reported once."""
@@ -129,6 +154,7 @@ class CallMatcher:
         lines = []
         for key, call in late:
             del self._open[key]
+            self._closed[key] = None
             request = call.request
             lines.append(
                 Line(
