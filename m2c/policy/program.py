@@ -5,6 +5,7 @@ This is what a generated policy package holds, so that running it needs no model
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import msgspec
@@ -13,6 +14,7 @@ from m2c.model.datatypes import Structure
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.system import System
+from m2c.policy.forwarding import only_forwards
 from m2c.policy.leaves import BoundLeaf, bind_leaves
 from m2c.policy.normalise import normalised
 from m2c.policy.reader import read_policy_file
@@ -68,14 +70,15 @@ def read_policy(path: Path, system: System, log: DiagnosticLog) -> Policy | None
     if file is not None:
         bound = bind_leaves(file, system, own)
         if not own.has_errors:
-            leaves = {leaf.name: _runnable(leaf, system.library) for leaf in bound.values()}
+            direct = {plugin.name for plugin in system.plugins if only_forwards(plugin)}
+            leaves = {leaf.name: _runnable(leaf, system.library, direct) for leaf in bound.values()}
             xml = normalised(file, bound)
             policy = Policy(path.stem, xml, tuple(leaves.values()), system.tick_rate_hz)
     log.diagnostics += own.diagnostics
     return policy
 
 
-def _runnable(leaf: BoundLeaf, library: InterfaceLibrary) -> Leaf:
+def _runnable(leaf: BoundLeaf, library: InterfaceLibrary, direct: Collection[str]) -> Leaf:
     tick = library.service(leaf.tick_type) if leaf.tick_type else None
     halt = library.service(leaf.halt_type) if leaf.halt_type else None
     return Leaf(
@@ -90,6 +93,6 @@ def _runnable(leaf: BoundLeaf, library: InterfaceLibrary) -> Leaf:
         halt_type=leaf.halt_type,
         halt_request=halt.request if halt is not None else None,
         halt_response=halt.response if halt is not None else None,
-        plugin=leaf.plugin,
+        plugin="" if tick is not None and leaf.plugin in direct else leaf.plugin,
         ports=dict(leaf.ports),
     )
