@@ -228,15 +228,20 @@ class _PluginLeaf:
         self._transport = transport
         self._timeout_s = timeout_s
         self._log = log
-        self._answer = transport.completion()
-        self._node = node_class(
-            transport,
-            NodeSettings(timeout_s),
-            leaf.ports,
-            self._answer.set,
-            lambda: self._answer.set("HALTED"),
+        self._node_class = node_class
+        self._node = self._started()
+
+    def _started(self) -> Any:
+        answers = self._answers = _Answers()
+        node = self._node_class(
+            self._transport,
+            NodeSettings(self._timeout_s),
+            self._leaf.ports,
+            answers.deliver,
+            lambda: answers.deliver("HALTED"),
         )
-        transport.post(self._node.start)
+        self._transport.post(node.start)
+        return node
 
     def tick(self) -> str:
         status = self._ask(self._node.tick)
@@ -248,16 +253,28 @@ class _PluginLeaf:
                 self._timeout_s,
                 self._leaf.tick or "no service",
             )
-            self._transport.post(self._node.start)  # or it would wait for the old answer for ever
+            self._node = self._started()  # the old machine waits for its answer for ever
             return "FAILURE"
         return status
 
     def halt(self) -> None:
         if self._ask(self._node.halt) is None:
             self._log.error("leaf %s: its plugin does not halt", self._leaf.name)
+            self._node = self._started()
 
     def _ask(self, what: Callable[[], None]) -> str | None:
-        self._answer = self._transport.completion()
+        waiting = self._answers.waiting = self._transport.completion()
         self._transport.post(what)
-        answer = self._answer.wait(self._timeout_s)
+        answer = waiting.wait(self._timeout_s)
         return None if answer is None else str(answer)
+
+
+class _Answers:
+    """Where one plugin machine's answers go; those of a machine given up go nowhere."""
+
+    def __init__(self) -> None:
+        self.waiting: Completion | None = None
+
+    def deliver(self, status: str) -> None:
+        if self.waiting is not None:
+            self.waiting.set(status)
