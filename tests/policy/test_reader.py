@@ -1,0 +1,177 @@
+"""Policies as people write them, and what is said of those that cannot be run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from m2c.model import DiagnosticLog, System, load
+from m2c.policy.program import Policy, read_policy
+
+INTERFACES = {
+    "TickCondition": "---\nint8 status\n",
+    "TickAction": "---\nint8 status\n",
+    "HaltAction": "---\nbool is_ok\n",
+    "Other": "---\nbool done\n",
+}
+
+
+def machine(name: str, *servers: tuple[str, str]) -> str:
+    declared = "".join(
+        f'<ros_service_server service_name="{channel}" type="t/{kind}"/>'
+        for channel, kind in servers
+    )
+    return (
+        f'<scxml xmlns="http://www.w3.org/2005/07/scxml" name="{name}" initial="a">'
+        f'{declared}<state id="a"/></scxml>'
+    )
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> System:
+    folder = tmp_path / "interfaces" / "t" / "srv"
+    folder.mkdir(parents=True)
+    for name, text in INTERFACES.items():
+        (folder / f"{name}.srv").write_text(text)
+    models = tmp_path / "models"
+    models.mkdir()
+    for name, servers in {
+        "LevelSkill": [("/LevelSkill/tick", "TickCondition")],
+        "AlarmSkill": [("/AlarmSkill/tick", "TickAction"), ("/AlarmSkill/halt", "HaltAction")],
+        # names that mislead: `halt` in a tick's name, a halt service called otherwise
+        "Odd": [("/halt_tick_ok/run", "TickAction"), ("/Odd/stop", "HaltAction")],
+        "Plain": [("/Plain/tick", "TickCondition"), ("/Plain/halt_lamp", "Other")],
+    }.items():
+        (models / f"{name}.scxml").write_text(machine(name, *servers))
+    log = DiagnosticLog()
+    found = load([models], log)
+    assert found is not None
+    assert not log.has_errors, log.diagnostics
+    return found
+
+
+def read(system: System, tmp_path: Path, text: str) -> tuple[Policy | None, list[str]]:
+    path = tmp_path / "policy.xml"
+    path.write_text(text)
+    log = DiagnosticLog()
+    policy = read_policy(path, system, log)
+    return policy, [str(found).replace(str(tmp_path) + "/", "") for found in log.diagnostics]
+
+
+def tree(body: str, root: str = "<root>") -> str:
+    return f'{root}<BehaviorTree ID="M">{body}</BehaviorTree></root>'
+
+
+@pytest.mark.parametrize(
+    "leaf",
+    [
+        '<Condition ID="ROS2Condition" name="Level" service_name="/LevelSkill/tick"/>',
+        '<ROS2Condition name="Level" service_name="/LevelSkill/tick"/>',
+        '<ROS2Condition name="Level" service_name_tick="/LevelSkill/tick"/>',
+        '<Condition ID="ROS2Condition" name="Level" interface="ROS2SERVICE"/>',
+        '<Condition ID="C" name="Level" service_name="/LevelSkill/tick_mon" isMonitored="true"/>',
+    ],
+)
+def test_every_way_to_address_a_skill_names_the_same_service(
+    leaf: str, system: System, tmp_path: Path
+) -> None:
+    policy, found = read(system, tmp_path, tree(leaf))
+    assert policy is not None, found
+    assert [(item.name, item.tick, item.action) for item in policy.leaves] == [
+        ("Level", "/LevelSkill/tick", False)
+    ]
+
+
+def test_the_type_of_the_tick_decides_what_a_leaf_is_and_not_the_tag_or_a_name(
+    system: System, tmp_path: Path
+) -> None:
+    text = tree('<Condition ID="C" name="X" service_name="/halt_tick_ok/run"/>')
+    policy, found = read(system, tmp_path, text)
+    assert policy is not None
+    assert policy.leaves[0].action
+    assert policy.leaves[0].halt == "/Odd/stop"
+    assert "[leaf-kind]" in found[0]
+
+
+def test_a_service_with_halt_in_its_name_does_not_make_a_condition_an_action(
+    system: System, tmp_path: Path
+) -> None:
+    policy, _ = read(system, tmp_path, tree('<C name="P" service_name="/Plain/tick"/>'))
+    assert policy is not None
+    assert not policy.leaves[0].action
+    assert policy.leaves[0].halt == ""
+
+
+def test_version_3_words_and_a_blank_line_before_the_prologue_are_read(
+    system: System, tmp_path: Path
+) -> None:
+    alarm = '<Action ID="A" name="Alarm" interface="ROS2SERVICE"/>'
+    body = (
+        f'<Parallel success_threshold="" failure_threshold="2"><SequenceStar>{alarm}'
+        "</SequenceStar><IfThenElse><AlwaysFailure/><AlwaysSuccess/></IfThenElse></Parallel>"
+    )
+    policy, found = read(system, tmp_path, '\n<?xml version="1.0"?>\n' + tree(body))
+    assert policy is not None, found
+    assert '<Parallel failure_count="2">' in policy.xml
+    assert "<SequenceWithMemory>" in policy.xml
+    import behaviortreepy
+
+    factory = behaviortreepy.BehaviorTreeFactory()
+    status = behaviortreepy.NodeStatus.SUCCESS
+    factory.register_simple_condition("Alarm", lambda _: status)
+    factory.create_tree_from_text(policy.xml)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            tree("<Sequnce><AlwaysSuccess/></Sequnce>"),
+            "policy.xml:1:28: error: <Sequnce>: unknown node; did you mean Sequence? [unknown-node]",
+        ),
+        (
+            tree('<SubTree ID="N"/>'),
+            "policy.xml:1:28: error: <SubTree>: the sub-tree `N` does not exist; known: M "
+            "[missing-subtree]",
+        ),
+        (
+            tree('<SubTree ID="M"/>'),
+            "policy.xml:1:28: error: <SubTree>: a tree cannot contain itself: M → M "
+            "[recursive-subtree]",
+        ),
+        (
+            tree('<Action ID="A" name="x"/>'),
+            "policy.xml:1:28: error: <Action>: the leaf `x` has no address; write "
+            'service_name="/…/tick", or interface="ROS2SERVICE" [leaf-address]',
+        ),
+        (
+            tree('<Action ID="A" name="x" service_name="/Plain/halt_lamp"/>'),
+            "policy.xml:1:28: error: <Action>: /Plain/halt_lamp has type t/srv/Other, which cannot "
+            "answer a tick; its response needs an integer field `status` [leaf-type]",
+        ),
+    ],
+)
+def test_a_policy_that_cannot_run_is_reported_with_its_place(
+    text: str, expected: str, system: System, tmp_path: Path
+) -> None:
+    policy, found = read(system, tmp_path, text)
+    assert policy is None
+    assert found == [expected]
+
+
+def test_a_leaf_that_no_node_serves_is_a_warning(system: System, tmp_path: Path) -> None:
+    text = tree('<Action ID="A" name="x" service_name="/AlarmSkil/tick"/>')
+    policy, found = read(system, tmp_path, text)
+    assert policy is not None
+    assert found == [
+        "policy.xml:1:28: warning: <Action>: no node serves /AlarmSkil/tick: the leaf `x` will fail; "
+        "did you mean /AlarmSkill/tick? [unserved-leaf]"
+    ]
+
+
+def test_two_trees_of_one_name_are_an_error(system: System, tmp_path: Path) -> None:
+    one = '<BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree>'
+    policy, found = read(system, tmp_path, f"<root>{one}{one}</root>")
+    assert policy is None
+    assert "[duplicate-tree]" in found[0]
