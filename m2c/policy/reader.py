@@ -101,6 +101,8 @@ class _PolicyReader:
                 what = "not an element of <root>"
                 hint = nearest(child.tag, known)
                 self._log.error("unknown-tag", child.position, child.tag, what, hint)
+        if self._log.has_errors:
+            return None  # what follows would blame other places for the trees that are missing
         self._check_sub_trees(trees)
         main = self._main_tree(root, trees)
         return PolicyFile(self._path, main, tuple(trees.values())) if main is not None else None
