@@ -179,10 +179,12 @@ def _check_interfaces(machine: Machine, log: DiagnosticLog) -> None:
             kind, _ = _INPUTS[interface.kind]
             if Event(kind, interface.name) not in events:
                 _warn_unread(interface, log)
-        elif interface.kind is InterfaceKind.CLIENT:
-            if Event(EventKind.RESPONSE, interface.name) not in events:
-                what = f"the client {interface.channel}: its responses are never read"
-                log.warning("unread-input", interface.position, "", what)
+        elif (
+            interface.kind is InterfaceKind.CLIENT
+            and Event(EventKind.RESPONSE, interface.name) not in events
+        ):
+            what = f"the client {interface.channel}: its responses are never read"
+            log.warning("unread-input", interface.position, "", what)
 
 
 def _warn_unread(interface: Interface, log: DiagnosticLog) -> None:

@@ -189,7 +189,8 @@ def _machine_text(
     third = _import_from(
         f"{package}.interfaces", [name for name in class_of.values() if _word(body, name)]
     )
-    own = ([*third, *own] if third else own) if package.partition(".")[0] < "m2c" else [*own, *third]
+    generated_first = package.partition(".")[0] < "m2c"
+    own = [*third, *own] if generated_first else [*own, *third]
     if own:
         head += ["", *own]
     return sealed("\n".join(head) + "\n" + body + "\n")

@@ -203,7 +203,8 @@ class _Converter:
         value = node.value
         if node.regex is not None or getattr(node, "bigint", None) is not None:
             raise self._unsupported(node)
-        if isinstance(value, float) and value.is_integer() and not re.search(r"[.eE]", node.raw):
+        whole = isinstance(value, float) and value.is_integer() and abs(value) <= 2**53
+        if whole and not re.search(r"[.eE]", node.raw):
             value = int(value)
         return Literal(value=value, position=self._at(node))
 

@@ -9,8 +9,14 @@ from __future__ import annotations
 
 import math
 import random as _random
+import re
 from collections.abc import Callable
 from typing import Any
+
+MAX_SAFE_INTEGER = 2**53
+"""Beyond it an ECMAScript number is a double that no longer holds every integer."""
+
+_ARRAY_INDEX = re.compile(r"(0|[1-9][0-9]{0,9})\Z")
 
 
 class ExecutionError(Exception):
@@ -27,7 +33,7 @@ def to_string(value: Any) -> str:
         case bool():
             return "true" if value else "false"
         case int():
-            return str(value) if -(10**21) < value < 10**21 else _float_text(float(value))
+            return str(value) if abs(value) <= MAX_SAFE_INTEGER else _float_text(float(value))
         case float():
             return _float_text(value)
         case list():
@@ -69,7 +75,9 @@ def to_number(value: Any) -> int | float:
     match value:
         case bool():
             return int(value)
-        case int() | float():
+        case int():
+            return value if abs(value) <= MAX_SAFE_INTEGER else float(value)
+        case float():
             return value
         case None:
             return math.nan
@@ -98,7 +106,7 @@ def _number_of_text(text: str) -> int | float:
         value = float(text)
     except ValueError:
         return math.nan
-    return int(value) if value.is_integer() and abs(value) < 2**53 else value
+    return int(value) if value.is_integer() and abs(value) <= MAX_SAFE_INTEGER else value
 
 
 def truthy(value: Any) -> bool:
@@ -227,13 +235,20 @@ def strict_equals(left: Any, right: Any) -> bool:
 
 def less(left: Any, right: Any) -> bool:
     """``<`` (ECMA-262 7.2.12): strings by code unit, all else as numbers."""
+    left, right = _primitive(left), _primitive(right)
     if isinstance(left, str) and isinstance(right, str):
         return left.encode("utf-16-be") < right.encode("utf-16-be")
     return bool(to_number(left) < to_number(right))
 
 
+def _primitive(value: Any) -> Any:
+    """ECMA-262 7.1.1 ToPrimitive: objects as their text."""
+    return to_string(value) if isinstance(value, list | dict) else value
+
+
 def less_or_equal(left: Any, right: Any) -> bool:
     """``<=``; false if either side is NaN."""
+    left, right = _primitive(left), _primitive(right)
     if isinstance(left, str) and isinstance(right, str):
         return left.encode("utf-16-be") <= right.encode("utf-16-be")
     return bool(to_number(left) <= to_number(right))
@@ -263,7 +278,9 @@ def element(value: Any, index: Any) -> Any:
     if value is None:
         raise ExecutionError(f"cannot read element {to_string(index)} of undefined")
     if isinstance(value, str | list):
-        if isinstance(index, float) and index.is_integer():
+        if (isinstance(index, float) and index.is_integer()) or (
+            isinstance(index, str) and _ARRAY_INDEX.match(index)
+        ):
             index = int(index)
         if isinstance(index, int) and not isinstance(index, bool):
             return value[index] if 0 <= index < len(value) else None

@@ -1,0 +1,187 @@
+"""Expressions mean what Node.js says they mean."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import subprocess
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from m2c.model import DiagnosticLog, Position
+from m2c.model.ecmascript import parse_expression
+from m2c.model.evaluate import evaluate
+from m2c.runtime.ecmascript import ExecutionError
+
+SERVER = """
+const lines = require('readline').createInterface({input: process.stdin});
+const show = v => v === undefined || v === null ? {u: 1}
+  : typeof v === 'number' ? {n: Object.is(v, -0) ? '-0' : String(v)}
+  : Array.isArray(v) ? {a: v.map(show)} : {v: v};
+lines.on('line', line => {
+  const {text, variables} = JSON.parse(line);
+  let out;
+  try {
+    const f = new Function(...Object.keys(variables), 'return (' + text + ')');
+    out = show(f(...Object.values(variables)));
+  } catch (error) { out = {error: String(error)}; }
+  process.stdout.write(JSON.stringify(out) + '\\n');
+});
+"""
+
+VARIABLES: dict[str, Any] = {
+    "zero": 0,
+    "three": 3,
+    "minus": -7,
+    "half": 0.5,
+    "text": "abc",
+    "digits": "12",
+    "empty": "",
+    "yes": True,
+    "no": False,
+    "list": [1, 2, 3],
+    "none": [],
+}
+
+
+class Node:
+    """One long-lived Node.js process that evaluates expressions."""
+
+    def __init__(self) -> None:
+        node = shutil.which("node")
+        assert node is not None, "Node.js is the reference for ECMAScript's meaning; install it"
+        self._process = subprocess.Popen(
+            [node, "-e", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def evaluate(self, text: str) -> Any:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps({"text": text, "variables": VARIABLES}) + "\n")
+        self._process.stdin.flush()
+        return json.loads(self._process.stdout.readline())
+
+    def close(self) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._process.wait(10)
+
+
+@pytest.fixture(scope="module")
+def node() -> Iterator[Node]:
+    process = Node()
+    yield process
+    process.close()
+
+
+def ours(text: str) -> Any:
+    log = DiagnosticLog()
+    tree = parse_expression(text, Position("test"), "assign", log)
+    assert tree is not None, log.diagnostics
+    try:
+        return shown(evaluate(tree, VARIABLES, {}))
+    except ExecutionError as error:
+        return {"error": str(error)}
+
+
+def shown(value: Any) -> Any:
+    match value:
+        case None:
+            return {"u": 1}
+        case bool() | str():
+            return {"v": value}
+        case int() | float():
+            return {"n": value}
+        case list():
+            return {"a": [shown(item) for item in value]}
+    raise AssertionError(value)
+
+
+def agree(left: Any, right: Any) -> bool:
+    if "error" in left or "error" in right:
+        return "error" in left and "error" in right
+    if "n" in left and "n" in right:
+        number, text = left["n"], right["n"]
+        expected = float(text)
+        if math.isnan(expected):
+            return math.isnan(number)
+        if expected == 0 and number == 0:
+            return (text == "-0") == (math.copysign(1, number) < 0)
+        return number == expected or math.isclose(number, expected, rel_tol=1e-12)
+    if "a" in left and "a" in right:
+        pairs = zip(left["a"], right["a"], strict=False)
+        return len(left["a"]) == len(right["a"]) and all(agree(a, b) for a, b in pairs)
+    return bool(left == right)
+
+
+ATOMS = st.one_of(
+    st.sampled_from(sorted(VARIABLES)),
+    st.integers(-5, 20).map(str),
+    st.sampled_from(
+        ["0.1", "1e21", "1e-7", "'x'", "'7'", "''", "true", "false", "undefined", "[]"]
+    ),
+)
+
+
+def deeper(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+    pair = st.tuples(inner, inner)
+    operators = [
+        "+",
+        "-",
+        "*",
+        "/",
+        "%",
+        "==",
+        "!=",
+        "===",
+        "!==",
+        "<",
+        "<=",
+        ">",
+        ">=",
+        "&&",
+        "||",
+    ]
+    functions = ["floor", "ceil", "round", "trunc", "abs", "sign", "sqrt"]
+    return st.one_of(
+        st.tuples(pair, st.sampled_from(operators)).map(lambda t: f"({t[0][0]} {t[1]} {t[0][1]})"),
+        st.tuples(st.sampled_from(["! ", "- ", "+ ", "typeof "]), inner).map(
+            lambda t: f"({t[0]}{t[1]})"
+        ),
+        st.tuples(inner, inner, inner).map(lambda t: f"({t[0]} ? {t[1]} : {t[2]})"),
+        st.tuples(st.sampled_from(functions), inner).map(lambda t: f"Math.{t[0]}({t[1]})"),
+        pair.map(lambda t: f"Math.max({t[0]}, {t[1]})"),
+        pair.map(lambda t: f"Math.min({t[0]}, {t[1]})"),
+        inner.map(lambda t: f"list[{t}]"),
+    )
+
+
+@settings(max_examples=3000, deadline=None)
+@given(text=st.recursive(ATOMS, deeper, max_leaves=6))
+def test_random_expressions_mean_what_node_says(node: Node, text: str) -> None:
+    reference = node.evaluate(text)
+    assert agree(ours(text), reference), (ours(text), reference)
+
+
+CORNERS = [
+    "1 / 0", "-1 / 0", "0 / 0", "-7 % 3", "7 % -3", "-6 % 3", "5.5 % 2", "5 % 0", "1 + '1'", "'3' * '4'",
+    "1 == '1'", "0 == ''", "undefined == 0", "'b' < 'a'", "'10' < '9'", "10 < '9'", "true + 1", "'' + 1e21",
+    "'' + 1e-7", "'' + 123456789012345680000", "'' + 0.1", "'' + (0.1 + 0.2)", "'' + -0", "list[7]",
+    "list[-1]", "text[1]", "text.length", "list.length", "typeof undefined", "typeof []", "typeof 'x'",
+    "[] == ''", "[1,2] == '1,2'", "!'0'", "!''", "![]", "Math.round(-0.5)", "Math.round(2.5)",
+    "Math.round(-2.5)", "Math.max()", "Math.min()", "Math.sign(-3)", "Math.sqrt(-1)", "Math.hypot(3, 4)",
+    "Math.pow(2, 0.5)", "2 ** 10", "Math.trunc(-3.7)", "Math.cbrt(27)", "Math.log(0)", "Math.atan2(1, -1)",
+    "Math.PI", "-zero", "zero * -1", "'' + [1, [2, 3]]", "1 < 2 < 3", "3 > 2 > 1", "+'0x1f'", "+' 12 '", "+'1_0'",
+    "undefined + 1", "none[0] == undefined", "Infinity - Infinity", "'' + Infinity", "NaN != NaN",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", CORNERS)
+def test_a_corner_of_ecmascript_means_what_node_says(node: Node, text: str) -> None:
+    reference = node.evaluate(text)
+    assert agree(ours(text), reference), (ours(text), reference)
