@@ -49,9 +49,9 @@ class Service(msgspec.Struct, frozen=True):
 
 
 class Action(msgspec.Struct, frozen=True):
-    """A long-running request. Its parts are named as ROS 2 names them:
+    """A long-running request, made of parts that are named as ROS 2 names them.
 
-    services ``<name>/_action/send_goal``, ``cancel_goal``, ``get_result``; topics ``feedback``,
+    Services ``<name>/_action/send_goal``, ``cancel_goal``, ``get_result``; topics ``feedback``,
     ``status``.
     """
 
@@ -270,7 +270,8 @@ class Tap(Protocol):
 
     def problems(self) -> Sequence[str]:
         """What the tap cannot hear or could not decode, one sentence each (undecodable payloads,
-        lost messages, peers that are known but not linked)."""
+        lost messages, peers that are known but not linked).
+        """
         ...
 
     def close(self) -> None:
@@ -283,7 +284,7 @@ class Transport(Protocol):
 
     @property
     def node(self) -> str:
-        """This node's name, unique in the system."""
+        """The node's name, unique in the system."""
         ...
 
     def now_ns(self) -> int:
@@ -374,4 +375,6 @@ class TransportFactory(Protocol):
     ones raise TransportError.
     """
 
-    def __call__(self, node: str, options: Mapping[str, str]) -> Transport: ...
+    def __call__(self, node: str, options: Mapping[str, str]) -> Transport:
+        """Connect the node called ``node``."""
+        ...
