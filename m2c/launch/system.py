@@ -86,11 +86,20 @@ class RunningSystem:
                 transport.spin(lambda: self._stopping)
         finally:
             self._stopping = True
-            for process in self._processes.values():
-                process.terminate()
-            for process in self._processes.values():
-                process.finish()
+            self._stop_all()
         return self._report()
+
+    def _stop_all(self) -> None:
+        """The policy first: it halts its tree, for which the skills must still be there."""
+        policy = self._description.policy
+        first = self._processes.get(policy.name) if policy is not None else None
+        if first is not None:
+            first.terminate()
+            first.finish()
+        for process in self._processes.values():
+            process.terminate()
+        for process in self._processes.values():
+            process.finish()
 
     def _start(self, node: Package, arguments: Sequence[str]) -> None:
         self._processes[node.name] = NodeProcess(
