@@ -1,0 +1,113 @@
+"""A compiled machine against python-statemachine on the same chart, in one run.
+
+Usage: python benchmarks/machine.py [--events N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from statemachine import State, StateMachine
+
+from m2c.codegen.package import node_modules
+from m2c.model import DiagnosticLog, load
+
+MODEL = Path(__file__).parents[1] / "examples/lab_tour/skills/BatteryLevelSkill.scxml"
+
+
+class Answers:
+    """Takes the machine's outputs."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def respond_tick(self, response: object) -> None:
+        self.count += 1
+
+
+class BatteryLevelChart(StateMachine):
+    """The same chart for python-statemachine."""
+
+    idle = State(initial=True)
+    answer = State()
+    level = idle.to.itself(internal=True)
+    tick = idle.to(answer)
+    answered = answer.to(idle)
+
+    def __init__(self) -> None:
+        self.percentage = 100
+        self.count = 0
+        super().__init__()
+
+    def on_level(self, data: int) -> None:
+        self.percentage = data
+
+    def on_enter_answer(self) -> None:
+        self.count += 1
+        _ = 0 if self.percentage > 30 else 1
+        self.answered()
+
+
+def compiled(folder: Path) -> Callable[[int], float]:
+    """A function that feeds the generated machine pairs of message and tick; seconds taken."""
+    system = load([MODEL], DiagnosticLog())
+    assert system is not None
+    package = folder / "battery"
+    package.mkdir()
+    for name, text in node_modules(system.nodes[0], system.library, "battery").items():
+        (package / name).write_text(text)
+    sys.path.insert(0, str(folder))
+    module = importlib.import_module("battery.machine")
+    messages = importlib.import_module("battery.interfaces")
+    answers = Answers()
+    machine = module.BatteryLevelSkill(answers)
+    machine.start()
+    message, request = messages.Int32(data=50), messages.TickConditionRequest()
+
+    def run(pairs: int) -> float:
+        began = time.perf_counter()
+        for _ in range(pairs):
+            machine.on_level_message(message)
+            machine.on_tick_request(request)
+        taken = time.perf_counter() - began
+        assert answers.count >= pairs
+        return taken
+
+    return run
+
+
+def peer(pairs: int) -> float:
+    """The same events for python-statemachine; seconds taken."""
+    chart = BatteryLevelChart()
+    began = time.perf_counter()
+    for _ in range(pairs):
+        chart.send("level", data=50)
+        chart.send("tick")
+    taken = time.perf_counter() - began
+    assert chart.count == pairs
+    return taken
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--events", type=int, default=400_000)
+    pairs = parser.parse_args().events // 2
+    with tempfile.TemporaryDirectory() as scratch:
+        run = compiled(Path(scratch))
+        run(pairs // 10)
+        ours = 2 * pairs / run(pairs)
+    few = max(pairs // 50, 1)
+    theirs = 2 * few / peer(few)
+    print(f"compiled machine     {ours:12,.0f} events/s   (target ≥ 500,000)")
+    print(f"python-statemachine  {theirs:12,.0f} events/s")
+    print(f"ratio                {ours / theirs:12.1f}            (target ≥ 10)")
+
+
+if __name__ == "__main__":
+    main()
