@@ -47,10 +47,11 @@ def generate(
     from m2c.check.report import print_findings
     from m2c.codegen.package import system_files
     from m2c.codegen.writer import EditedFilesError, write_files
+    from transports.registry import available
 
-    known = ("zenoh", "simulated")
-    if transport not in known:
-        _fail(f"no transport `{transport}` is installed; generate knows: {', '.join(known)}")
+    if transport not in available():
+        known = ", ".join(available())
+        _fail(f"no transport `{transport}` is installed; installed: {known}")
     inputs = [*paths, *([model] if model is not None else [])]
     if not inputs:
         _fail("nothing to generate from; give a model, a folder or a system file")

@@ -77,7 +77,7 @@ def machines(draw: st.DrawFn) -> str:
         entry = draw(content(raising=False)) if draw(st.booleans()) else ""
         leaving = draw(content(raising=False)) if draw(st.booleans()) else ""
         parts.append(f'<state id="{state}"><onentry>{entry}</onentry><onexit>{leaving}</onexit>')
-        parts += [*inner, "</state>"]
+        parts += [*inner, '<transition event="never"/></state>']
     return "".join([*parts, "</scxml>"])
 
 

@@ -1,1 +1,0 @@
-"""A deterministic middleware in virtual time."""
