@@ -199,6 +199,9 @@ class _Goal:
         request = self._take_request("reject")
         self._server.forget(self)
         request.respond(self._server.goal_response(False))
+        for waiting in self.waiting:
+            waiting.fail("the goal was rejected")
+        self.waiting.clear()
 
     def publish_feedback(self, feedback: Message) -> None:
         self._require_running("send feedback of")
@@ -308,11 +311,13 @@ class _ActionServer:
         elif goal.status is None:
             request.respond(CancelResponse(_CANCEL_REJECTED))
         else:
+            again = goal.status is GoalStatus.CANCELING
             goal.status = GoalStatus.CANCELING
             info = GoalInfo(_wire_id(goal.goal_id), self._stamp())
             request.respond(CancelResponse(_CANCEL_ACCEPTED, [info]))
-            self.publish_status()
-            self._on_cancel(goal)
+            if not again:
+                self.publish_status()
+                self._on_cancel(goal)
 
     def _get_result(self, request: Request) -> None:
         goal = self._goals.get(_hex_id(request.data.goal_id))
