@@ -15,6 +15,15 @@ _SERVERS = {
     InterfaceKind.SUBSCRIBER: (InterfaceKind.PUBLISHER, "subscribes to", "publishes"),
 }
 
+_NAMESPACES = {
+    InterfaceKind.PUBLISHER: "topic",
+    InterfaceKind.SUBSCRIBER: "topic",
+    InterfaceKind.SERVER: "service",
+    InterfaceKind.CLIENT: "service",
+    InterfaceKind.ACTION_SERVER: "action",
+    InterfaceKind.ACTION_CLIENT: "action",
+}
+
 
 def check_system(system: System, log: DiagnosticLog) -> None:
     """Check every machine of ``system``, and what they say of each other's channels.
@@ -48,10 +57,12 @@ def _check_names(system: System, log: DiagnosticLog) -> None:
 
 
 def _check_ends(ends: list[tuple[Machine, Interface]], log: DiagnosticLog) -> None:
-    types: dict[str | None, tuple[Machine, Interface]] = {}
-    servers: dict[str | None, Machine] = {}
+    types: dict[tuple[str, str | None], tuple[Machine, Interface]] = {}
+    servers: dict[tuple[str, str | None], Machine] = {}
     for machine, interface in ends:
-        owner, first = types.setdefault(interface.channel, (machine, interface))
+        # topics, services and actions have names of their own: /x may be one of each
+        channel = (_NAMESPACES[interface.kind], interface.channel)
+        owner, first = types.setdefault(channel, (machine, interface))
         if first.type_name != interface.type_name:
             log.error(
                 "type-disagreement",
@@ -62,7 +73,7 @@ def _check_ends(ends: list[tuple[Machine, Interface]], log: DiagnosticLog) -> No
                 "both ends of a channel have one type",
             )
         if interface.kind in (InterfaceKind.SERVER, InterfaceKind.ACTION_SERVER):
-            server = servers.setdefault(interface.channel, machine)
+            server = servers.setdefault(channel, machine)
             if server is not machine:
                 log.error(
                     "duplicate-server",

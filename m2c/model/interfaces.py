@@ -115,6 +115,8 @@ class InterfaceLibrary:
         known = self._structures.get(full)
         if known is not None:
             return known
+        if full.count("/") != 2:
+            raise KeyError(f"unknown type {full}; a type is written pkg/Name")
         if full.split("/")[1] == "msg" and full not in self._files:
             found = self._standard(full)
         else:

@@ -89,6 +89,17 @@ def test_a_channel_with_two_types_is_an_error(tmp_path: Path) -> None:
     ) in output
 
 
+def test_a_topic_and_a_service_may_share_a_name(tmp_path: Path) -> None:
+    model(tmp_path, server("One"), "one.scxml")
+    publisher = (
+        f'<scxml {NS} name="Two" initial="a"><ros_topic_publisher topic="/s" type="std_msgs/Empty"/>'
+        '<state id="a"><onentry><ros_topic_publish name="/s"/></onentry></state></scxml>'
+    )
+    model(tmp_path, publisher, "two.scxml")
+    code, output = run(str(tmp_path))
+    assert code == 0, output
+
+
 def test_two_nodes_of_one_name_are_an_error(tmp_path: Path) -> None:
     model(tmp_path, GOOD, "one.scxml")
     model(tmp_path, GOOD, "two.scxml")

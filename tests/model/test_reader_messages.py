@@ -86,6 +86,16 @@ def test_a_warning_says_what_the_model_can_never_do(
     assert not [text for text in found if " error: " in text]
 
 
+def test_a_type_without_a_package_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    declared = '<ros_topic_subscriber topic="/t" type="Int32"/><state id="a">'
+    path.write_text(f'{HEAD}{declared}<ros_topic_callback name="/t"/></state></scxml>')
+    assert findings(path) == [
+        "2:1: error: unknown type Int32; a type is written pkg/Name; give the folder of its definition "
+        "with --interfaces [unknown-type]"
+    ]
+
+
 def test_billion_laughs_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.scxml"
     path.write_text(
