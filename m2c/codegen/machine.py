@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from m2c.codegen.expressions import ExpressionCompiler, attribute_of_field, quoted
 from m2c.codegen.interfaces import zero_text
-from m2c.codegen.layout import INDENT, call, indent
+from m2c.codegen.layout import INDENT, WIDTH, call, indent
 from m2c.codegen.names import attribute, constant
 from m2c.codegen.ports import EventPort, PortNames, events_of, statements_of
 from m2c.model.datatypes import ANY, Array, DataType, Primitive, Structure, is_integer
@@ -259,9 +259,7 @@ class MachineWriter:
         result = "bool" if says else "None"
         lines = ["", *call(f"def {port.method}", parameters, 1, f" -> {result}:")]
         doc = _EVENT_DOCS[event.kind].format(name=event.name)
-        if says:
-            doc += " Returns whether the state takes it."
-        lines.append(f'{INDENT * 2}"""{doc}"""')
+        lines += self._event_doc(doc, says)
         body = self._dispatch([event], port)
         if says:
             body = [
@@ -272,6 +270,15 @@ class MachineWriter:
         else:
             body = _without_final_return(body)
         return [*lines, *indent(body, 2)]
+
+    def _event_doc(self, doc: str, says: bool) -> list[str]:
+        """The doc string of an event's method, in two paragraphs if one line is too short."""
+        margin = INDENT * 2
+        answer = "Returns whether the state takes it."
+        line = f'{margin}"""{doc} {answer}"""' if says else f'{margin}"""{doc}"""'
+        if not says or len(line) <= WIDTH:
+            return [line]
+        return [f'{margin}"""{doc}', "", f"{margin}{answer}", f'{margin}"""']
 
     def _named_event_method(self, method: str, events: list[Event]) -> list[str]:
         if method == "on_elapsed":

@@ -27,12 +27,13 @@ def policy_package(system: System, package: str) -> dict[str, str]:
         f"from {package}.plugins.{snake(name)}.node import {camel(name)}Node\n" for name in used
     )
     entries = "".join(f'    "{name}": {camel(name)}Node,\n' for name in used)
-    plugins = f"PLUGINS = {{\n{entries}}}\n" if used else "PLUGINS = {}\n"
+    plugins = f"PLUGINS = {{\n{entries}}}\n\n" if used else ""
     main = (
         f'"""Runs the policy of ``{system.name}`` as a process."""\n\n'
         "from pathlib import Path\n\n"
         f"{imports}from m2c.policy.main import main\n\n"
-        f'{plugins}\nif __name__ == "__main__":\n    main(Path(__file__).parent, PLUGINS)\n'
+        f'{plugins}if __name__ == "__main__":\n'
+        f"    main(Path(__file__).parent, {'PLUGINS' if used else '{}'})\n"
     )
     project = (
         '[build-system]\nrequires = ["setuptools>=77"]\n'

@@ -1,0 +1,56 @@
+"""What the commands cost: wall time of each as a process, beside a bare ``import click``.
+
+Usage: ``python benchmarks/commands.py [--runs N]``. Prints medians, their targets and ratios.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
+BIN = Path(sys.executable).parent
+
+
+def seconds(command: list[str]) -> float:
+    """Wall time of one run of ``command``, which must succeed."""
+    began = time.perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=5)
+    runs = parser.parse_args().runs
+    m2c, moon = str(BIN / "m2c"), str(BIN / "moon")
+    bare = 'python -c "import click"'
+    with tempfile.TemporaryDirectory() as scratch:
+        commands: dict[str, tuple[list[str], float | None]] = {
+            bare: ([sys.executable, "-c", "import click"], None),
+            "m2c generate system.xml": ([m2c, "generate", str(SYSTEM), "-o"], 1.5),
+            "m2c check system.xml": ([m2c, "check", str(SYSTEM)], 0.7),
+            "m2c --help": ([m2c, "--help"], 0.2),
+            "moon --help": ([moon, "--help"], 0.2),
+        }
+        taken: dict[str, list[float]] = {name: [] for name in commands}
+        for run in range(runs + 1):  # in turns, so that a busy moment hits all of them alike
+            for name, (command, _) in commands.items():
+                # into a new folder each time: writing the files is part of the cost
+                folder = [str(Path(scratch) / str(run))] if command[-1] == "-o" else []
+                elapsed = seconds([*command, *folder])
+                if run:  # the first run only warms the file cache
+                    taken[name].append(elapsed)
+    medians = {name: statistics.median(values) for name, values in taken.items()}
+    for name, (_, target) in commands.items():
+        line = f"{name:<26}{medians[name]:6.3f} s   {medians[name] / medians[bare]:5.1f} x bare"
+        print(line if target is None else f"{line}   (target ≤ {target:g} s)")
+
+
+if __name__ == "__main__":
+    main()
