@@ -40,9 +40,11 @@ class FakeTransport:
         self.calls: list[str] = []
         self.published: list[Any] = []
         self.timeouts: set[float] = set()
+        self.clock_ns = 0
+        self.call_takes_ns = 0
 
     def now_ns(self) -> int:
-        return 0
+        return self.clock_ns
 
     def completion(self) -> Completion:
         return Completion()
@@ -57,6 +59,7 @@ class FakeTransport:
         def call_and_wait(request: Any, timeout_s: float = 5.0) -> CallResult:
             self.calls.append(service.name)
             self.timeouts.add(timeout_s)
+            self.clock_ns += self.call_takes_ns
             answer = self.answers[service.name]
             if isinstance(answer, Exception):
                 raise answer
@@ -102,6 +105,12 @@ def test_a_skills_number_is_its_leafs_status(number: int, status: str) -> None:
     tree, transport = runner("<A/>", {"/A/tick": number}, leaf("A"))
     assert tree.tick().status == status
     assert transport.published[0].leaves[0].status == status
+
+
+def test_a_leafs_duration_is_taken_from_the_transports_clock() -> None:
+    tree, transport = runner("<A/>", {"/A/tick": 0}, leaf("A"))
+    transport.call_takes_ns = 1_250_000
+    assert tree.tick().leaves[0].duration_us == 1250.0
 
 
 def test_a_condition_that_answers_running_fails_and_is_named(
