@@ -22,16 +22,11 @@ import zenoh
 
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
+from transports.payloads import PayloadError
 from transports.zenoh.executor import Executor, Timer
 from transports.zenoh.introspection import FLUSH_DELAY_S, ServiceEvents
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import (
-    Codec,
-    PayloadError,
-    attachment,
-    read_attachment,
-    report_payload,
-)
+from transports.zenoh.wire import Codec, attachment, read_attachment, report_payload
 
 _GRACE_S = 1.0
 """Zenoh's own time limit comes this much after ours: it only frees what a lost call holds."""

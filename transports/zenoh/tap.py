@@ -19,6 +19,8 @@ import msgspec
 import zenoh
 
 from transports.interface import Observation, ObservationKind
+from transports.losses import Losses
+from transports.payloads import PayloadError, decode_with
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX, ServiceEvent
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import (
@@ -29,13 +31,7 @@ from transports.zenoh.names import (
     subscriptions,
 )
 from transports.zenoh.presence import Nodes, read_token, watch
-from transports.zenoh.wire import (
-    MEDIA_TYPE,
-    UNSPECIFIED,
-    PayloadError,
-    decode_with,
-    read_attachment,
-)
+from transports.zenoh.wire import MEDIA_TYPE, UNSPECIFIED, read_attachment
 
 RING_CAPACITY = 65_536
 """Messages kept for a slow reader (more than a second at the fastest rates measured)."""
@@ -48,44 +44,6 @@ _AHEAD = 2
 
 _decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
 _decode_any = msgspec.msgpack.Decoder().decode
-
-
-class Losses:
-    """What a tap missed or could not decode."""
-
-    def __init__(self) -> None:
-        self._last: dict[tuple[str, str], int] = {}
-        self._missed: dict[tuple[str, str], int] = {}
-        self._undecodable: dict[tuple[str, str], tuple[int, str]] = {}
-
-    def number(self, channel: str, source: str, sequence: int) -> None:
-        """Take the sequence number of something heard into account.
-
-        A number that does not go up is a restarted node, whose numbers start again.
-        """
-        place = (channel, source)
-        last = self._last.get(place)
-        self._last[place] = sequence
-        if last is not None and sequence > last + 1:
-            self._missed[place] = self._missed.get(place, 0) + sequence - last - 1
-
-    def undecodable(self, channel: str, source: str, error: PayloadError) -> None:
-        """Count a payload that could not be decoded."""
-        count, first = self._undecodable.get((channel, source), (0, str(error)))
-        self._undecodable[channel, source] = (count + 1, first)
-
-    def sentences(self) -> list[str]:
-        """What went wrong, one sentence for each channel and source."""
-        missed = [
-            f"missed {count} message{'s' * (count != 1)} on {channel} from {source or 'unknown'}"
-            for (channel, source), count in sorted(self._missed.copy().items())
-        ]
-        undecodable = [
-            f"could not decode {count} message{'s' * (count != 1)} on {channel} "
-            f"from {source or 'unknown'}: {first}"
-            for (channel, source), (count, first) in sorted(self._undecodable.copy().items())
-        ]
-        return missed + undecodable
 
 
 class Tap:

@@ -10,15 +10,10 @@ import zenoh
 from zenoh import ext
 
 from transports.interface import Message, Reliability, Topic, TransportError
+from transports.payloads import PayloadError
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import (
-    Codec,
-    PayloadError,
-    attachment,
-    read_attachment,
-    report_payload,
-)
+from transports.zenoh.wire import Codec, attachment, read_attachment, report_payload
 
 
 class _Declared(Protocol):

@@ -12,10 +12,11 @@ import logging
 import struct
 from typing import Any
 
-import msgspec
 import zenoh
 
-from transports.interface import Message, TransportError
+from transports import payloads
+from transports.interface import Message
+from transports.payloads import PayloadError, TypedCodec
 
 LOG = logging.getLogger("transports.zenoh")
 """Where this transport reports what it dropped."""
@@ -25,52 +26,24 @@ UNSPECIFIED = "zenoh/bytes"
 """What Zenoh says of a payload whose sender named no encoding: then only decoding can tell."""
 
 _NUMBER = struct.Struct("<Q")
-_encode = msgspec.msgpack.Encoder().encode
 
 
-class PayloadError(Exception):
-    """A payload that is not a message of the expected type; the text says what is wrong."""
+class Codec(TypedCodec):
+    """Encodes and decodes the messages of one type, as Zenoh carries them."""
 
-
-class Codec:
-    """Encodes and decodes the messages of one type."""
-
-    __slots__ = ("_decode", "_message", "encoding", "type_name")
+    __slots__ = ("encoding",)
 
     def __init__(self, type_name: str, message: type[Message]) -> None:
-        self.type_name = type_name
+        super().__init__(type_name, message)
         self.encoding = zenoh.Encoding(f"{MEDIA_TYPE};{type_name}")
-        self._message = message
-        self._decode = msgspec.msgpack.Decoder(message).decode
-
-    def encode(self, message: Message) -> bytes:
-        """The payload; TransportError if ``message`` is of another type."""
-        if (
-            message.__class__ is not self._message
-            and getattr(message, "__type_name__", None) != self.type_name
-        ):
-            raise TransportError(
-                f"expected a message of type {self.type_name}, got {type(message).__name__}"
-            )
-        return _encode(message)
 
     def decode(self, payload: zenoh.ZBytes | None, encoding: zenoh.Encoding | None) -> Any:
         """The message; PayloadError if it is none of this type."""
         if encoding is not None and encoding != self.encoding:
             found = str(encoding)
             if found != UNSPECIFIED:
-                raise PayloadError(
-                    f"expected type {self.type_name}, got {found.removeprefix(MEDIA_TYPE + ';')}"
-                )
-        return decode_with(self._decode, b"\x80" if payload is None else payload.to_bytes())
-
-
-def decode_with(decode: Any, data: bytes) -> Any:
-    """``decode(data)``, every way in which bad input can fail being a PayloadError."""
-    try:
-        return decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise PayloadError(str(error)) from error
+                self.require(found.removeprefix(MEDIA_TYPE + ";"))
+        return self.decode_bytes(b"\x80" if payload is None else payload.to_bytes())
 
 
 def attachment(number: int, node: bytes) -> bytes:
@@ -93,4 +66,4 @@ def read_attachment(data: zenoh.ZBytes | None) -> tuple[int, str]:
 
 def report_payload(channel: str, source: str, error: PayloadError) -> None:
     """Report a payload that was dropped: channel, source, and where in the message."""
-    LOG.warning("%s: message from %s dropped: %s", channel, source or "an unnamed node", error)
+    payloads.report_payload(LOG, channel, source, error)
