@@ -55,3 +55,11 @@ def require(element: Element, attribute: str, log: DiagnosticLog) -> str:
         what = f"the attribute `{attribute}` is missing"
         log.error("missing-attribute", element.position, element.tag, what)
     return value
+
+
+def number(text: str) -> float | None:
+    """The number that ``text`` is; None if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return None

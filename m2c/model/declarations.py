@@ -1,0 +1,158 @@
+"""Reading what a machine declares: interfaces, behaviour-tree ports and the datamodel."""
+
+from __future__ import annotations
+
+from m2c.model.content import ContentReader
+from m2c.model.datatypes import ANY, NULL, NUMBER, Array, DataType, Primitive, Structure, is_number
+from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.expressions import ArrayLiteral, Expression, Literal, ObjectLiteral, PortInput
+from m2c.model.interfaces import InterfaceLibrary, canonical
+from m2c.model.machine import Data, Interface, InterfaceKind, Port
+from m2c.model.structure import check_element, number, require
+from m2c.model.types import parse_type
+from m2c.model.typing import Scope, type_of
+from m2c.model.vocabulary import DECLARATIONS
+from m2c.model.xml import Element
+
+
+class DeclarationReader:
+    """Collects the declarations of one machine element.
+
+    Attributes:
+        interfaces: declared so far, those of the machine around an action thread first.
+        ports: the behaviour-tree ports declared so far.
+    """
+
+    def __init__(
+        self, log: DiagnosticLog, library: InterfaceLibrary, outer: tuple[Interface, ...]
+    ) -> None:
+        self._log = log
+        self._library = library
+        self.interfaces: list[Interface] = list(outer)
+        self.ports: list[Port] = []
+
+    def declare(self, element: Element) -> None:
+        """Add what ``element`` declares; other elements are left alone."""
+        if element.tag in DECLARATIONS:
+            self._declare_channel(element)
+        elif element.tag == "ros_time_rate":
+            name = require(element, "name", self._log)
+            rate = number(element.get("rate_hz"))
+            if rate is None or rate <= 0:
+                self._log.error(
+                    "bad-rate",
+                    element.at("rate_hz"),
+                    element.tag,
+                    f"`{element.get('rate_hz')}` is not a rate",
+                    "rate_hz is a number of callbacks a second, greater than 0",
+                )
+                rate = 1.0
+            self._add(
+                Interface(
+                    kind=InterfaceKind.TIMER,
+                    name=name,
+                    position=element.position,
+                    channel=name,
+                    rate_hz=rate,
+                )
+            )
+        elif element.tag in ("bt_declare_port_in", "bt_declare_port_out"):
+            key = require(element, "key", self._log)
+            kind = parse_type(element, self._library, self._log)
+            output = element.tag.endswith("out")
+            self.ports.append(Port(key, kind or ANY, output, element.position))
+
+    def _declare_channel(self, element: Element) -> None:
+        kind, attribute, folder = DECLARATIONS[element.tag]
+        short = attribute.removesuffix("_name")
+        channel = element.get(attribute) or element.get(short)
+        port = ""
+        child = element.first(attribute) or element.first(short)
+        if child is not None:
+            lookup = child.first("bt_get_input")
+            port = require(lookup, "key", self._log) if lookup is not None else ""
+            channel = channel or child.text.strip()
+        type_child = element.first("type")
+        written = element.get("type") or (type_child.text.strip() if type_child is not None else "")
+        if not written:
+            require(element, "type", self._log)
+        if not channel and not port:
+            hint = f'write {attribute}="/…"'
+            what = f"the attribute `{attribute}` is missing"
+            self._log.error("missing-attribute", element.position, element.tag, what, hint)
+        if channel and not channel.startswith("/"):
+            channel = f"/{channel}"
+        self._add(
+            Interface(
+                kind=kind,
+                name=element.get("name") or channel or port,
+                position=element.position,
+                channel=channel or None,
+                type_name=canonical(written, folder) if written else "",
+                port=port or None,
+            )
+        )
+
+    def _add(self, interface: Interface) -> None:
+        for known in self.interfaces:
+            if known.kind is interface.kind and known.name == interface.name:
+                self._log.error(
+                    "duplicate-interface",
+                    interface.position,
+                    "",
+                    f"a second {interface.kind} is called `{interface.name}`",
+                    f"the first is at {known.position}",
+                )
+        self.interfaces.append(interface)
+
+    def data(self, root: Element, content: ContentReader) -> list[Data]:
+        """The variables in the ``<datamodel>`` of ``root``, in order."""
+        found: list[Data] = []
+        for model in root.all("datamodel"):
+            for element in model.children:
+                if not check_element(element, self._log, inside=("data",), parent="datamodel"):
+                    continue
+                data = self._read_item(element, content)
+                if any(known.name == data.name for known in found):
+                    self._log.error(
+                        "duplicate-data",
+                        element.position,
+                        "data",
+                        f"`{data.name}` is declared twice",
+                        "ids are unique in a datamodel",
+                    )
+                found.append(data)
+        return found
+
+    def _read_item(self, element: Element, content: ContentReader) -> Data:
+        name = require(element, "id", self._log)
+        declared = parse_type(element, self._library, self._log) if element.get("type") else None
+        value = content.expression_of(element, "expr", optional=True)
+        if value is None:
+            value = _zero(declared, element.position)
+        kind = declared
+        if kind is None:
+            kind = type_of(value, Scope({}))
+            if is_number(kind):
+                kind = NUMBER
+            elif kind == NULL or isinstance(kind, Array) or isinstance(value, PortInput):
+                kind = ANY
+        return Data(name, kind, value, element.position, declared is not None)
+
+
+def _zero(kind: DataType | None, position: Position) -> Expression:
+    match kind:
+        case Primitive("bool"):
+            return Literal(value=False, position=position)
+        case Primitive("string"):
+            return Literal(value="", position=position)
+        case Primitive(name) if name.startswith("float"):
+            return Literal(value=0.0, position=position)
+        case Primitive(name) if name != "any":
+            return Literal(value=0, position=position)
+        case Array():
+            return ArrayLiteral(position=position)
+        case Structure():
+            return ObjectLiteral(position=position)
+        case _:
+            return Literal(value=None, position=position)

@@ -1,0 +1,191 @@
+"""Reading states: their content, their transitions, and where those lead."""
+
+from __future__ import annotations
+
+from m2c.model.content import ContentReader
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.durations import parse_duration
+from m2c.model.machine import Event, EventKind, InterfaceKind, State, Target, Transition
+from m2c.model.structure import check_element, number, require
+from m2c.model.typing import nearest
+from m2c.model.vocabulary import HANDLERS, STATE_CHILDREN, UNSUPPORTED
+from m2c.model.xml import Element
+
+LEGACY_EVENTS = {
+    "bt_tick": EventKind.BT_TICK,
+    "bt_halt": EventKind.BT_HALT,
+}
+"""How early HL-SCXML plugins spell the tree's events in a plain ``<transition>``."""
+
+
+class StateReader:
+    """Reads the states of one machine; ``names`` are the ids of all of them."""
+
+    def __init__(self, log: DiagnosticLog, content: ContentReader, names: list[str]) -> None:
+        self._log = log
+        self._content = content
+        self._names = names
+
+    def read(self, element: Element) -> State:
+        """The state that ``element`` (``<state>`` or ``<final>``) describes."""
+        name = require(element, "id", self._log)
+        entry: list[Element] = []
+        leaving: list[Element] = []
+        transitions: list[Transition] = []
+        for child in element.children:
+            if child.tag in ("state", "final", "parallel", "history", "initial"):
+                self._log.error(
+                    "unsupported-element",
+                    child.position,
+                    child.tag,
+                    f"a state inside state `{name}`: compound states are not part of the language",
+                    "make it a state of the machine",
+                )
+            elif child.tag in UNSUPPORTED:
+                hint = UNSUPPORTED[child.tag]
+                self._log.error(
+                    "unsupported-element", child.position, child.tag, "not supported", hint
+                )
+            elif not check_element(child, self._log, inside=STATE_CHILDREN, parent="state"):
+                continue
+            elif child.tag == "onentry":
+                entry += child.children
+            elif child.tag == "onexit":
+                leaving += child.children
+            else:
+                index = len(transitions)
+                transitions += self._read_transitions(child, name, index)
+        if element.get("initial"):
+            self._log.error(
+                "unsupported-element",
+                element.at("initial"),
+                element.tag,
+                f"state `{name}` has an initial state: compound states are not part of the language",
+                "remove the attribute",
+            )
+        return State(
+            name=name,
+            position=element.position,
+            on_entry=self._content.block(entry),
+            on_exit=self._content.block(leaving),
+            transitions=tuple(transitions),
+            final=element.tag == "final",
+        )
+
+    def _read_transitions(self, element: Element, state: str, index: int) -> list[Transition]:
+        tag = element.tag
+        if tag == "ros_action_handle_goal_response":
+            return self._goal_response(element)
+        cond = self._content.expression_of(element, "cond", optional=True)
+        targets = self._targets(element)
+        body = self._content.block([child for child in element.children if child.tag != "target"])
+        events: list[Event | None]
+        after = None
+        if tag in HANDLERS:
+            events = [self._content.handler_event(element)]
+        elif element.get("after"):
+            after = parse_duration(element.get("after"))
+            if after is None:
+                self._log.error(
+                    "bad-duration",
+                    element.at("after"),
+                    tag,
+                    f"`{element.get('after')}` is not a time",
+                    "write it like 5s or 200ms",
+                )
+            if element.get("event"):
+                what = "`after` and `event` exclude each other"
+                self._log.error("unknown-attribute", element.at("event"), tag, what)
+            events = [Event(EventKind.AFTER, f"{state}#{index}")]
+        else:
+            written = element.get("event").split()
+            events = [
+                Event(
+                    LEGACY_EVENTS.get(event, EventKind.INTERNAL),
+                    "" if event in LEGACY_EVENTS else event,
+                )
+                for event in written
+            ] or [None]
+        return [
+            Transition(
+                event=event,
+                position=element.position,
+                cond=cond,
+                targets=targets,
+                body=body,
+                after_s=after,
+                element=tag,
+            )
+            for event in events
+        ]
+
+    def _goal_response(self, element: Element) -> list[Transition]:
+        interface = self._content.interface_of(element, InterfaceKind.ACTION_CLIENT)
+        found = []
+        for attribute, kind in (
+            ("accept", EventKind.GOAL_ACCEPTED),
+            ("reject", EventKind.GOAL_REJECTED),
+        ):
+            target = require(element, attribute, self._log)
+            self._check_target(target, element, attribute)
+            found.append(
+                Transition(
+                    event=Event(kind, interface),
+                    position=element.position,
+                    targets=(Target(target),),
+                    body=self._content.block(element.children),
+                    element=element.tag,
+                )
+            )
+        return found
+
+    def _targets(self, element: Element) -> tuple[Target, ...]:
+        written = element.get("target")
+        children = list(element.all("target"))
+        if written and children:
+            what = "a `target` attribute and <target> elements exclude each other"
+            self._log.error("unknown-attribute", element.at("target"), element.tag, what)
+        if written:
+            self._check_target(written, element, "target")
+            return (Target(written),)
+        targets = []
+        left = 1.0
+        for child in children:
+            check_element(child, self._log)
+            name = require(child, "id", self._log)
+            self._check_target(name, child, "id")
+            probability = number(child.get("prob")) if child.get("prob") else None
+            if child.get("prob") and (probability is None or not 0 <= probability <= 1):
+                self._log.error(
+                    "bad-probability",
+                    child.at("prob"),
+                    "target",
+                    f"`{child.get('prob')}` is not a probability",
+                    "a number from 0 to 1",
+                )
+                probability = 0.0
+            if probability is None:
+                probability = max(left, 0.0)
+            left -= probability
+            targets.append(Target(name, probability, self._content.block(child.children)))
+        if len(targets) == 1:
+            return (Target(targets[0].state, None, targets[0].body),)
+        if children and abs(left) > 1e-9:
+            self._log.error(
+                "bad-probability",
+                element.position,
+                element.tag,
+                f"the probabilities add up to {1 - left:g}",
+                "they add up to 1",
+            )
+        return tuple(targets)
+
+    def _check_target(self, target: str, element: Element, attribute: str) -> None:
+        if target and target not in self._names:
+            self._log.error(
+                "unknown-target",
+                element.at(attribute),
+                element.tag,
+                f"the target state `{target}` does not exist",
+                nearest(target, self._names),
+            )
