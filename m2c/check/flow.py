@@ -1,134 +1,73 @@
-"""Flow: states nobody reaches, requests nobody answers, transitions that never run."""
+"""Flow: states nobody reaches, transitions that never run, loops that never end."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
+from m2c.check.answers import check_answers
+from m2c.check.paths import leaving_at_once, reachable, shadows, truth
+from m2c.check.unused import check_interfaces
 from m2c.model.diagnostics import DiagnosticLog
-from m2c.model.expressions import Literal
-from m2c.model.machine import (
-    Emit,
-    Event,
-    EventKind,
-    If,
-    Interface,
-    InterfaceKind,
-    Machine,
-    State,
-    Statement,
-    Transition,
-)
-from m2c.model.scopes import interface_kind_of
-
-_INPUTS = {
-    InterfaceKind.SUBSCRIBER: (EventKind.MESSAGE, "its messages are never read"),
-    InterfaceKind.SERVER: (EventKind.REQUEST, "its requests are never answered"),
-    InterfaceKind.TIMER: (EventKind.TIMER, "its callbacks are never handled"),
-    InterfaceKind.ACTION_SERVER: (EventKind.GOAL, "its goals are never handled"),
-}
+from m2c.model.machine import Machine, State, Transition
 
 
 def check_flow(machine: Machine, log: DiagnosticLog) -> None:
     """Warn of what a machine can never do.
 
-    Rules: ``unreachable-state``, ``request-discarded``, ``shadowed-transition``,
-    ``eventless-cycle``, ``unread-input``, ``unused-interface``.
+    Rules: ``unreachable-state``, ``shadowed-transition``, ``never-taken``, ``eventless-cycle``, those
+    of :func:`m2c.check.answers.check_answers` and of :func:`m2c.check.unused.check_interfaces`.
     """
-    reachable = _reachable(machine)
-    for state in machine.states:
-        if state.name not in reachable:
-            what = f"state `{state.name}` cannot be reached from `{machine.initial}`"
-            log.warning("unreachable-state", state.position, "state", what)
-        else:
-            _check_requests(machine, state, log)
-        _check_shadowing(state, log)
-    _check_eventless_cycles(machine, log)
-    _check_interfaces(machine, log)
-    for thread in machine.threads:
-        check_flow_of_thread(thread.machine, log)
+    _check_states(machine, log)
+    check_answers(machine, log)
+    check_interfaces(machine, log)
+    for thread in machine.threads:  # its interfaces belong to the machine around it
+        _check_states(thread.machine, log)
 
 
-def check_flow_of_thread(machine: Machine, log: DiagnosticLog) -> None:
-    """The same for an action thread, whose interfaces belong to the machine around it."""
-    reachable = _reachable(machine)
+def _check_states(machine: Machine, log: DiagnosticLog) -> None:
+    names = reachable(machine)
     for state in machine.states:
-        if state.name not in reachable:
+        if state.name not in names:
             what = f"state `{state.name}` cannot be reached from `{machine.initial}`"
             log.warning("unreachable-state", state.position, "state", what)
-        _check_shadowing(state, log)
+        _check_transitions(state, log)
     _check_eventless_cycles(machine, log)
 
 
-def _reachable(machine: Machine) -> set[str]:
-    states = {state.name: state for state in machine.states}
-    found: set[str] = set()
-    pending = [machine.initial]
-    while pending:
-        name = pending.pop()
-        if name in found or name not in states:
-            continue
-        found.add(name)
-        for transition in states[name].transitions:
-            pending += [target.state for target in transition.targets]
-    return found
-
-
-def _always(transition: Transition) -> bool:
-    cond = transition.cond
-    return cond is None or (isinstance(cond, Literal) and cond.value is True)
-
-
-def _is_transient(state: State) -> bool:
-    """Whether the machine never waits in ``state``: an eventless transition always leaves it."""
-    return any(item.event is None and _always(item) for item in state.transitions)
-
-
-def _check_requests(machine: Machine, state: State, log: DiagnosticLog) -> None:
-    if _is_transient(state):
-        return
-    taken = {item.event for item in state.transitions}
-    for interface in machine.interfaces:
-        if interface.kind is not InterfaceKind.SERVER:
-            continue
-        event = Event(EventKind.REQUEST, interface.name)
-        if event not in taken and any(
-            item.event == event for other in machine.states for item in other.transitions
-        ):
+def _check_transitions(state: State, log: DiagnosticLog) -> None:
+    hidden = shadows(state)
+    for index, transition in enumerate(state.transitions):
+        if truth(transition.cond) is False:
+            assert transition.cond is not None
             log.warning(
-                "request-discarded",
-                state.position,
-                "state",
-                f"state `{state.name}` discards a request to {interface.channel}: its caller would "
-                "never be answered",
-                "add <ros_service_handle_request> to the state",
-            )
-
-
-def _check_shadowing(state: State, log: DiagnosticLog) -> None:
-    certain: dict[Event | None, Transition] = {}
-    for transition in state.transitions:
-        earlier = certain.get(transition.event)
-        if earlier is not None:
-            log.warning(
-                "shadowed-transition",
-                transition.position,
+                "never-taken",
+                transition.cond.position,
                 transition.element,
-                f"never taken: the transition at {earlier.position.line}:{earlier.position.column} "
-                "takes the same event and has no condition",
-                "put it before that one, or give that one a condition",
+                "never taken: its condition never holds",
+                "correct the condition, or remove the transition",
             )
-        elif _always(transition):
-            certain[transition.event] = transition
+        elif index in hidden:
+            _report_shadowed(transition, hidden[index], log)
+
+
+def _report_shadowed(transition: Transition, before: Transition, log: DiagnosticLog) -> None:
+    place = f"{before.position.line}:{before.position.column}"
+    if before.event is None:
+        what = f"the transition at {place} waits for no event and always holds"
+        hint = "give that one an event or a condition, or remove this one"
+    else:
+        same = "the same event" if before.event == transition.event else "its event too"
+        what = f"the transition at {place} takes {same} and has no condition"
+        hint = "put it before that one, or give that one a condition"
+    what = f"never taken: {what}"
+    log.warning("shadowed-transition", transition.position, transition.element, what, hint)
 
 
 def _check_eventless_cycles(machine: Machine, log: DiagnosticLog) -> None:
-    """A cycle of unconditional eventless transitions never ends."""
+    """A cycle of eventless transitions that always hold never ends."""
     following: dict[str, Transition] = {}
     for state in machine.states:
-        for transition in state.transitions:
-            if transition.event is None and _always(transition):
-                following[state.name] = transition
-                break
+        transition = leaving_at_once(state)
+        if transition is not None:
+            following[state.name] = transition
     reported: set[str] = set()
     for start in following:
         path: list[str] = []
@@ -148,65 +87,3 @@ def _check_eventless_cycles(machine: Machine, log: DiagnosticLog) -> None:
                 f"endless eventless transitions: {names}",
                 "wait for an event, or add a condition",
             )
-
-
-def _check_interfaces(machine: Machine, log: DiagnosticLog) -> None:
-    used: set[tuple[InterfaceKind | None, str]] = set()
-    events: set[Event] = set()
-    owners = [machine, *(thread.machine for thread in machine.threads)]
-    for owner in owners:
-        for state in owner.states:
-            for transition in state.transitions:
-                if transition.event is not None:
-                    events.add(transition.event)
-                    used.add((interface_kind_of(transition.event.kind), transition.event.name))
-                    if transition.event.kind is EventKind.TIMER:
-                        used.add((InterfaceKind.TIMER, transition.event.name))
-            for statement in _statements(state):
-                if isinstance(statement, Emit):
-                    used.add((interface_kind_of(statement.kind), statement.interface))
-    used |= {(InterfaceKind.ACTION_SERVER, thread.interface) for thread in machine.threads}
-    for interface in machine.interfaces:
-        if (interface.kind, interface.name) not in used:
-            shown = interface.channel or interface.name
-            what = f"the {interface.kind} {shown} is declared and never used"
-            hint = "use it, or remove the declaration"
-            if interface.kind in _INPUTS:
-                _warn_unread(interface, log)
-            else:
-                log.warning("unused-interface", interface.position, "", what, hint)
-        elif interface.kind in _INPUTS:
-            kind, _ = _INPUTS[interface.kind]
-            if Event(kind, interface.name) not in events:
-                _warn_unread(interface, log)
-        elif (
-            interface.kind is InterfaceKind.CLIENT
-            and Event(EventKind.RESPONSE, interface.name) not in events
-        ):
-            what = f"the client {interface.channel}: its responses are never read"
-            log.warning("unread-input", interface.position, "", what)
-
-
-def _warn_unread(interface: Interface, log: DiagnosticLog) -> None:
-    reason = _INPUTS[interface.kind][1]
-    shown = interface.channel or interface.name
-    what = f"the {interface.kind} {shown}: {reason}"
-    log.warning(
-        "unread-input", interface.position, "", what, "handle it, or remove the declaration"
-    )
-
-
-def _statements(state: State) -> Iterator[Statement]:
-    def flatten(statements: tuple[Statement, ...]) -> Iterator[Statement]:
-        for statement in statements:
-            yield statement
-            if isinstance(statement, If):
-                for _, body in statement.branches:
-                    yield from flatten(body)
-
-    yield from flatten(state.on_entry)
-    yield from flatten(state.on_exit)
-    for transition in state.transitions:
-        yield from flatten(transition.body)
-        for target in transition.targets:
-            yield from flatten(target.body)

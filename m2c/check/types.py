@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from m2c.model.datatypes import ANY, INT64, STRING, DataType, Structure, describe
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.datatypes import ANY, INT64, STRING, DataType, Structure, describe, is_integer
+from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.expressions import Variable
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,
     Emit,
+    EventKind,
     Field,
     If,
     InterfaceKind,
@@ -94,6 +95,12 @@ class _TypeCheck:
         self._block(transition.body, scope)
         for target in transition.targets:
             self._block(target.body, scope)
+        event = transition.event
+        if event is not None and event.kind in (
+            EventKind.BT_CHILD_STATUS,
+            EventKind.BT_CHILD_HALTED,
+        ):
+            self._child(event.name, transition.position, transition.element)
 
     def _block(self, statements: Sequence[Statement], scope: Scope) -> None:
         for statement in statements:
@@ -143,6 +150,9 @@ class _TypeCheck:
                     field.value, scope, port.type if port is not None else None, tag, self._log
                 )
             return
+        if emit.kind in (OutputKind.BT_TICK_CHILD, OutputKind.BT_HALT_CHILD):
+            self._child(emit.interface, emit.position, tag)
+            return
         kind = output_data_type(emit.kind, emit.interface, self._machine, self._library)
         if kind is None:
             for field in emit.fields:
@@ -151,6 +161,15 @@ class _TypeCheck:
                     self._log.error("unknown-field", field.position, "field", what)
             return
         self._fields(emit, tag, kind, scope)
+
+    def _child(self, written: str, position: Position, tag: str) -> None:
+        """A child is named by its number, or by a variable that has the number."""
+        if written.isdigit() or is_integer(self._variables.get(written, ANY)):
+            return
+        integers = [name for name, kind in self._variables.items() if is_integer(kind)]
+        hint = nearest(written, integers) or "children are numbered from 0"
+        what = f"the child `{written}` is neither a number nor an integer variable"
+        self._log.error("unknown-child", position, tag, what, hint)
 
     def _fields(self, emit: Emit, tag: str, kind: Structure, scope: Scope) -> None:
         for field in emit.fields:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 
 from m2c.model.diagnostics import DiagnosticLog
@@ -58,8 +59,9 @@ def require(element: Element, attribute: str, log: DiagnosticLog) -> str:
 
 
 def number(text: str) -> float | None:
-    """The number that ``text`` is; None if it is none."""
+    """The finite number that ``text`` is; None if it is none."""
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         return None
+    return value if math.isfinite(value) else None

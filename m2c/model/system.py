@@ -11,6 +11,7 @@ from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine, Spelling
 from m2c.model.reader import machine_of
+from m2c.model.structure import number
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
 
@@ -173,11 +174,8 @@ class _SystemReader:
 
     def _parameters(self, element: Element) -> None:
         for child in element.all("bt_tick_rate"):
-            try:
-                rate = float(child.get("value"))
-            except ValueError:
-                rate = 0.0
-            if rate <= 0:
+            rate = number(child.get("value"))
+            if rate is None or rate <= 0:
                 self._log.error(
                     "bad-rate",
                     child.at("value"),

@@ -1,0 +1,188 @@
+"""What a machine can do at all: settled conditions, transitions that can be taken, states reached."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from m2c.model.evaluate import evaluate
+from m2c.model.expressions import (
+    Conditional,
+    EventData,
+    Expression,
+    Index,
+    Logical,
+    MathCall,
+    Member,
+    PortInput,
+    Unary,
+    Variable,
+    children,
+)
+from m2c.model.machine import Event, EventKind, If, Machine, State, Statement, Target, Transition
+from m2c.runtime.ecmascript import ExecutionError, truthy
+
+
+def truth(cond: Expression | None) -> bool | None:
+    """Whether a condition holds whatever the data are.
+
+    Args:
+        cond: the condition; None is no condition.
+
+    Returns:
+        True if it always holds, False if it never does (a condition that cannot be evaluated does
+        not hold, W3C SCXML section 5.9.1), None if that depends on the data.
+    """
+    if cond is None:
+        return True
+    if _is_constant(cond):
+        try:
+            return truthy(evaluate(cond, {}, {}))
+        except ExecutionError:
+            return False
+    match cond:
+        case Logical(operator="&&", left=left, right=right):
+            both = (truth(left), truth(right))
+            return False if False in both else True if both == (True, True) else None
+        case Logical(left=left, right=right):
+            first, second = truth(left), truth(right)
+            if first or (second and not _may_fail(left)):
+                return True
+            return False if (first, second) == (False, False) else None
+        case Unary(operator="!", operand=operand):
+            inner = truth(operand)
+            if inner is False:
+                return None if _may_fail(operand) else True
+            return False if inner else None
+        case Conditional(test=test, then=then, otherwise=otherwise):
+            chosen = truth(test)
+            if chosen:
+                return truth(then)
+            ends = truth(then), truth(otherwise)
+            if chosen is False and not _may_fail(test):
+                return ends[1]
+            if ends == (True, True) and _may_fail(test):
+                return None
+            return ends[0] if ends[0] == ends[1] else None
+        case _:
+            return None
+
+
+def takable(state: State) -> tuple[Transition, ...]:
+    """The transitions of ``state`` that are taken in some run."""
+    hidden = shadows(state)
+    return tuple(
+        transition
+        for index, transition in enumerate(state.transitions)
+        if index not in hidden and truth(transition.cond) is not False
+    )
+
+
+def shadows(state: State) -> dict[int, Transition]:
+    """Which transitions (by index) never get their turn, and the one that always is before them.
+
+    An eventless transition that always holds comes before everything that waits for an event, in
+    whatever order they are written (W3C SCXML, appendix D); otherwise the first that matches is
+    taken. Transitions whose own condition never holds are left out.
+    """
+    leaving = leaving_at_once(state)
+    certain: list[Transition] = []
+    hidden: dict[int, Transition] = {}
+    for index, transition in enumerate(state.transitions):
+        holds = truth(transition.cond)
+        if holds is False:
+            continue
+        earlier = next((item for item in certain if _covers(item.event, transition.event)), None)
+        if transition.event is not None and leaving is not None:
+            hidden[index] = leaving
+        elif earlier is not None:
+            hidden[index] = earlier
+        elif holds:
+            certain.append(transition)
+    return hidden
+
+
+def leaving_at_once(state: State) -> Transition | None:
+    """The eventless transition that always holds, if there is one: nothing waits in ``state``."""
+    return next(
+        (item for item in state.transitions if item.event is None and truth(item.cond)), None
+    )
+
+
+def reachable(machine: Machine) -> set[str]:
+    """The names of the states that some run enters."""
+    states = {state.name: state for state in machine.states}
+    found: set[str] = set()
+    pending = [machine.initial]
+    while pending:
+        name = pending.pop()
+        if name in found or name not in states:
+            continue
+        found.add(name)
+        for transition in takable(states[name]):
+            pending += [target.state for target in possible_targets(transition)]
+    return found
+
+
+def possible_targets(transition: Transition) -> tuple[Target, ...]:
+    """Where ``transition`` can lead; nowhere if it stays."""
+    return tuple(target for target in transition.targets if target.probability != 0)
+
+
+def statements_of(state: State) -> Iterator[Statement]:
+    """Every statement of ``state``, those inside ``<if>`` too."""
+    yield from flat(state.on_entry)
+    yield from flat(state.on_exit)
+    for transition in state.transitions:
+        yield from flat(transition.body)
+        for target in transition.targets:
+            yield from flat(target.body)
+
+
+def flat(statements: tuple[Statement, ...]) -> Iterator[Statement]:
+    """``statements`` and those inside them."""
+    for statement in statements:
+        yield statement
+        if isinstance(statement, If):
+            for _, body in statement.branches:
+                yield from flat(body)
+
+
+def open_branches(statement: If) -> Iterator[tuple[Statement, ...]]:
+    """The bodies of ``statement`` that can run."""
+    for cond, body in statement.branches:
+        holds = truth(cond)
+        if holds is not False:
+            yield body
+        if holds:
+            return
+
+
+def _covers(earlier: Event | None, later: Event | None) -> bool:
+    """Whether ``earlier`` matches everything that ``later`` does (W3C SCXML section 3.12.1)."""
+    if earlier == later:
+        return True
+    if earlier is None or later is None:
+        return False
+    if earlier.kind is not EventKind.INTERNAL or later.kind is not EventKind.INTERNAL:
+        return False
+    wide, narrow = _prefix(earlier.name), _prefix(later.name)
+    return not wide or narrow == wide or narrow.startswith(f"{wide}.")
+
+
+def _prefix(descriptor: str) -> str:
+    return descriptor.removesuffix("*").removesuffix(".")
+
+
+def _is_constant(expression: Expression) -> bool:
+    match expression:
+        case Variable() | EventData() | PortInput() | MathCall(function="random"):
+            return False
+        case _:
+            return all(_is_constant(child) for child in children(expression))
+
+
+def _may_fail(expression: Expression) -> bool:
+    """Whether evaluation may throw: only access to members and elements does."""
+    return isinstance(expression, Member | Index) or any(
+        _may_fail(child) for child in children(expression)
+    )

@@ -1,0 +1,62 @@
+"""Interfaces that a machine declares and does not use."""
+
+from __future__ import annotations
+
+from m2c.check.paths import statements_of
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.machine import Emit, Event, EventKind, Interface, InterfaceKind, Machine
+from m2c.model.scopes import interface_kind_of
+
+_INPUTS = {
+    InterfaceKind.SUBSCRIBER: (EventKind.MESSAGE, "its messages are never read"),
+    InterfaceKind.SERVER: (EventKind.REQUEST, "its requests are never answered"),
+    InterfaceKind.TIMER: (EventKind.TIMER, "its callbacks are never handled"),
+    InterfaceKind.ACTION_SERVER: (EventKind.GOAL, "its goals are never handled"),
+}
+
+
+def check_interfaces(machine: Machine, log: DiagnosticLog) -> None:
+    """Warn of interfaces nobody uses (``unused-interface``) and inputs nobody reads (``unread-input``)."""
+    used: set[tuple[InterfaceKind | None, str]] = set()
+    events: set[Event] = set()
+    owners = [machine, *(thread.machine for thread in machine.threads)]
+    for owner in owners:
+        for state in owner.states:
+            for transition in state.transitions:
+                if transition.event is not None:
+                    events.add(transition.event)
+                    used.add((interface_kind_of(transition.event.kind), transition.event.name))
+                    if transition.event.kind is EventKind.TIMER:
+                        used.add((InterfaceKind.TIMER, transition.event.name))
+            for statement in statements_of(state):
+                if isinstance(statement, Emit):
+                    used.add((interface_kind_of(statement.kind), statement.interface))
+    used |= {(InterfaceKind.ACTION_SERVER, thread.interface) for thread in machine.threads}
+    for interface in machine.interfaces:
+        if (interface.kind, interface.name) not in used:
+            shown = interface.channel or interface.name
+            what = f"the {interface.kind} {shown} is declared and never used"
+            hint = "use it, or remove the declaration"
+            if interface.kind in _INPUTS:
+                _warn_unread(interface, log)
+            else:
+                log.warning("unused-interface", interface.position, "", what, hint)
+        elif interface.kind in _INPUTS:
+            kind, _ = _INPUTS[interface.kind]
+            if Event(kind, interface.name) not in events:
+                _warn_unread(interface, log)
+        elif (
+            interface.kind is InterfaceKind.CLIENT
+            and Event(EventKind.RESPONSE, interface.name) not in events
+        ):
+            what = f"the client {interface.channel}: its responses are never read"
+            log.warning("unread-input", interface.position, "", what)
+
+
+def _warn_unread(interface: Interface, log: DiagnosticLog) -> None:
+    reason = _INPUTS[interface.kind][1]
+    shown = interface.channel or interface.name
+    what = f"the {interface.kind} {shown}: {reason}"
+    log.warning(
+        "unread-input", interface.position, "", what, "handle it, or remove the declaration"
+    )
