@@ -111,9 +111,9 @@ def test_a_star_does_not_take_what_arrives_on_a_channel(tmp_path: Path) -> None:
 def test_a_state_behind_a_condition_that_never_holds_cannot_be_reached(tmp_path: Path) -> None:
     body = '<state id="a"><transition event="e" cond="false" target="b"/></state><state id="b"/>'
     assert found(tmp_path, body) == [
-        "2:70: warning: <state>: state `b` cannot be reached from `a` [unreachable-state]",
         "2:43: warning: <transition>: never taken: its condition never holds; correct the condition, or "
         "remove the transition [never-taken]",
+        "2:70: warning: <state>: state `b` cannot be reached from `a` [unreachable-state]",
     ]
 
 
