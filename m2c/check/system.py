@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
+import re
+
+import msgspec
+
 from m2c.check.flow import check_flow
 from m2c.check.types import check_types
 from m2c.model.diagnostics import DiagnosticLog
@@ -9,11 +14,14 @@ from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.model.typing import nearest
 
-_SERVERS = {
-    InterfaceKind.CLIENT: (InterfaceKind.SERVER, "call", "serves"),
+_COUNTERPARTS = {
+    InterfaceKind.CLIENT: (InterfaceKind.SERVER, "calls", "serves"),
     InterfaceKind.ACTION_CLIENT: (InterfaceKind.ACTION_SERVER, "sends goals to", "serves"),
     InterfaceKind.SUBSCRIBER: (InterfaceKind.PUBLISHER, "subscribes to", "publishes"),
 }
+_DIGITS = re.compile(r"\d+")
+_SLIP = 0.85
+"""Likeness (Ratcliff and Obershelp) of one letter in seven wrong."""
 
 _NAMESPACES = {
     InterfaceKind.PUBLISHER: "topic",
@@ -25,75 +33,119 @@ _NAMESPACES = {
 }
 
 
+class _End(msgspec.Struct, frozen=True):
+    """One end of a channel, and the machine that declares it."""
+
+    machine: Machine
+    interface: Interface
+    channel: str
+
+
 def check_system(system: System, log: DiagnosticLog) -> None:
     """Check every machine of ``system``, and what they say of each other's channels.
 
     Rules across machines: ``duplicate-node``, ``duplicate-server``, ``type-disagreement``, and the
-    warning ``nobody-serves`` (only where a policy makes the system a whole one).
+    warning ``nobody-serves``. A policy makes a system a whole one: every channel needs its other
+    end. Without one (some models, a folder of them) the other end may be elsewhere, so only a near
+    miss is reported: nobody has the other end, but somebody that of a name almost the same.
     """
     for machine in [*system.nodes, *system.plugins]:
         if check_types(machine, system.library, log):
             check_flow(machine, log)
+    _check_names(system.nodes, "node", log)
+    _check_names(system.plugins, "plugin", log)
     ends = [
-        (machine, interface)
-        for machine in system.nodes
+        _End(machine, interface, interface.channel)
+        for machine in [*system.nodes, *system.plugins]
         for interface in machine.interfaces
         if interface.channel and interface.kind is not InterfaceKind.TIMER
     ]
-    _check_names(system, log)
     _check_ends(ends, log)
-    if system.policy is not None:
-        _check_counterparts(ends, log)
+    _check_counterparts(ends, system.policy is not None, log)
 
 
-def _check_names(system: System, log: DiagnosticLog) -> None:
+def _check_names(machines: tuple[Machine, ...], what: str, log: DiagnosticLog) -> None:
     seen: dict[str, Machine] = {}
-    for machine in system.nodes:
+    for machine in machines:
         first = seen.setdefault(machine.name, machine)
         if first is not machine:
-            what = f"a second node is called `{machine.name}`"
+            text = f"a second {what} is called `{machine.name}`"
             hint = f"the first is {first.position.file}"
-            log.error("duplicate-node", machine.position, "scxml", what, hint)
+            log.error("duplicate-node", machine.position, "scxml", text, hint)
 
 
-def _check_ends(ends: list[tuple[Machine, Interface]], log: DiagnosticLog) -> None:
-    types: dict[tuple[str, str | None], tuple[Machine, Interface]] = {}
-    servers: dict[tuple[str, str | None], Machine] = {}
-    for machine, interface in ends:
+def _check_ends(ends: list[_End], log: DiagnosticLog) -> None:
+    types: dict[tuple[str, str], _End] = {}
+    servers: dict[tuple[str, str], _End] = {}
+    for end in ends:
+        interface = end.interface
         # topics, services and actions have names of their own: /x may be one of each
-        channel = (_NAMESPACES[interface.kind], interface.channel)
-        owner, first = types.setdefault(channel, (machine, interface))
-        if first.type_name != interface.type_name:
+        channel = (_NAMESPACES[interface.kind], end.channel)
+        first = types.setdefault(channel, end)
+        if first.interface.type_name != interface.type_name:
             log.error(
                 "type-disagreement",
                 interface.position,
                 "",
-                f"{machine.name} declares {interface.channel} as {interface.type_name}, {owner.name} "
-                f"as {first.type_name}",
+                f"{end.machine.name} declares {end.channel} as {interface.type_name}, "
+                f"{first.machine.name} as {first.interface.type_name}",
                 "both ends of a channel have one type",
             )
         if interface.kind in (InterfaceKind.SERVER, InterfaceKind.ACTION_SERVER):
-            server = servers.setdefault(channel, machine)
-            if server is not machine:
+            server = servers.setdefault(channel, end)
+            if server.machine is not end.machine:
                 log.error(
                     "duplicate-server",
                     interface.position,
                     "",
-                    f"{machine.name} and {server.name} both serve {interface.channel}",
+                    f"{end.machine.name} and {server.machine.name} both serve {end.channel}",
                     "a service has one server",
                 )
 
 
-def _check_counterparts(ends: list[tuple[Machine, Interface]], log: DiagnosticLog) -> None:
-    for machine, interface in ends:
-        if interface.kind not in _SERVERS:
+def _check_counterparts(ends: list[_End], whole: bool, log: DiagnosticLog) -> None:
+    for end in ends:
+        if end.interface.kind not in _COUNTERPARTS:
             continue
-        wanted, verb, missing = _SERVERS[interface.kind]
-        channels = [other.channel or "" for _, other in ends if other.kind is wanted]
-        if interface.channel not in channels:
-            does = "calls" if verb == "call" else verb
-            what = (
-                f"{machine.name} {does} {interface.channel}, which no node of the system {missing}"
+        wanted, does, lacking = _COUNTERPARTS[end.interface.kind]
+        others = [other for other in ends if other.interface.kind is wanted]
+        if any(other.channel == end.channel for other in others):
+            continue
+        near = [
+            other.channel
+            for other in others
+            if other.interface.type_name == end.interface.type_name
+            and _nearly_the_same(end.channel, other.channel)
+        ]
+        if whole or near:
+            where = "of the system" if whole else "read here"
+            what = f"{end.machine.name} {does} {end.channel}, which no node {where} {lacking}"
+            hint = (
+                f"did you mean {near[0]}?"
+                if near
+                else nearest(end.channel, (other.channel for other in others))
             )
-            hint = nearest(interface.channel or "", channels)
-            log.warning("nobody-serves", interface.position, "", what, hint)
+            log.warning("nobody-serves", end.interface.position, "", what, hint)
+
+
+def _nearly_the_same(one: str, other: str) -> bool:
+    """Whether two channels are so alike that one is a slip of the pen for the other.
+
+    One part of the name may differ, by a letter or two or in case. Numbers tell instances apart
+    (``/Poi1``, ``/Poi2``), and so do whole prefixes (``/lock``, ``/unlock``): those are no slips.
+    """
+    parts = list(zip(one.split("/"), other.split("/"), strict=False))
+    if one.count("/") != other.count("/"):
+        return False
+    different = [(left, right) for left, right in parts if left != right]
+    if len(different) != 1:
+        return False
+    left, right = different[0]
+    if _DIGITS.findall(left) != _DIGITS.findall(right):
+        return False
+    left, right = left.lower().replace("_", ""), right.lower().replace("_", "")
+    if left == right:
+        return True
+    if left.endswith(right) or right.endswith(left):
+        return False
+    return difflib.SequenceMatcher(None, left, right).ratio() >= _SLIP

@@ -45,6 +45,8 @@ from m2c.model.expressions import (
 
 INTEGRAL_MATH = frozenset({"floor", "ceil", "round", "trunc", "sign"})
 """``Math`` functions whose result is a whole number."""
+LISTED = 12
+"""Names that a hint lists: what fits a line of a terminal or two."""
 
 
 class Scope(msgspec.Struct, frozen=True):
@@ -112,12 +114,13 @@ def assignable(value: DataType, target: DataType) -> bool:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """``did you mean x?`` for the closest of ``known``, else the list of them."""
+    """``did you mean x?`` for the closest of ``known``, else the list of them (the first twelve)."""
     names = sorted(set(known))
     near = difflib.get_close_matches(name, names, 1)
     if near:
         return f"did you mean {near[0]}?"
-    return f"known: {', '.join(names)}" if names else ""
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return f"known: {', '.join(names[:LISTED])}{more}" if names else ""
 
 
 def constant_value(expression: Expression) -> int | float | None:
