@@ -2,35 +2,69 @@
 
 from __future__ import annotations
 
-import fnmatch
+import math
 import os
 import signal
 import sys
-from collections.abc import Callable
+import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-KINDS = ("message", "request", "response", "unanswered")
-UNANSWERED_AFTER_S = 10.0
-"""A request without a response is shown as unanswered after this long."""
-REFRESH_S = 1.0
+from moon.tap.selection import KINDS, GlobError, Selection
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from transports.interface import Transport
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+"""Where ``m2c run`` lets its nodes meet."""
+REFRESH_S = 0.5
+"""How often statistics are drawn anew, and late calls and losses looked for."""
+
+
+def _finite(_: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is not a number of seconds")
+    return value
 
 
 @click.command()
 @click.argument("channels", nargs=-1)
 @click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
-@click.option("--endpoint", multiple=True, help="Where to connect, e.g. tcp/127.0.0.1:7447.")
 @click.option(
-    "--zenoh-config", type=click.Path(path_type=Path, exists=True), help="Zenoh configuration file."
+    "--endpoint",
+    multiple=True,
+    help=f"Where to connect (repeatable); for zenoh without a configuration file by default "
+    f"{DEFAULT_ENDPOINT}.",
+)
+@click.option(
+    "--zenoh-config",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Zenoh configuration file (TLS, routers…).",
 )
 @click.option("--namespace", default="", help="Prefix of every channel.")
-@click.option("--node", multiple=True, help="Only what this node sends, asks or answers (glob).")
-@click.option("--kind", multiple=True, type=click.Choice(KINDS), help="Only this kind of event.")
+@click.option(
+    "--node", multiple=True, help="Only what this node sends, asks or answers (glob, repeatable)."
+)
+@click.option(
+    "--kind",
+    multiple=True,
+    type=click.Choice(KINDS),
+    help="Only this kind of event (repeatable); `action`: every part of an action.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line, for pipes.")
 @click.option("--stats", is_flag=True, help="Rates and latencies per channel instead of a stream.")
-@click.option("--for", "seconds", type=float, help="Stop after this many seconds.")
-@click.option("--count", type=int, help="Stop after this many lines.")
+@click.option(
+    "--for",
+    "seconds",
+    type=click.FloatRange(min=0, min_open=True),
+    callback=_finite,
+    help="Stop after this many seconds.",
+)
+@click.option("--count", type=click.IntRange(min=1), help="Stop after this many lines.")
 def tap(
     channels: tuple[str, ...],
     transport: str,
@@ -46,154 +80,101 @@ def tap(
 ) -> None:
     """Watch everything that happens: topics, service calls, actions; decoded and matched.
 
-    CHANNELS are globs such as '/BatteryLevelSkill/*'; without any, everything is shown. A response
-    is shown with its round-trip time. The tap is passive: no node waits for it or knows of it.
+    CHANNELS are globs such as '/BatteryLevelSkill/*' (`**` crosses parts of a name; an action stands
+    for all its parts); without any, everything is shown. A response is shown with its round-trip
+    time. The tap is passive: no node waits for it or knows of it.
 
     Example: moon tap '/NavigationComponent/**' --endpoint tcp/127.0.0.1:7447
     """
     from transports.interface import TransportError
     from transports.registry import connect
 
+    try:
+        selection = Selection(channels, node, kind)
+    except GlobError as error:
+        raise click.BadParameter(str(error), param_hint="CHANNELS") from error
+    if not endpoint and zenoh_config is None and transport == "zenoh":
+        endpoint = (DEFAULT_ENDPOINT,)
     options = {
         "endpoint": ",".join(endpoint),
         "config": str(zenoh_config) if zenoh_config is not None else "",
         "namespace": namespace,
     }
-    options = {name: value for name, value in options.items() if value}
     try:
-        connection = connect(transport, f"moon_tap_{os.getpid()}", options)
+        connection = connect(
+            transport,
+            f"moon_tap_{os.getpid()}",
+            {name: value for name, value in options.items() if value},
+        )
+        try:
+            _watch(connection, selection, as_json, stats, seconds, count)
+        finally:
+            connection.close()
     except TransportError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(2)
-    shown = _Shown(channels, node, kind, as_json, stats, count, connection.close)
-    try:
-        listener = connection.tap([], shown.observe)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: connection.post(connection.close))
-        problems: set[str] = set()
-
-        def look_around() -> None:
-            shown.refresh(connection.now_ns())
-            for problem in listener.problems():
-                if problem not in problems:
-                    problems.add(problem)
-                    click.echo(f"warning: {problem}", err=True)
-            peers = tuple(sorted(listener.peers()))
-            if peers != shown.peers:
-                shown.peers = peers
-                click.echo(
-                    f"linked to {len(peers)} nodes: {', '.join(peers) or 'none yet'}", err=True
-                )
-
-        connection.every(REFRESH_S, look_around)
-        if seconds is not None:
-            connection.after(seconds, connection.close)
-        connection.spin()
-        shown.refresh(connection.now_ns())
-        shown.finish()
-        listener.close()
-    except TransportError as error:
-        click.echo(f"error: {error}", err=True)
+        _say(f"error: {error}")
         sys.exit(2)
     except BrokenPipeError:
-        # whoever read the pipe has gone; nothing more can be said on it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _write_to_nobody()
+    except OSError as error:
+        _say(f"error: cannot write what was heard: {error.strerror}")
+        _write_to_nobody()
+        sys.exit(2)
+
+
+def _watch(
+    connection: Transport,
+    selection: Selection,
+    as_json: bool,
+    stats: bool,
+    seconds: float | None,
+    count: int | None,
+) -> None:
+    from moon.tap.notices import Notices
+    from moon.tap.output import output_for, reader_is_gone
+    from moon.tap.watch import Watch
+
+    ended = False
+
+    def stop() -> None:
+        nonlocal ended
+        ended = True
+
+    def asked_to_stop(number: int, _: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_DFL)  # asked twice: a reader that is stuck holds us up
+        connection.post(stop)
+
+    start = time.monotonic()
+    output = output_for(as_json, stats, connection.post)
+    watch = Watch(selection, output, Notices(_say), count, stop)
+    try:
+        listener = connection.tap(selection.to_hear(), watch.observe)
+
+        def look_around() -> None:
+            if reader_is_gone():
+                raise BrokenPipeError
+            watch.look_around(listener, connection.now_ns())
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, asked_to_stop)
+        connection.every(REFRESH_S, look_around)
+        if seconds is not None:
+            connection.after(seconds, stop)
+        connection.spin(until=lambda: ended)
+        watch.finish(listener, connection.now_ns())
     finally:
-        connection.close()
-
-
-class _Shown:
-    """Filters what was heard and prints it."""
-
-    def __init__(
-        self,
-        channels: tuple[str, ...],
-        nodes: tuple[str, ...],
-        kinds: tuple[str, ...],
-        as_json: bool,
-        stats: bool,
-        count: int | None,
-        stop: Callable[[], None],
-    ) -> None:
-        import msgspec
-
-        from moon.tap.render import Renderer
-        from moon.tap.statistics import Statistics
-        from moon.tap.stream import CallMatcher
-
-        self._channels = channels
-        self._nodes = nodes
-        self._kinds = kinds
-        self._as_json = as_json
-        self._stats = stats
-        self._left = count
-        self._stop = stop
-        self._matcher = CallMatcher()
-        self._renderer = Renderer(sys.stdout.isatty())
-        self._statistics = Statistics()
-        self._encode = msgspec.json.Encoder().encode
-        self._drawn = 0
-        self.peers: tuple[str, ...] = ()
-
-    def observe(self, seen):  # type: ignore[no-untyped-def]
-        line = self._matcher.feed(seen)
-        if line is not None:
-            self._show(line)
-
-    def _matches(self, line) -> bool:  # type: ignore[no-untyped-def]
-        if self._kinds and line.kind not in self._kinds:
-            return False
-        if self._channels and not any(matches(line.channel, glob) for glob in self._channels):
-            return False
-        nodes = (line.source, line.client)
-        return not self._nodes or any(
-            fnmatch.fnmatchcase(name, glob) for name in nodes for glob in self._nodes
-        )
-
-    def _show(self, line) -> None:  # type: ignore[no-untyped-def]
-        if not self._matches(line) or self._left == 0:
-            return
-        if self._stats:
-            self._statistics.add(line)
-        elif self._as_json:
-            print(self._encode(line).decode(), flush=True)
-        else:
-            print(self._renderer.text(line), flush=True)
-        if self._left is not None:
-            self._left -= 1
-            if self._left == 0:
-                self._stop()
-
-    def refresh(self, now_ns: int) -> None:
-        """Show late calls, and the statistics anew."""
-        for line in self._matcher.answered_unheard(now_ns):
-            self._show(line)
-        for line in self._matcher.unanswered(now_ns, UNANSWERED_AFTER_S):
-            self._show(line)
-        if self._stats and sys.stdout.isatty():
-            self._draw()
-
-    def _draw(self) -> None:
-        from moon.tap.statistics import table
-
-        lines = table(self._statistics)
-        if self._drawn:
-            print(f"\x1b[{self._drawn}A\x1b[J", end="")
-        print("\n".join(lines), flush=True)
-        self._drawn = len(lines)
-
-    def finish(self) -> None:
-        """The last table of statistics."""
-        if self._stats:
-            self._draw()
-
-
-def matches(channel: str, glob: str) -> bool:
-    """Whether ``channel`` matches ``glob``: ``*`` within one part of the name, ``**`` across parts."""
-    import re
-
-    pattern = "".join(
-        ".*" if piece == "**" else "[^/]*" if piece == "*" else re.escape(piece)
-        for piece in re.split(r"(\*\*|\*)", glob)
+        output.close()
+    _say(
+        f"heard {watch.heard:,} observations in {time.monotonic() - start:.1f} s, "
+        f"showed {watch.shown:,} events"
     )
-    return re.fullmatch(pattern, channel) is not None
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _write_to_nobody() -> None:
+    """Let what is still buffered go nowhere: Python would complain of it when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())

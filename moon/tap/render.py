@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from typing import Any
 
-from moon.tap.stream import Line
+from moon.tap.action_parts import essence, goal_id
+from moon.tap.stream import Line, nobody_answered
 
 _ARROWS = {"message": "•", "request": "→", "response": "←", "unanswered": "✗"}
 _COLOURS = {"message": "36", "request": "34", "response": "32", "unanswered": "31"}
 MAX_DATA = 160
 """Characters of a message that a line shows."""
+MAX_DEPTH = 12
+"""Levels of a message that a line shows: nobody reads more, and somebody may send thousands."""
+MAX_CHANNEL, MAX_NODE = 48, 28
+"""Columns grow up to this many characters; longer names push the rest of their line aside."""
+UNKNOWN, NOBODY = "?", "-"
+"""Who answered: not known, nobody."""
 
 
 class Renderer:
@@ -23,9 +31,10 @@ class Renderer:
 
     def text(self, line: Line) -> str:
         """One line of text without its end."""
-        self._channel_width = min(max(self._channel_width, len(line.channel)), 48)
-        node = line.source or line.client
-        self._node_width = min(max(self._node_width, len(node)), 28)
+        channel = printable(line.action or line.channel)
+        node = printable(line.source) or (NOBODY if nobody_answered(line.error) else UNKNOWN)
+        self._channel_width = min(max(self._channel_width, len(channel)), MAX_CHANNEL)
+        self._node_width = min(max(self._node_width, len(node)), MAX_NODE)
         clock = time.strftime("%H:%M:%S", time.localtime(line.stamp_ns // 10**9))
         micros = line.stamp_ns % 10**9 // 1000
         arrow = _ARROWS[line.kind]
@@ -33,40 +42,81 @@ class Renderer:
         if line.round_trip_us is not None:
             ending = f"  ({line.round_trip_us:,.0f} µs)"
         if line.error:
-            ending += f"  {line.error}"
-        data = "" if line.data is None else compact(line.data)
+            ending += f"  {printable(line.error)}"
         if self._colour:
             shade = "31" if line.error else _COLOURS[line.kind]
             arrow = f"\x1b[{shade}m{arrow}\x1b[0m"
         return (
-            f"{clock}.{micros:06d}  {line.channel:<{self._channel_width}}  {arrow} "
-            f"{node:<{self._node_width}}  {data}{ending}"
+            f"{clock}.{micros:06d}  {channel:<{self._channel_width}}  {arrow} "
+            f"{node:<{self._node_width}}  {_contents(line)}{ending}"
         ).rstrip()
+
+
+def _contents(line: Line) -> str:
+    if not line.part:
+        return "" if line.data is None else compact(line.data)
+    if line.data is None:
+        return line.part
+    goal, data = essence(line.part, line.data)
+    name = f"{line.part} {goal}".rstrip()
+    return f"{name}  {compact(data)}" if data != {} else name
 
 
 def compact(data: Any) -> str:
     """A message in one short piece of text: ``status: 0, is_ok: true``."""
-    text = (
-        ", ".join(f"{key}: {_value(value)}" for key, value in data.items())
-        if isinstance(data, dict)
-        else _value(data)
-    )
-    return text if len(text) <= MAX_DATA else text[: MAX_DATA - 1] + "…"
+    pieces = _fields(data, 0) if isinstance(data, dict) else _value(data, 0)
+    text = ""
+    for piece in pieces:  # a long message (an image) is not written out to be cut off
+        text += piece
+        if len(text) > MAX_DATA:
+            return text[: MAX_DATA - 1] + "…"
+    return text
 
 
-def _value(value: Any) -> str:
+def printable(text: str) -> str:
+    """``text`` on one line and harmless to a terminal: what cannot be printed is escaped."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def _fields(fields: dict[Any, Any], depth: int) -> Iterator[str]:
+    for place, (key, value) in enumerate(fields.items()):
+        yield f"{', ' if place else ''}{printable(str(key))}: "
+        yield from _value(value, depth)
+
+
+def _value(value: Any, depth: int) -> Iterator[str]:
+    if depth > MAX_DEPTH:
+        yield "…"
+        return
     match value:
         case bool():
-            return "true" if value else "false"
+            yield "true" if value else "false"
+        case {"uuid": [*_]} if len(value) == 1:
+            yield _short_id(value)
         case dict():
-            if set(value) == {"uuid"}:
-                return bytes(octet & 0xFF for octet in value["uuid"]).hex()[:8]
-            return "{" + ", ".join(f"{key}: {_value(inner)}" for key, inner in value.items()) + "}"
+            yield "{"
+            yield from _fields(value, depth + 1)
+            yield "}"
         case list():
-            return "[" + ", ".join(_value(inner) for inner in value) + "]"
+            for place, inner in enumerate(value):
+                yield ", " if place else "["
+                yield from _value(inner, depth + 1)
+            yield "]" if value else "[]"
         case float():
-            return f"{value:g}"
+            yield f"{value:g}"
         case str():
-            return value if value.isidentifier() else repr(value)
+            shown = value[: MAX_DATA + 1]
+            yield shown if shown.isidentifier() else repr(shown)
+        case bytes():
+            yield f"{len(value)} bytes"
         case _:
-            return str(value)
+            yield printable(str(value))
+
+
+def _short_id(value: dict[str, Any]) -> str:
+    try:
+        return goal_id(value)
+    except TypeError:  # something else that is called uuid
+        return printable(str(value["uuid"]))

@@ -3,38 +3,47 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
-from transports.interface import Observation, ObservationKind
+from moon.tap.action_parts import SEPARATOR, action_of, part_of, waits_for_the_goal
+from transports.interface import CallOutcome, Observation, ObservationKind
 
 MAX_OPEN_CALLS = 10_000
-"""Calls remembered while their response is awaited; the oldest is forgotten beyond that."""
+"""Calls remembered while their response is awaited, and calls remembered as ended; the oldest is
+forgotten beyond that. Also the number of services whose server is remembered."""
 
-CLIENT_SILENCE_S = 0.5
-"""How long the client's end of an answered call is awaited before the server's is shown."""
+OTHER_END_SILENCE_S = 0.5
+"""How long the other end of an answered call is awaited before one end alone is shown."""
 
 Key = tuple[str, str, int]
+_Name = TypeVar("_Name")
+_Value = TypeVar("_Value")
 
 _REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
+_NOBODY_ANSWERED = (CallOutcome.TIMEOUT.value, CallOutcome.UNAVAILABLE.value)
 
 
 class Line(msgspec.Struct, frozen=True, omit_defaults=True):
     """One thing that happened, as the tap shows it.
 
     Attributes:
-        stamp_ns: when, where it happened.
+        stamp_ns: when, where it happened (ns since the epoch).
         kind: ``message``, ``request``, ``response`` or ``unanswered``.
         channel: topic or service.
-        source: who published, asked or answered.
+        source: who published, asked or answered; empty where that is not known.
         data: the message's fields.
         type_name: its type.
         client: who asked, for responses.
         call: number of the call at its client.
         round_trip_us: request to response at the client (or, if only the server is heard, there).
         error: how a call without a response ended.
+        action: the action that the channel is a part of.
+        part: which part: ``goal``, ``goal response``, ``feedback``, ``result request``, ``result``,
+            ``cancel``, ``cancel response`` or ``status``.
+        received_ns: when the tap heard it, on the tap's clock (ns since the epoch).
     """
 
     stamp_ns: int
@@ -47,13 +56,32 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
     call: int = 0
     round_trip_us: float | None = None
     error: str = ""
+    action: str = ""
+    part: str = ""
+    received_ns: int = 0
+
+
+def nobody_answered(error: str) -> bool:
+    """Whether a call that ended with ``error`` had no answer at all (not even an error's)."""
+    return error.partition(":")[0] in _NOBODY_ANSWERED
 
 
 class _Call(msgspec.Struct):
-    """An open call: the end of its request that counts, and the server's answer if it was heard."""
+    """A call whose response has not been shown.
 
-    request: Observation
+    Attributes:
+        request: its request, as heard at the end that counts; None if it was not heard.
+        server: who serves it, once that end was heard.
+        answer: the server's end of the response.
+        returned: the client's end of the response, kept back until the server's name is known.
+        reported: whether it was shown as unanswered.
+    """
+
+    request: Observation | None
+    server: str = ""
     answer: Observation | None = None
+    returned: Observation | None = None
+    reported: bool = False
 
 
 class CallMatcher:
@@ -62,12 +90,20 @@ class CallMatcher:
     A call is heard at both ends where both publish service events, in an order that need not be the
     order in which things happened. The request is shown when its first end is heard. The response
     is shown from the client's end, because its round trip is the one a user feels; if that end stays
-    silent (a client of somebody else's), from the server's, a moment later.
+    silent (a client of somebody else's), from the server's, a moment later. Who answered is known
+    from the server's end only: from the same call if it was heard in time, else from the calls
+    before; the first response of a service waits a moment for it.
+
+    Attributes:
+        forgotten: how many calls were dropped because more than :data:`MAX_OPEN_CALLS` were open.
     """
 
     def __init__(self) -> None:
+        self.forgotten = 0
         self._open: OrderedDict[Key, _Call] = OrderedDict()
         self._closed: OrderedDict[Key, None] = OrderedDict()
+        self._servers: OrderedDict[str, str] = OrderedDict()  # "": its server says nothing
+        self._evicted: list[Line] = []
 
     @property
     def open_calls(self) -> int:
@@ -77,9 +113,11 @@ class CallMatcher:
     def feed(self, seen: Observation) -> Line | None:
         """The line for ``seen``; None if nothing is to be shown (yet)."""
         if seen.kind is ObservationKind.MESSAGE:
-            return Line(
-                seen.stamp_ns, "message", seen.channel, seen.source, seen.data, seen.type_name
-            )
+            return _line(seen, "message", seen.source)
+        if seen.kind not in _CLIENT_END and seen.source:
+            _remember(self._servers, seen.channel, seen.source)
+        if not seen.client:  # a tool that numbers no calls: nothing tells one from the next
+            return self._unmatched(seen)
         key = (seen.channel, seen.client, seen.call)
         if key in self._closed:
             return None
@@ -87,84 +125,145 @@ class CallMatcher:
             return self._request(key, seen)
         return self._response(key, seen)
 
+    def _unmatched(self, seen: Observation) -> Line:
+        if seen.kind in _REQUESTS:
+            return _line(seen, "request", "")
+        return _line(seen, "response", seen.source)
+
     def _request(self, key: Key, seen: Observation) -> Line | None:
-        known = self._open.get(key)
-        if known is not None:
-            if seen.kind is ObservationKind.REQUEST_SENT:
-                known.request = seen
-            return None
-        self._open[key] = _Call(seen)
-        if len(self._open) > MAX_OPEN_CALLS:
-            self._open.popitem(last=False)
-        return Line(
-            seen.stamp_ns,
-            "request",
-            seen.channel,
-            seen.client or seen.source,
-            seen.data,
-            seen.type_name,
-            call=seen.call,
-        )
+        call = self._open.get(key)
+        if call is None:
+            call = self._opened(key)
+        shown_before = call.request is not None
+        if not shown_before or seen.kind is ObservationKind.REQUEST_SENT:
+            call.request = seen
+        if seen.kind is ObservationKind.REQUEST_RECEIVED:
+            call.server = seen.source
+            if call.returned is not None:
+                return self._close(key, call, call.returned)
+        return None if shown_before else _line(seen, "request", seen.client)
 
     def _response(self, key: Key, seen: Observation) -> Line | None:
         call = self._open.get(key)
-        if call is None:
-            return None
+        if call is None:  # it began before the tap listened, or its request was lost
+            call = self._opened(key)
         if seen.kind is ObservationKind.RESPONSE_SENT:
+            call.server = seen.source
             call.answer = seen
+            return None if call.returned is None else self._close(key, call, call.returned)
+        if (
+            not call.server
+            and seen.channel not in self._servers
+            and not nobody_answered(seen.error)
+        ):
+            call.returned = seen
             return None
         return self._close(key, call, seen)
 
+    def _opened(self, key: Key) -> _Call:
+        call = self._open[key] = _Call(None)
+        if len(self._open) > MAX_OPEN_CALLS:
+            oldest, evicted = self._open.popitem(last=False)
+            response = evicted.returned or evicted.answer
+            if response is not None:
+                self._evicted.append(self._shown_response(evicted, response))
+                _remember(self._closed, oldest, None)
+            elif not evicted.reported:
+                self.forgotten += 1
+        return call
+
     def _close(self, key: Key, call: _Call, seen: Observation) -> Line:
         del self._open[key]
-        self._closed[key] = None
-        if len(self._closed) > MAX_OPEN_CALLS:
-            self._closed.popitem(last=False)
-        same_end = (seen.kind in _CLIENT_END) == (call.request.kind in _CLIENT_END)
-        trip = (seen.stamp_ns - call.request.stamp_ns) / 1000 if same_end else None
-        source = call.answer.source if call.answer is not None else ""
-        return Line(
-            seen.stamp_ns,
+        _remember(self._closed, key, None)
+        return self._shown_response(call, seen)
+
+    def _shown_response(self, call: _Call, seen: Observation) -> Line:
+        trip = None
+        if call.request is not None:
+            same_end = (seen.kind in _CLIENT_END) == (call.request.kind in _CLIENT_END)
+            trip = (seen.stamp_ns - call.request.stamp_ns) / 1000 if same_end else None
+        server = call.server or self._servers.get(seen.channel, "")
+        return _line(
+            seen,
             "response",
-            seen.channel,
-            source,
-            seen.data,
-            seen.type_name,
+            "" if nobody_answered(seen.error) else server,
             client=seen.client,
-            call=seen.call,
             round_trip_us=trip,
-            error=seen.error,
         )
 
-    def answered_unheard(self, now_ns: int) -> list[Line]:
-        """Responses whose client's end has stayed silent for :data:`CLIENT_SILENCE_S`."""
-        return [
-            self._close(key, call, call.answer)
-            for key, call in list(self._open.items())
-            if call.answer is not None and now_ns - call.answer.received_ns > CLIENT_SILENCE_S * 1e9
-        ]
+    def one_ended(self, now_ns: int) -> list[Line]:
+        """Responses whose other end has stayed silent for :data:`OTHER_END_SILENCE_S`.
+
+        ``now_ns`` is the tap's clock.
+        """
+        shown, self._evicted = self._evicted, []
+        before_ns = now_ns - int(OTHER_END_SILENCE_S * 1e9)
+        for key, call in list(self._open.items()):
+            response = call.returned or call.answer
+            if response is None or response.received_ns >= before_ns:
+                continue
+            if call.returned is not None:  # its server publishes no events: do not wait again
+                self._servers.setdefault(key[0], "")
+            shown.append(self._close(key, call, response))
+        return shown
 
     def unanswered(self, now_ns: int, after_s: float) -> list[Line]:
-        """Requests that have waited longer than ``after_s``; each is reported once."""
-        late = [
-            (key, call)
-            for key, call in self._open.items()
-            if now_ns - call.request.stamp_ns > after_s * 1e9
-        ]
-        lines = []
-        for key, call in late:
-            del self._open[key]
-            self._closed[key] = None
+        """Requests heard more than ``after_s`` ago whose response was not; each is reported once.
+
+        ``now_ns`` is the tap's clock, and so is the age of a request: the stamp of its node may be
+        of a clock that is wrong. A response that comes later is still shown. A goal's result is
+        never late: it comes when the goal ends.
+        """
+        before_ns = now_ns - int(after_s * 1e9)
+        shown = []
+        for (channel, client, _), call in self._open.items():
             request = call.request
-            lines.append(
-                Line(
-                    request.stamp_ns,
-                    "unanswered",
-                    request.channel,
-                    request.client or request.source,
-                    request.data,
-                    call=request.call,
-                    error=f"no response for {after_s:g} s",
-                )
+            if (
+                request is None
+                or request.received_ns >= before_ns
+                or call.reported
+                or call.answer is not None
+                or call.returned is not None
+                or waits_for_the_goal(channel)
+            ):
+                continue
+            call.reported = True
+            shown.append(
+                _line(request, "unanswered", client, error=f"no response for {after_s:g} s")
             )
-        return lines
+        return shown
+
+
+def _remember(memory: OrderedDict[_Name, _Value], name: _Name, value: _Value) -> None:
+    """Keep ``value``; forget what was kept first once there are too many."""
+    memory[name] = value
+    if len(memory) > MAX_OPEN_CALLS:
+        memory.popitem(last=False)
+
+
+def _line(
+    seen: Observation,
+    kind: str,
+    source: str,
+    *,
+    client: str = "",
+    round_trip_us: float | None = None,
+    error: str = "",
+) -> Line:
+    channel = seen.channel
+    action = action_of(channel) if SEPARATOR in channel else ""
+    return Line(
+        seen.stamp_ns,
+        kind,
+        channel,
+        source,
+        seen.data,
+        seen.type_name,
+        client,
+        max(seen.call, 0),
+        round_trip_us,
+        error or seen.error,
+        action,
+        part_of(channel, kind) if action else "",
+        seen.received_ns,
+    )

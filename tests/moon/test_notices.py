@@ -1,0 +1,70 @@
+"""What the tap says of itself, it says once."""
+
+from __future__ import annotations
+
+from moon.tap.notices import Notices
+
+UNLINKED = "far is up, but not linked to this tap: it is not heard"
+
+
+def missed(count: int, channel="/robot/1/x") -> str:
+    return f"missed {count} message{'s' * (count != 1)} on {channel} from n"
+
+
+def test_links_are_said_when_they_change() -> None:
+    said: list[str] = []
+    notices = Notices(said.append)
+    for peers in (["b", "a"], ["a", "b"], ["a"], ["a"], []):
+        notices.links(peers)
+    assert said == [
+        "linked to 2 nodes: a, b",
+        "linked to 1 node: a",
+        "no longer linked to any node",
+    ]
+
+
+def test_a_tap_that_is_linked_to_nobody_says_so_once() -> None:
+    said: list[str] = []
+    notices = Notices(said.append)
+    for _ in range(5):
+        notices.links([])
+    assert said == [
+        "not linked to any node yet: nothing can be heard until one comes up; "
+        "is this the endpoint where the nodes meet?"
+    ]
+
+
+def test_a_growing_loss_is_said_when_it_doubles_and_in_full_at_the_end() -> None:
+    said: list[str] = []
+    notices = Notices(said.append)
+    for count in range(1, 101):
+        notices.problems([missed(count)])
+    assert said == [f"warning: {missed(count)}" for count in (1, 2, 4, 8, 16, 32, 64)]
+    notices.last_problems([missed(100)])
+    notices.last_problems([missed(100)])
+    assert said[7:] == [f"warning: {missed(100)}"]
+
+
+def test_losses_on_channels_that_differ_by_a_number_are_told_apart() -> None:
+    said: list[str] = []
+    notices = Notices(said.append)
+    notices.problems([missed(3, "/robot/1/x"), missed(3, "/robot/2/x")])
+    assert len(said) == 2
+
+
+def test_a_node_that_is_linked_a_moment_later_is_no_warning() -> None:
+    said: list[str] = []
+    notices = Notices(said.append)
+    notices.problems([UNLINKED])
+    notices.problems([])
+    notices.last_problems([])
+    assert said == []
+
+
+def test_a_node_that_stays_unlinked_is_warned_of_once() -> None:
+    said: list[str] = []
+    notices = Notices(said.append)
+    for _ in range(4):
+        notices.problems([UNLINKED])
+    notices.last_problems([UNLINKED])
+    assert said == [f"warning: {UNLINKED}"]
