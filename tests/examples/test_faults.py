@@ -1,0 +1,154 @@
+"""The paper's six faults: what they change, and that they can be run in a node's place."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from m2c.check import check_flow, check_types
+from m2c.model import DiagnosticLog, Machine, System, load
+from m2c.model.system import read_with_reference
+from moon.mutation.shape import Shapes
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
+FAULTS = EXAMPLE / "faults"
+
+
+@pytest.fixture
+def inject() -> Iterator[Any]:
+    sys.path.insert(0, str(FAULTS))
+    try:
+        yield _module("inject")
+    finally:
+        sys.path.remove(str(FAULTS))
+        sys.modules.pop("catalogue", None)
+
+
+def _module(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, FAULTS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _system() -> System:
+    log = DiagnosticLog()
+    system = load([EXAMPLE / "system.xml"], log)
+    assert system is not None
+    return system
+
+
+def _faulty(path: Path, node: str, log: DiagnosticLog) -> Machine:
+    machine = read_with_reference(path, _system(), node, log)
+    assert machine is not None
+    return machine
+
+
+def test_the_catalogue_lists_the_six_of_the_paper(inject: Any) -> None:
+    assert [item.id for item in inject.FAULTS] == ["T1", "T2", "T3", "T4", "T5", "T6"]
+    assert [str(item.kind) for item in inject.FAULTS] == ["model"] * 4 + ["code"] * 2
+    for item in inject.FAULTS:
+        assert _system().node(item.node) is not None
+        assert item.path.is_file()
+
+
+@pytest.mark.parametrize("name", ["T1", "T2", "T3", "T4"])
+def test_a_faulty_model_passes_the_check_and_differs_from_the_right_one(
+    inject: Any, name: str
+) -> None:
+    chosen = inject.fault(name)
+    log = DiagnosticLog()
+    machine = _faulty(chosen.path, chosen.node, log)
+    check_types(machine, _system().library, log)
+    check_flow(machine, log)
+    assert not log.has_errors, log.diagnostics
+    right = _system().node(chosen.node)
+    assert right is not None
+    shapes = Shapes()
+    assert shapes.of(machine) != shapes.of(right)
+    ends = [(item.kind, item.channel, item.type_name) for item in machine.interfaces]
+    assert ends == [(item.kind, item.channel, item.type_name) for item in right.interfaces]
+
+
+@pytest.mark.parametrize("name", ["T1", "T2"])
+def test_the_check_warns_of_the_models_that_never_answer(inject: Any, name: str) -> None:
+    chosen = inject.fault(name)
+    log = DiagnosticLog()
+    check_flow(_faulty(chosen.path, chosen.node, log), log)
+    assert "request-unanswered" in {found.rule for found in log.diagnostics}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("T5", "/BatteryComponent/level", "/BatteryComponent/levle"),
+        ("T6", "/BlackboardComponent/GetInt", "/BlackboardComponent/GetPoi"),
+    ],
+)
+def test_a_fault_in_the_code_changes_one_channel_of_the_generated_node(
+    inject: Any, tmp_path: Path, name: str, old: str, new: str
+) -> None:
+    chosen = inject.fault(name)
+    package = inject.replacement(chosen, tmp_path)
+    generated = inject._generated(chosen.node)
+    (node,) = package.glob("*/node.py")
+    changed = [
+        (before, after)
+        for path, text in generated.items()
+        for before, after in zip(
+            text.splitlines(), (package / path).read_text().splitlines(), strict=True
+        )
+        if before != after
+    ]
+    assert len(changed) == 1
+    before, after = changed[0]
+    assert before.replace(f'"{old}"', f'"{new}"') == after
+    assert after in node.read_text().splitlines()
+    compile(node.read_text(), str(node), "exec")
+
+
+def test_a_patch_that_no_longer_fits_says_what_it_looked_for(inject: Any) -> None:
+    chosen = inject.fault("T5")
+    files = inject._generated(chosen.node)
+    path = next(name for name in files if name.endswith("/node.py"))
+    files[path] = files[path].replace("LEVEL = ", "CHARGE = ")
+    with pytest.raises(inject.PatchError) as caught:
+        inject.patched(files, chosen.path)
+    assert re.match(
+        r"T5-BatteryLevelSkill\.patch: does not fit the generated battery_level_skill/node\.py any "
+        r"more: the text it replaces \(line \d+\) is not there:\n  LEVEL = Topic",
+        str(caught.value),
+    )
+
+
+def test_a_file_that_is_no_patch_is_refused(inject: Any, tmp_path: Path) -> None:
+    path = tmp_path / "broken.patch"
+    path.write_text("--- a/x\n+++ b/x\n@@ -1 +1 @@\nwhat?\n")
+    with pytest.raises(inject.PatchError, match=r"broken\.patch:4: not a line of a unified diff"):
+        inject.read_patch(path)
+    path.write_text("nothing\n")
+    with pytest.raises(inject.PatchError, match="no hunk"):
+        inject.read_patch(path)
+
+
+def test_the_command_prints_what_replace_wants(tmp_path: Path) -> None:
+    command = [sys.executable, str(FAULTS / "inject.py"), "T6", "-o", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"IsPoiDone1Skill={tmp_path / 'T6'}\n"
+    assert (tmp_path / "T6" / "is_poi_done1_skill" / "__main__.py").is_file()
+
+
+def test_the_table_in_the_readme_lists_every_fault_with_its_node(inject: Any) -> None:
+    text = (FAULTS / "README.md").read_text()
+    for item in inject.FAULTS:
+        assert f"| {item.id} | {item.node} | {item.kind} |" in text
