@@ -14,7 +14,13 @@ from m2c.model import DiagnosticLog, ModelError, System
 
 @click.command()
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the packages; made if it does not exist.",
+)
 @click.option("--transport", default="zenoh", show_default=True, help="Middleware of the nodes.")
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
 @click.option(
@@ -42,11 +48,11 @@ def generate(
     installable package; a system also gets its policy and a launch description. The output is the
     same, byte for byte, each time; a file that somebody has edited is not overwritten.
 
-    Example: m2c generate --transport zenoh examples/lab_tour/system.xml -o generated
+    Example: m2c generate examples/lab_tour/system.xml -o generated
     """
     from m2c.check.report import print_findings
     from m2c.codegen.package import system_files
-    from m2c.codegen.writer import EditedFilesError, write_files
+    from m2c.codegen.writer import EditedFilesError, counted, write_files
     from transports.registry import available
 
     if transport not in available():
@@ -69,8 +75,8 @@ def generate(
         sys.exit(2)
     policy = ", 1 policy" if system.policy is not None else ""
     click.echo(
-        f"{system.name}: {len(system.nodes)} nodes{policy} in {output} "
-        f"({written} files written, {unchanged} unchanged)"
+        f"{system.name}: {counted(len(system.nodes), 'node')}{policy} in {output} "
+        f"({counted(written, 'file')} written, {unchanged} unchanged)"
     )
 
 

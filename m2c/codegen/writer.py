@@ -17,9 +17,11 @@ class EditedFilesError(Exception):
     def __init__(self, paths: list[Path]) -> None:
         self.paths = paths
         listed = "\n".join(f"  {path}" for path in paths)
+        were = "was" if len(paths) == 1 else "were"
         super().__init__(
-            f"{len(paths)} generated files were edited by hand and would be lost; nothing was written:\n"
-            f"{listed}\nmove the changes into the model, or use --force to overwrite them"
+            f"{counted(len(paths), 'generated file')} {were} edited by hand and would be lost; "
+            f"nothing was written:\n{listed}\n"
+            "move the changes into the model, or use --force to overwrite them"
         )
 
 
@@ -67,6 +69,11 @@ def write_files(files: Mapping[str, str], directory: Path, force: bool = False) 
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(content, encoding="utf-8")
     return len(stale), unchanged
+
+
+def counted(number: int, noun: str) -> str:
+    """``1 file``, ``2 files``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _hash(content: str) -> str:

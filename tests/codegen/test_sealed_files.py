@@ -31,7 +31,7 @@ def test_an_edited_file_stops_everything_and_nothing_is_written(tmp_path: Path) 
     with pytest.raises(EditedFilesError) as caught:
         write_files({"a.py": sealed("x = 2\n"), "b.py": sealed("y = 2\n")}, tmp_path)
     assert str(caught.value) == (
-        "1 generated files were edited by hand and would be lost; nothing was written:\n"
+        "1 generated file was edited by hand and would be lost; nothing was written:\n"
         f"  {edited}\nmove the changes into the model, or use --force to overwrite them"
     )
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before

@@ -58,7 +58,7 @@ def test_an_edited_file_is_never_overwritten(output: Path) -> None:
     done = run(output)
     assert done.exit_code == 2
     assert done.stderr == (
-        "error: 1 generated files were edited by hand and would be lost; nothing was written:\n"
+        "error: 1 generated file was edited by hand and would be lost; nothing was written:\n"
         f"  {edited}\nmove the changes into the model, or use --force to overwrite them\n"
     )
     assert contents(output) == before
