@@ -8,6 +8,7 @@ Design: https://design.ros2.org/articles/actions.html. An action ``/a`` is the s
 from __future__ import annotations
 
 import functools
+import logging
 import uuid
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -45,6 +46,13 @@ STATUS_CODES = {
 _STATUS_OF = {code: status for status, code in STATUS_CODES.items()}
 _CANCEL_ACCEPTED, _CANCEL_REJECTED, _CANCEL_UNKNOWN, _CANCEL_TERMINATED = 0, 1, 2, 3
 """action_msgs/srv/CancelGoal return codes."""
+_REFUSALS = {
+    _CANCEL_REJECTED: "the server refuses",
+    _CANCEL_UNKNOWN: "the server does not know it",
+    _CANCEL_TERMINATED: "it has ended already",
+}
+
+LOG = logging.getLogger("transports.actions")
 
 
 class _Part(msgspec.Struct, forbid_unknown_fields=True):
@@ -164,9 +172,14 @@ def serve_action(
     _ActionServer(transport, action, goal, cancel)
 
 
-def action_client(transport: Transport, action: Action) -> SimpleActionClient:
-    """A client of ``action`` on ``transport``; see ``Transport.action_client``."""
-    return SimpleActionClient(transport, action)
+def action_client(
+    transport: Transport, action: Action, new_id: Callable[[], str] = lambda: uuid.uuid4().hex
+) -> SimpleActionClient:
+    """A client of ``action`` on ``transport``; see ``Transport.action_client``.
+
+    ``new_id`` makes goal ids (32 hex digits); a transport whose runs must repeat gives its own.
+    """
+    return SimpleActionClient(transport, action, new_id)
 
 
 class _Goal:
@@ -180,6 +193,7 @@ class _Goal:
         self.status: GoalStatus | None = None
         self.result: Any = None
         self.waiting: list[Request] = []
+        self.stamp = Time()
 
     @property
     def goal_id(self) -> str:
@@ -192,13 +206,14 @@ class _Goal:
     def accept(self) -> None:
         request = self._take_request("accept")
         self.status = GoalStatus.EXECUTING
-        request.respond(self._server.goal_response(True))
+        self.stamp = self._server.stamp()
+        request.respond(self._server.goal_response(True, self.stamp))
         self._server.publish_status()
 
     def reject(self) -> None:
         request = self._take_request("reject")
         self._server.forget(self)
-        request.respond(self._server.goal_response(False))
+        request.respond(self._server.goal_response(False, self._server.stamp()))
         for waiting in self.waiting:
             waiting.fail("the goal was rejected")
         self.waiting.clear()
@@ -214,6 +229,10 @@ class _Goal:
         self._end(GoalStatus.ABORTED, result)
 
     def canceled(self, result: Message) -> None:
+        if self.status is GoalStatus.EXECUTING:
+            raise TransportError(
+                f"{self._server.name}: cannot end a goal as canceled that nobody asked to cancel"
+            )
         self._end(GoalStatus.CANCELED, result)
 
     @property
@@ -266,8 +285,8 @@ class _ActionServer:
         transport.serve(parts.cancel_goal, self._cancel_goal)
         transport.serve(parts.get_result, self._get_result)
 
-    def goal_response(self, accepted: bool) -> Message:
-        return self._parts.send_goal.response(accepted, self._stamp())
+    def goal_response(self, accepted: bool, stamp: Time) -> Message:
+        return self._parts.send_goal.response(accepted, stamp)
 
     def result_response(self, status: GoalStatus, result: Message) -> Message:
         return self._parts.get_result.response(STATUS_CODES[status], result)
@@ -277,7 +296,7 @@ class _ActionServer:
 
     def publish_status(self) -> None:
         entries = [
-            GoalStatusEntry(GoalInfo(_wire_id(key)), STATUS_CODES[goal.status])
+            GoalStatusEntry(GoalInfo(_wire_id(key), goal.stamp), STATUS_CODES[goal.status])
             for key, goal in self._goals.items()
             if goal.status is not None
         ]
@@ -286,14 +305,15 @@ class _ActionServer:
     def forget(self, goal: _Goal) -> None:
         self._goals.pop(goal.goal_id, None)
 
-    def _stamp(self) -> Time:
+    def stamp(self) -> Time:
+        """Now, as a message."""
         sec, nanosec = divmod(self._transport.now_ns(), 10**9)
         return Time(sec, nanosec)
 
     def _send_goal(self, request: Request) -> None:
         goal_id = _hex_id(request.data.goal_id)
         if goal_id in self._goals:
-            request.respond(self.goal_response(False))
+            request.respond(self.goal_response(False, self.stamp()))
             return
         ended = [key for key, goal in self._goals.items() if goal.has_ended]
         for key in ended[: max(0, len(ended) - self.KEPT_GOALS)]:
@@ -303,21 +323,37 @@ class _ActionServer:
         self._on_goal(goal)
 
     def _cancel_goal(self, request: Request) -> None:
-        goal = self._goals.get(_hex_id(request.data.goal_info.goal_id))
-        if goal is None:
-            request.respond(CancelResponse(_CANCEL_UNKNOWN))
-        elif goal.has_ended:
-            request.respond(CancelResponse(_CANCEL_TERMINATED))
-        elif goal.status is None:
-            request.respond(CancelResponse(_CANCEL_REJECTED))
+        """Cancel what ``request`` asks for (action_msgs/srv/CancelGoal): one goal; with a stamp also
+        those accepted up to then; with neither id nor stamp, all.
+        """
+        info: GoalInfo = request.data.goal_info
+        named = any(info.goal_id.uuid)
+        timed = (info.stamp.sec, info.stamp.nanosec) != (0, 0)
+        if named and not timed:
+            goal = self._goals.get(_hex_id(info.goal_id))
+            if goal is None or goal.status is None or goal.has_ended:
+                request.respond(CancelResponse(_refusal(goal)))
+                return
+            chosen = [goal]
         else:
-            again = goal.status is GoalStatus.CANCELING
+            limit = (info.stamp.sec, info.stamp.nanosec)
+            wanted = _hex_id(info.goal_id) if named else ""
+            chosen = [
+                goal
+                for key, goal in self._goals.items()
+                if goal.status is not None
+                and not goal.has_ended
+                and (key == wanted or not timed or (goal.stamp.sec, goal.stamp.nanosec) <= limit)
+            ]
+        fresh = [goal for goal in chosen if goal.status is not GoalStatus.CANCELING]
+        for goal in chosen:
             goal.status = GoalStatus.CANCELING
-            info = GoalInfo(_wire_id(goal.goal_id), self._stamp())
-            request.respond(CancelResponse(_CANCEL_ACCEPTED, [info]))
-            if not again:
-                self.publish_status()
-                self._on_cancel(goal)
+        infos = [GoalInfo(_wire_id(goal.goal_id), goal.stamp) for goal in chosen]
+        request.respond(CancelResponse(_CANCEL_ACCEPTED, infos))
+        if fresh:
+            self.publish_status()
+        for goal in fresh:
+            self._on_cancel(goal)
 
     def _get_result(self, request: Request) -> None:
         goal = self._goals.get(_hex_id(request.data.goal_id))
@@ -332,8 +368,10 @@ class _ActionServer:
 class SimpleActionClient:
     """The client's end of all goals that one node sends to one action."""
 
-    def __init__(self, transport: Transport, action: Action) -> None:
+    def __init__(self, transport: Transport, action: Action, new_id: Callable[[], str]) -> None:
         parts = parts_of(action)
+        self._name = action.name
+        self._new_id = new_id
         self._parts = parts
         self._send_goal = transport.client(parts.send_goal)
         self._cancel_goal = transport.client(parts.cancel_goal)
@@ -341,11 +379,12 @@ class SimpleActionClient:
         self._events: dict[str, GoalEvents] = {}
         self._accepted: set[str] = set()
         self._cancel_wanted: set[str] = set()
+        self._early: dict[str, list[Any]] = {}
         transport.subscribe(parts.feedback, self._hear_feedback)
 
     def send_goal(self, goal: Message, events: GoalEvents, timeout_s: float = 5.0) -> str:
         """Send a goal; see ``transports.interface.ActionClient``."""
-        goal_id = uuid.uuid4().hex
+        goal_id = self._new_id()
         self._events[goal_id] = events
         request = self._parts.send_goal.request(_wire_id(goal_id), goal)
         self._send_goal.call(request, lambda result: self._answered(goal_id, result), timeout_s)
@@ -359,7 +398,19 @@ class SimpleActionClient:
             self._cancel_wanted.add(goal_id)
             return
         info = GoalInfo(_wire_id(goal_id))
-        self._cancel_goal.call(CancelRequest(info), lambda _: None)
+        self._cancel_goal.call(
+            CancelRequest(info), lambda result: self._hear_cancel(goal_id, result)
+        )
+
+    def _hear_cancel(self, goal_id: str, result: CallResult) -> None:
+        """A goal that goes on although it should be canceled is worth a line."""
+        if result.outcome is not CallOutcome.RESPONSE:
+            why = result.error or str(result.outcome)
+        elif result.response.return_code in _REFUSALS and goal_id in self._events:
+            why = _REFUSALS[result.response.return_code]
+        else:
+            return
+        LOG.warning("%s: goal %s is not canceled: %s", self._name, goal_id, why)
 
     def _answered(self, goal_id: str, result: CallResult) -> None:
         events = self._events[goal_id]
@@ -376,6 +427,8 @@ class SimpleActionClient:
                 request, lambda answer: self._finished(goal_id, answer), RESULT_TIMEOUT_S
             )
             events.accepted(goal_id)
+            for feedback in self._early.pop(goal_id, ()):
+                events.feedback(goal_id, feedback)
             if goal_id in self._cancel_wanted:
                 self.cancel(goal_id)
 
@@ -395,13 +448,25 @@ class SimpleActionClient:
     def _hear_feedback(self, message: Any) -> None:
         goal_id = _hex_id(message.goal_id)
         events = self._events.get(goal_id)
-        if events is not None:
+        if events is None:
+            return
+        if goal_id in self._accepted:
             events.feedback(goal_id, message.feedback)
+        else:  # topics and services keep no common order: it may overtake the goal's response
+            self._early.setdefault(goal_id, []).append(message.feedback)
 
     def _end(self, goal_id: str) -> None:
         self._events.pop(goal_id, None)
+        self._early.pop(goal_id, None)
         self._accepted.discard(goal_id)
         self._cancel_wanted.discard(goal_id)
+
+
+def _refusal(goal: _Goal | None) -> int:
+    """Why ``goal`` cannot be canceled, as a return code."""
+    if goal is None:
+        return _CANCEL_UNKNOWN
+    return _CANCEL_TERMINATED if goal.has_ended else _CANCEL_REJECTED
 
 
 def _wire_id(goal_id: str) -> GoalId:

@@ -29,6 +29,7 @@ from transports.interface import (
     Timer,
     Topic,
     Transport,
+    TransportError,
 )
 
 RESULT_CODES = {GoalStatus.SUCCEEDED: 4, GoalStatus.CANCELED: 5, GoalStatus.ABORTED: 6}
@@ -291,32 +292,39 @@ class ActionServerPort:
     def accept(self, goal_id: int) -> None:
         """Accept a goal."""
         if (handle := self._goal(goal_id)) is not None:
-            handle.accept()
+            self._tell(handle.accept)
 
     def reject(self, goal_id: int) -> None:
         """Reject a goal."""
         if (handle := self._end(goal_id)) is not None:
-            handle.reject()
+            self._tell(handle.reject)
 
     def feedback(self, goal_id: int, feedback: Message) -> None:
         """Send feedback."""
         if (handle := self._goal(goal_id)) is not None:
-            handle.publish_feedback(feedback)
+            self._tell(handle.publish_feedback, feedback)
 
     def succeed(self, goal_id: int, result: Message) -> None:
         """End a goal: succeeded."""
         if (handle := self._end(goal_id)) is not None:
-            handle.succeed(result)
+            self._tell(handle.succeed, result)
 
     def abort(self, goal_id: int, result: Message) -> None:
         """End a goal: aborted."""
         if (handle := self._end(goal_id)) is not None:
-            handle.abort(result)
+            self._tell(handle.abort, result)
 
     def canceled(self, goal_id: int, result: Message) -> None:
         """End a goal: canceled."""
         if (handle := self._end(goal_id)) is not None:
-            handle.canceled(result)
+            self._tell(handle.canceled, result)
+
+    def _tell(self, what: Callable[..., None], *arguments: Message) -> None:
+        """What a goal's state does not allow is the model's fault: reported, and the node lives."""
+        try:
+            what(*arguments)
+        except TransportError as error:
+            self._log.error("state %s: %s", self._state(), error)
 
     def _goal(self, goal_id: int) -> GoalHandle | None:
         handle = self._goals.get(goal_id)

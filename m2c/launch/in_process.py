@@ -1,0 +1,175 @@
+"""A system in one process: its generated code on a simulated world, in virtual time.
+
+The nodes are the very code that ``m2c generate`` writes; only the processes are left out. A run is a
+pure function of the world's seed and conditions.
+"""
+
+from __future__ import annotations
+
+import itertools
+import linecache
+import random
+import sys
+from collections.abc import Callable, Mapping
+from types import ModuleType
+from typing import Any
+
+import msgspec
+
+from m2c.codegen.names import camel, snake
+from m2c.codegen.package import node_modules
+from m2c.model.diagnostics import DiagnosticLog, ModelError
+from m2c.model.machine import Machine
+from m2c.model.system import System
+from m2c.policy.program import Policy, read_policy
+from m2c.policy.runner import PolicyRunner, TreeTick
+from m2c.runtime.binding import NodeSettings
+from transports.simulated import SimulatedTransport, SimulatedWorld
+
+NodeClass = Callable[..., Any]
+
+POLICY_NODE = "policy"
+
+_ORDER = ("__init__", "interfaces", "machine", "node")
+
+
+class Program(msgspec.Struct, frozen=True):
+    """The code of a system, imported once and run any number of times.
+
+    Attributes:
+        nodes: node class per node name.
+        plugins: node class per plugin name.
+        policy: the behaviour tree, if the system has one.
+    """
+
+    nodes: Mapping[str, NodeClass]
+    plugins: Mapping[str, NodeClass]
+    policy: Policy | None
+
+    def replacing(self, name: str, node: NodeClass) -> Program:
+        """The same system with another class for the node ``name`` (KeyError if there is none)."""
+        if name not in self.nodes:
+            raise KeyError(f"no node `{name}`; there are: {', '.join(sorted(self.nodes))}")
+        return msgspec.structs.replace(self, nodes={**self.nodes, name: node})
+
+
+def compile_system(system: System) -> Program:
+    """Generate and import all of ``system``.
+
+    Raises:
+        ModelError: the policy cannot be used.
+    """
+    policy = None
+    if system.policy is not None:
+        log = DiagnosticLog()
+        policy = read_policy(system.policy, system, log)
+        if policy is None:
+            raise ModelError(log.diagnostics)
+    return Program(
+        {machine.name: compile_node(machine, system) for machine in system.nodes},
+        {machine.name: compile_node(machine, system) for machine in system.plugins},
+        policy,
+    )
+
+
+def compile_node(machine: Machine, system: System) -> NodeClass:
+    """Generate and import ``machine``; its node class."""
+    package = snake(machine.name)
+    modules = node_modules(machine, system.library, package)
+    return import_node(
+        package, {name.removesuffix(".py"): text for name, text in modules.items()}, machine.name
+    )
+
+
+def import_node(package: str, modules: Mapping[str, str], name: str) -> NodeClass:
+    """The node class of a generated package, from the text of its modules.
+
+    The package is not left in ``sys.modules``, so variants of one node can be there side by side.
+
+    Args:
+        package: the package's name, as its modules import one another.
+        modules: source text per module (``interfaces``, ``machine``, ``node``).
+        name: the machine's name.
+    """
+    saved = {key: sys.modules.pop(key) for key in tuple(sys.modules) if _is_in(key, package)}
+    try:
+        for module in sorted(modules, key=_ORDER.index):
+            full = package if module == "__init__" else f"{package}.{module}"
+            made = ModuleType(full)
+            if module == "__init__":
+                made.__path__ = []
+            file = f"<{full}#{next(_numbers)}>"
+            # lets tracebacks find the text
+            linecache.cache[file] = (
+                len(modules[module]),
+                None,
+                modules[module].splitlines(keepends=True),
+                file,
+            )
+            sys.modules[full] = made
+            exec(compile(modules[module], file, "exec"), made.__dict__)
+        for value in vars(sys.modules[f"{package}.interfaces"]).values():
+            if isinstance(value, type) and issubclass(value, msgspec.Struct):
+                # msgspec looks annotations up in sys.modules, once; later they are not there
+                msgspec.msgpack.Decoder(value)
+        node_class: NodeClass = getattr(sys.modules[f"{package}.node"], f"{camel(name)}Node")
+        return node_class
+    finally:
+        for key in [key for key in sys.modules if _is_in(key, package)]:
+            del sys.modules[key]
+        sys.modules.update(saved)
+
+
+def _is_in(module: str, package: str) -> bool:
+    return module == package or module.startswith(f"{package}.")
+
+
+_numbers = itertools.count()
+
+
+class SimulatedRun:
+    """One run of a program in a world.
+
+    Args:
+        program: the code.
+        world: where it runs; taps and further nodes may be there already.
+        settings: how nodes behave towards the others.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        world: SimulatedWorld,
+        settings: NodeSettings | None = None,
+    ) -> None:
+        self.world = world
+        self.ticks: list[TreeTick] = []
+        """What the tree did, tick by tick."""
+        # generated machines draw from the process's source of randomness
+        random.seed(world.seed)
+        self.nodes: dict[str, Any] = {}
+        for name, node_class in program.nodes.items():
+            transport = SimulatedTransport(world, name)
+            node = node_class(transport, settings or NodeSettings())
+            self.nodes[name] = node
+            transport.post(node.start)
+            transport.post(transport.announce)
+        self._policy: PolicyRunner | None = None
+        if program.policy is not None:
+            transport = SimulatedTransport(world, POLICY_NODE)
+            self._policy = PolicyRunner(transport, program.policy, program.plugins)
+            self._rate_hz = program.policy.tick_rate_hz
+            transport.announce()
+        world.run_for(0.0)
+
+    def run(self, seconds: float) -> None:
+        """Let ``seconds`` of virtual time pass; the policy ticks at the system's rate."""
+        if self._policy is None:
+            self.world.run_for(seconds)
+            return
+        end = self.world.now_ns + round(seconds * 1e9)
+        period_ns = round(1e9 / self._rate_hz)
+        while self.world.now_ns < end:
+            due = self.world.now_ns + period_ns
+            self.ticks.append(self._policy.tick())
+            self.world.run(lambda: False, min(max(due, self.world.now_ns), end))

@@ -1,0 +1,118 @@
+"""Nodes for the conformance suite: real ones on threads, or simulated ones on virtual time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from transports.interface import Transport
+from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+
+PATIENCE_S = 20.0
+"""How long a check waits for what must happen; only a failing check waits that long."""
+
+
+class Network(Protocol):
+    """Some nodes that can reach one another, and a way to let things happen."""
+
+    def node(self, name: str) -> Transport:
+        """A node whose executor runs."""
+        ...
+
+    def until(self, condition: Callable[[], object]) -> bool:
+        """Let things happen until ``condition()`` holds; False if it does not in PATIENCE_S."""
+        ...
+
+    def caller(self, work: Callable[[], Any]) -> Callable[[], Any]:
+        """Run ``work`` on a thread that may wait; what is returned waits for its value."""
+        ...
+
+    def close(self) -> None:
+        """Close all nodes."""
+        ...
+
+
+class ThreadedNetwork:
+    """Nodes of a real transport in this process, each with a thread that spins.
+
+    Args:
+        connect: ``connect(name, others)``: a node called ``name``; ``others`` are those that are
+            there already (the first to come may have to listen).
+    """
+
+    def __init__(self, connect: Callable[[str, Sequence[Transport]], Transport]) -> None:
+        self._connect = connect
+        self._nodes: list[Transport] = []
+        self._threads: list[threading.Thread] = []
+
+    def node(self, name: str) -> Transport:
+        """A node that spins on a thread of its own."""
+        transport = self._connect(name, self._nodes)
+        thread = threading.Thread(target=transport.spin, name=name)
+        thread.start()
+        self._nodes.append(transport)
+        self._threads.append(thread)
+        return transport
+
+    def until(self, condition: Callable[[], object]) -> bool:
+        """Wait, looking every few milliseconds."""
+        deadline = time.monotonic() + PATIENCE_S
+        pause = threading.Event()
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            pause.wait(0.002)
+        return True
+
+    def caller(self, work: Callable[[], Any]) -> Callable[[], Any]:
+        """A thread of its own."""
+        found: list[Any] = []
+        thread = threading.Thread(target=lambda: found.append(work()))
+        thread.start()
+
+        def value() -> Any:
+            thread.join(PATIENCE_S)
+            assert found, "the caller did not end, or raised an error"
+            return found[0]
+
+        return value
+
+    def close(self) -> None:
+        """Close all nodes, the last to come first; every spin must end."""
+        for transport in reversed(self._nodes):
+            transport.close()
+        for thread in self._threads:
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive(), f"{thread.name} still spins after close()"
+
+
+class SimulatedNetwork:
+    """Nodes in a simulated world."""
+
+    def __init__(self, seed: int = 0, conditions: Conditions | None = None) -> None:
+        self.world = SimulatedWorld(seed, conditions)
+
+    def node(self, name: str) -> SimulatedTransport:
+        """A node in the world."""
+        return SimulatedTransport(self.world, name)
+
+    def until(self, condition: Callable[[], object]) -> bool:
+        """Let the world's events happen."""
+        return self.world.run_until(condition, PATIENCE_S)
+
+    def caller(self, work: Callable[[], Any]) -> Callable[[], Any]:
+        """A caller on the world's time."""
+        found: list[Any] = []
+        self.world.spawn(lambda: found.append(work()), "caller")
+
+        def value() -> Any:
+            assert self.until(lambda: bool(found)), "the caller did not end"
+            return found[0]
+
+        return value
+
+    def close(self) -> None:
+        """Close all nodes."""
+        self.world.close()

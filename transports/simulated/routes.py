@@ -1,0 +1,172 @@
+"""Who hears what in a simulated world: subscribers, servers, and taps with their observations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from transports.interface import Observation, ObservationKind, Service
+from transports.losses import Losses
+from transports.payloads import PayloadError, plain
+from transports.service_events import EVENT_SUFFIX
+
+if TYPE_CHECKING:
+    from transports.simulated.services import Server
+    from transports.simulated.transport import SimulatedTransport, Subscription
+    from transports.simulated.world import SimulatedWorld
+
+_REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+
+
+class Routes:
+    """The routing table of one world, and what its taps are told."""
+
+    def __init__(self, world: SimulatedWorld) -> None:
+        self._world = world
+        self._subscriptions: dict[str, list[Subscription]] = {}
+        self._servers: dict[str, list[Server]] = {}
+        self.latched: dict[str, dict[str, tuple[str, bytes]]] = {}
+        """Channel → source → its last message (type, payload)."""
+        self._taps: list[Tap] = []
+        self._sequences: dict[tuple[str, str], int] = {}
+
+    def subscriptions(self, channel: str) -> list[Subscription]:
+        """Who is subscribed to ``channel``."""
+        return self._subscriptions.setdefault(channel, [])
+
+    def servers(self, channel: str) -> list[Server]:
+        """Who serves ``channel``; a call reaches the first."""
+        return self._servers.setdefault(channel, [])
+
+    def add(self, tap: Tap) -> None:
+        """``tap`` listens from now on."""
+        self._taps.append(tap)
+
+    def remove(self, tap: Tap) -> None:
+        """``tap`` listens no more."""
+        if tap in self._taps:
+            self._taps.remove(tap)
+
+    def message(self, source: str, channel: str, type_name: str, payload: bytes) -> None:
+        """Tell taps of a message."""
+        sequence = self._next(source, channel)
+        if self._taps:
+            self._tell(
+                channel,
+                source,
+                {
+                    "stamp_ns": self._world.stamp(),
+                    "channel": channel,
+                    "kind": ObservationKind.MESSAGE,
+                    "type_name": type_name,
+                    "source": source,
+                    "sequence": sequence,
+                },
+                payload,
+            )
+
+    def service_event(
+        self,
+        source: str,
+        service: Service,
+        kind: ObservationKind,
+        payload: bytes | None,
+        client: str,
+        call: int,
+        error: str = "",
+    ) -> None:
+        """Tell taps what happened in a call; without a tap, nothing is recorded."""
+        if not self._taps:
+            return
+        suffix = "_Request" if kind in _REQUESTS else "_Response"
+        self._tell(
+            service.name,
+            source,
+            {
+                "stamp_ns": self._world.stamp(),
+                "channel": service.name,
+                "kind": kind,
+                "type_name": service.type_name + suffix,
+                "source": source,
+                "sequence": self._next(source, service.name + EVENT_SUFFIX),
+                "client": client,
+                "call": call,
+                "error": error,
+            },
+            payload,
+        )
+
+    def _next(self, source: str, channel: str) -> int:
+        place = (source, channel)
+        sequence = self._sequences.get(place, 0)
+        self._sequences[place] = sequence + 1
+        return sequence
+
+    def _tell(
+        self, channel: str, source: str, fields: dict[str, Any], payload: bytes | None
+    ) -> None:
+        for tap in self._taps:
+            if tap.wants(channel):
+                link = (source, fields["kind"] is ObservationKind.MESSAGE, channel, tap)
+                self._world.send_to_tap(link, tap.arrive, (fields, payload))
+
+
+class Tap:
+    """A passive listener; see ``transports.interface.Tap``."""
+
+    def __init__(
+        self,
+        node: SimulatedTransport,
+        globs: Sequence[str],
+        handler: Callable[[Observation], None],
+    ) -> None:
+        self._node = node
+        self._globs = tuple(globs)
+        self._handler = handler
+        self._losses = Losses()
+        self._wanted: dict[str, bool] = {}
+        self._closed = False
+        node.routes.add(self)
+
+    def peers(self) -> Sequence[str]:
+        """Names of the other nodes: in one world all are linked."""
+        return sorted(name for name in self._node.world.nodes if name != self._node.node)
+
+    def problems(self) -> Sequence[str]:
+        """What was lost or could not be decoded."""
+        return self._losses.sentences()
+
+    def close(self) -> None:
+        """Stop listening; idempotent."""
+        self._closed = True
+        self._node.routes.remove(self)
+
+    def wants(self, channel: str) -> bool:
+        """Whether ``channel``, or the action it is a part of, matches a glob."""
+        wanted = self._wanted.get(channel)
+        if wanted is None:
+            names = (channel, channel.partition("/_action/")[0])
+            wanted = not self._globs or any(
+                fnmatchcase(name, glob) for name in names for glob in self._globs
+            )
+            self._wanted[channel] = wanted
+        return wanted
+
+    def arrive(self, told: tuple[dict[str, Any], bytes | None]) -> None:
+        """An observation is here."""
+        self._node.work(self._hear, told)
+
+    def _hear(self, told: tuple[dict[str, Any], bytes | None]) -> None:
+        if self._closed:
+            return
+        fields, payload = told
+        channel, source = fields["channel"], fields["source"]
+        events = "" if fields["kind"] is ObservationKind.MESSAGE else EVENT_SUFFIX
+        self._losses.number(channel + events, source, fields["sequence"])
+        try:
+            data = None if payload is None else plain(payload)
+        except PayloadError as error:
+            self._losses.undecodable(channel, source, error)
+            return
+        self._handler(Observation(received_ns=self._node.world.now_ns, data=data, **fields))

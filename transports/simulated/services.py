@@ -1,0 +1,244 @@
+"""Services in a simulated world: a call is two messages under way, and four observations."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from transports.interface import (
+    CallOutcome,
+    CallResult,
+    Message,
+    ObservationKind,
+    Service,
+    TransportError,
+)
+from transports.payloads import PayloadError, TypedCodec, report_payload
+from transports.simulated.world import Completion
+
+if TYPE_CHECKING:
+    from transports.simulated.transport import SimulatedTransport
+
+LOG = logging.getLogger("transports.simulated")
+
+
+class Call:
+    """One call under way; the first thing that ends it counts."""
+
+    __slots__ = ("client", "done", "number", "payload", "type_name")
+
+    def __init__(
+        self,
+        client: Client,
+        number: int,
+        payload: bytes,
+        done: Callable[[CallResult], None],
+    ) -> None:
+        self.client = client
+        self.number = number
+        self.payload = payload
+        self.type_name = client.service.type_name
+        self.done: Callable[[CallResult], None] | None = done
+
+
+class Request:
+    """A request that a node serves."""
+
+    __slots__ = ("_answered", "_call", "_server", "client", "data")
+
+    def __init__(self, server: Server, call: Call, data: Any) -> None:
+        self._server = server
+        self._call = call
+        self._answered = False
+        self.client = call.client.node.node
+        self.data = data
+
+    def respond(self, response: Message) -> None:
+        """Answer; TransportError if it is answered already."""
+        payload = self._server.response.encode(response)
+        self._take()
+        self._server.answer(self._call, payload, "")
+
+    def fail(self, error: str) -> None:
+        """End the call with a remote error; TransportError if it is answered already."""
+        self._take()
+        self._server.answer(self._call, None, error)
+
+    def _take(self) -> None:
+        if self._answered:
+            raise TransportError(
+                f"call {self._call.number} of {self.client} to {self._server.name} "
+                "is answered already"
+            )
+        self._answered = True
+
+
+class Server:
+    """Serves one service."""
+
+    def __init__(
+        self, node: SimulatedTransport, service: Service, handler: Callable[[Request], None]
+    ) -> None:
+        self.node = node
+        self.name = service.name
+        self.service = service
+        self.response = TypedCodec(f"{service.type_name}_Response", service.response)
+        self._request = TypedCodec(f"{service.type_name}_Request", service.request)
+        self._handler = handler
+        self._open: dict[Call, None] = {}
+
+    def arrive(self, call: Call) -> None:
+        """A request is here."""
+        if not self.node.alive:
+            call.client.lose(call)
+            return
+        self._open[call] = None
+        self.node.work(self._handle, call)
+
+    def _handle(self, call: Call) -> None:
+        client = call.client.node.node
+        try:
+            self._request.require(f"{call.type_name}_Request")
+            data = self._request.decode_bytes(call.payload)
+        except PayloadError as error:
+            report_payload(LOG, self.name, client, error)
+            self.answer(call, None, f"bad request: {error}")
+            return
+        self.node.routes.service_event(
+            self.node.node,
+            self.service,
+            ObservationKind.REQUEST_RECEIVED,
+            call.payload,
+            client,
+            call.number,
+        )
+        self._handler(Request(self, call, data))
+
+    def answer(self, call: Call, payload: bytes | None, error: str) -> None:
+        """Let the end of ``call`` be under way to its client."""
+        self._open.pop(call, None)
+        self.node.routes.service_event(
+            self.node.node,
+            self.service,
+            ObservationKind.RESPONSE_SENT,
+            payload,
+            call.client.node.node,
+            call.number,
+            error=f"{CallOutcome.REMOTE_ERROR}: {error}" if payload is None else "",
+        )
+        link = (self.node.node, self.name, call.client.node.node)
+        self.node.world.send(link, call.client.receive, (call, payload, error))
+
+    def vanish(self) -> None:
+        """The node is gone: callers whose requests wait here hear so."""
+        for call in tuple(self._open):
+            call.client.lose(call)
+        self._open.clear()
+
+
+class Client:
+    """Calls one service."""
+
+    def __init__(
+        self, node: SimulatedTransport, service: Service, numbers: itertools.count[int]
+    ) -> None:
+        self.node = node
+        self.service = service
+        self._request = TypedCodec(f"{service.type_name}_Request", service.request)
+        self._response = TypedCodec(f"{service.type_name}_Response", service.response)
+        self._numbers = numbers
+        self._waiting: dict[Completion, None] = {}
+        self._unavailable = CallResult(
+            CallOutcome.UNAVAILABLE,
+            error=f"{service.name}: nobody answers: no node serves it, or it went away",
+        )
+
+    def call(
+        self, request: Message, done: Callable[[CallResult], None], timeout_s: float = 5.0
+    ) -> None:
+        """Send ``request``; ``done`` gets the result as work of this node, exactly once."""
+        payload = self._request.encode(request)
+        node, name = self.node, self.service.name
+        if not node.alive:
+            raise TransportError(f"cannot call {name}: {node.node} is closed")
+        call = Call(self, next(self._numbers), payload, done)
+        node.routes.service_event(
+            node.node, self.service, ObservationKind.REQUEST_SENT, payload, node.node, call.number
+        )
+        node.world.schedule(max(0, round(timeout_s * 1e9)), self._time_out, call)
+        servers = node.routes.servers(name)
+        if servers:
+            link = (node.node, name, servers[0].node.node)
+            node.world.send(link, servers[0].arrive, call)
+        else:
+            node.world.schedule(0, self._end_unavailable, call)
+
+    def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
+        """Send ``request`` and run the world until the call has ended."""
+        if self.node.world.running is not None:
+            raise TransportError(
+                f"call_and_wait of {self.service.name} on the executor's own thread: nothing else "
+                "would run meanwhile; use call"
+            )
+        waiting = Completion(self.node.world)
+        self._waiting[waiting] = None
+        self.call(request, waiting.set, timeout_s)
+        # the call's own timer ends it at its time; the margin lets that come first
+        result = waiting.wait(timeout_s + 1.0)
+        self._waiting.pop(waiting, None)
+        return self._unavailable if result is None else result
+
+    def close(self) -> None:
+        """End calls that wait: the node is gone."""
+        for waiting in self._waiting:
+            waiting.set(self._unavailable)
+
+    def lose(self, call: Call) -> None:
+        """The server of ``call`` is gone; that takes as long to hear as an answer."""
+        link = (self.service.name, self.node.node)
+        self.node.world.send(link, self._end_unavailable, call)
+
+    def receive(self, answer: tuple[Call, bytes | None, str]) -> None:
+        """An answer is here."""
+        self.node.work(self._take_answer, answer)
+
+    def _take_answer(self, answer: tuple[Call, bytes | None, str]) -> None:
+        call, payload, error = answer
+        if payload is None:
+            self._end(call, CallResult(CallOutcome.REMOTE_ERROR, error=error), None)
+            return
+        try:
+            response = self._response.decode_bytes(payload)
+        except PayloadError as bad:
+            report_payload(LOG, self.service.name, "its server", bad)
+            text = f"{self.service.name}: bad response: {bad}"
+            self._end(call, CallResult(CallOutcome.REMOTE_ERROR, error=text), None)
+            return
+        self._end(call, CallResult(CallOutcome.RESPONSE, response), payload)
+
+    def _time_out(self, call: Call) -> None:
+        if call.done is not None:
+            text = f"{self.service.name}: no answer within the time limit"
+            result = CallResult(CallOutcome.TIMEOUT, error=text)
+            self.node.work(lambda _: self._end(call, result, None), None)
+
+    def _end_unavailable(self, call: Call) -> None:
+        self.node.work(lambda _: self._end(call, self._unavailable, None), None)
+
+    def _end(self, call: Call, result: CallResult, payload: bytes | None) -> None:
+        done, call.done = call.done, None
+        if done is None:
+            return
+        failed = result.outcome is not CallOutcome.RESPONSE
+        self.node.routes.service_event(
+            self.node.node,
+            self.service,
+            ObservationKind.RESPONSE_RECEIVED,
+            payload,
+            self.node.node,
+            call.number,
+            error=f"{result.outcome}: {result.error}" if failed else "",
+        )
+        done(result)

@@ -1,0 +1,319 @@
+"""The simulated world: one queue of events, one clock, one source of randomness.
+
+Everything that happens is an event at a virtual time. Nothing else decides what happens next, so a
+run is a pure function of the seed, the conditions and the nodes' code.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from transports.interface import TransportError
+from transports.simulated.routes import Routes
+from transports.simulated.tasks import Task, current_task
+
+START_NS = 1_700_000_000 * 10**9
+"""Virtual time of the first event, ns since the epoch."""
+
+Event = Callable[[Any], None]
+
+
+class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How well the simulated network and its machines work.
+
+    Attributes:
+        delay_s: shortest and longest time a message is under way, drawn for each message. A link (a
+            channel from one node to another) keeps its order; across links, order is lost.
+        tap_delay_s: the same for what a tap hears.
+        busy_s: shortest and longest time a node takes for one piece of work; others wait meanwhile.
+        loss: probability that a message of a best-effort topic is lost on one link.
+        tap_loss: probability that an observation is lost.
+        duplication: probability that a message of a best-effort topic, or an observation, arrives
+            twice.
+    """
+
+    delay_s: tuple[float, float] = (100e-6, 100e-6)
+    tap_delay_s: tuple[float, float] = (100e-6, 100e-6)
+    busy_s: tuple[float, float] = (0.0, 0.0)
+    loss: float = 0.0
+    tap_loss: float = 0.0
+    duplication: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("delay_s", "tap_delay_s", "busy_s"):
+            least, most = getattr(self, name)
+            if not 0 <= least <= most:
+                raise ValueError(f"{name} must be (shortest, longest) ≥ 0, not {(least, most)}")
+        for name in ("loss", "tap_loss", "duplication"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} is a probability, not {getattr(self, name)}")
+
+
+class _Range:
+    """Draws durations in ns between two bounds."""
+
+    def __init__(self, bounds_s: tuple[float, float], source: random.Random) -> None:
+        self._least = round(bounds_s[0] * 1e9)
+        self._width = round(bounds_s[1] * 1e9) - self._least
+        self._random = source.random
+
+    def draw(self) -> int:
+        return self._least + int(self._random() * self._width) if self._width else self._least
+
+
+class Completion:
+    """A value that one caller waits for; see ``transports.interface.Completion``."""
+
+    __slots__ = ("_task", "_value", "_world", "ready")
+
+    def __init__(self, world: SimulatedWorld) -> None:
+        self._world = world
+        self._value: Any = None
+        self._task: Task | None = None
+        self.ready = False
+
+    def set(self, value: Any) -> None:
+        """Deliver ``value``; only the first delivery counts. From any thread."""
+        self._world.enter(self._set, value)
+
+    def _set(self, value: Any) -> None:
+        if self.ready:
+            return
+        self.ready = True
+        self._value = value
+        if self._task is not None:
+            self._world.schedule(0, Task.resume, self._task)
+
+    def wait(self, timeout_s: float) -> Any:
+        """The value, or None after ``timeout_s`` virtual seconds, whose events run meanwhile."""
+        world = self._world
+        if world.running is not None:
+            raise TransportError(
+                f"{world.running} waits in a handler: nothing else of it would run meanwhile"
+            )
+        deadline_ns = world.now_ns + max(0, round(timeout_s * 1e9))
+        task = current_task()
+        if task is None:
+            world.run(lambda: self.ready, deadline_ns)
+        elif not self.ready:
+            self._task = task
+            waiting = [True]
+
+            def give_up(_: object) -> None:
+                if waiting and not self.ready:
+                    task.resume()
+
+            world.schedule(deadline_ns - world.now_ns, give_up, None)
+            task.pause()
+            waiting.clear()
+            self._task = None
+        return self._value
+
+
+class SimulatedWorld:
+    """Nodes, links and taps on virtual time.
+
+    Args:
+        seed: decides every random choice of the world.
+        conditions: how well the network and the machines work.
+    """
+
+    def __init__(self, seed: int = 0, conditions: Conditions | None = None) -> None:
+        self.conditions = conditions = conditions or Conditions()
+        self.seed = seed
+        self.random = random.Random(seed)
+        self.now_ns = START_NS
+        """Virtual time, ns since the epoch."""
+        self.running: str | None = None
+        """The node whose handler runs, if one does."""
+        self.events = 0
+        """How many events have happened."""
+        self.nodes: dict[str, Any] = {}
+        self.routes = Routes(self)
+        self._delay = _Range(conditions.delay_s, self.random)
+        self._tap_delay = _Range(conditions.tap_delay_s, self.random)
+        self._busy = _Range(conditions.busy_s, self.random)
+        self._queue: list[tuple[int, int, Event, Any]] = []
+        self._order = 0
+        self._last_stamp_ns = 0
+        self._arrivals: dict[Any, int] = {}
+        self._entered: deque[tuple[Event, Any]] = deque()
+        self._wake = threading.Event()
+        self._thread = threading.get_ident()
+        self._tasks: list[Task] = []
+
+    # --- time ------------------------------------------------------------------------------------
+
+    def stamp(self) -> int:
+        """Now, but later than every stamp before: a hybrid logical clock of the whole world."""
+        self._last_stamp_ns = max(self.now_ns, self._last_stamp_ns + 1)
+        return self._last_stamp_ns
+
+    def schedule(self, delay_ns: int, event: Event, argument: Any) -> None:
+        """Let ``event(argument)`` happen ``delay_ns`` from now."""
+        self._order += 1
+        heapq.heappush(self._queue, (self.now_ns + delay_ns, self._order, event, argument))
+
+    def enter(self, event: Event, argument: Any) -> None:
+        """``event(argument)`` now; from another thread: as soon as the world takes notice."""
+        if threading.get_ident() == self._thread or current_task() is not None:
+            event(argument)
+        else:
+            self._entered.append((event, argument))
+            self._wake.set()
+
+    def send(self, link: Any, event: Event, argument: Any) -> None:
+        """Let ``event(argument)`` happen when a message sent now on ``link`` arrives."""
+        self._arrive(link, self._delay.draw(), event, argument)
+
+    def send_to_tap(self, link: Any, event: Event, argument: Any) -> None:
+        """The same for what a tap hears, which may be lost or doubled."""
+        for _ in range(self.copies(self.conditions.tap_loss)):
+            self._arrive(link, self._tap_delay.draw(), event, argument)
+
+    def copies(self, loss: float) -> int:
+        """How often a message arrives that is lost with probability ``loss``: 0, 1 or 2 times."""
+        if loss and self.random.random() < loss:
+            return 0
+        doubled = self.conditions.duplication
+        return 2 if doubled and self.random.random() < doubled else 1
+
+    def busy_ns(self) -> int:
+        """How long the next piece of work keeps its node busy."""
+        return self._busy.draw()
+
+    def _arrive(self, link: Any, delay_ns: int, event: Event, argument: Any) -> None:
+        due = max(self.now_ns + delay_ns, self._arrivals.get(link, 0))
+        self._arrivals[link] = due
+        self._order += 1
+        heapq.heappush(self._queue, (due, self._order, event, argument))
+
+    # --- running ---------------------------------------------------------------------------------
+
+    def step(self) -> bool:
+        """Let the next event happen; False if there is none."""
+        while self._entered:
+            event, argument = self._entered.popleft()
+            event(argument)
+        if not self._queue:
+            return False
+        self.now_ns, _, event, argument = heapq.heappop(self._queue)
+        self.events += 1
+        event(argument)
+        return True
+
+    def run(self, until: Callable[[], object], deadline_ns: int) -> bool:
+        """Let events happen until ``until()`` holds; False if ``deadline_ns`` came first.
+
+        The clock stands at the deadline then. ``until`` is asked before each event.
+        """
+        if self.running is not None:
+            raise TransportError(f"the world cannot run within a handler of {self.running}")
+        caller, self._thread = self._thread, threading.get_ident()
+        try:
+            while not until():
+                if self._entered:
+                    event, argument = self._entered.popleft()
+                    event(argument)
+                elif self._queue and self._queue[0][0] <= deadline_ns:
+                    self.step()
+                else:
+                    self.now_ns = max(self.now_ns, deadline_ns)
+                    return bool(until())
+            return True
+        finally:
+            self._thread = caller
+
+    def run_for(self, seconds: float) -> None:
+        """Let ``seconds`` of virtual time pass."""
+        self.run(lambda: False, self.now_ns + round(seconds * 1e9))
+
+    def run_until(self, until: Callable[[], object], timeout_s: float) -> bool:
+        """Let events happen until ``until()`` holds, for at most ``timeout_s`` virtual seconds."""
+        return self.run(until, self.now_ns + round(timeout_s * 1e9))
+
+    def idle(self) -> bool:
+        """Whether nothing will ever happen unless another thread makes it."""
+        return not self._queue and not self._entered
+
+    def wait_for_threads(self) -> None:
+        """Block until another thread enters something: for ``spin`` of an idle world."""
+        self._wake.wait()
+        self._wake.clear()
+
+    # --- nodes -----------------------------------------------------------------------------------
+
+    def spawn(self, work: Callable[[], None], name: str) -> Task:
+        """Run ``work`` as one of several callers that may wait (a policy's tick waits for answers).
+
+        It starts with the world's next events and runs only while nothing else does, so the world
+        stays a function of its seed. What it raises is raised by ``run``.
+        """
+        task = Task(work, name)
+        self._tasks.append(task)
+        self.schedule(0, Task.resume, task)
+        return task
+
+    def crash(self, node: str) -> None:
+        """``node`` dies without a word: what is under way to it is lost, its callers hear so."""
+        if node not in self.nodes:
+            known = ", ".join(sorted(self.nodes)) or "none"
+            raise TransportError(f"no node `{node}` in this world (there are: {known})")
+        self.nodes[node].vanish()
+
+    def close(self) -> None:
+        """Close every node and end every spawned caller."""
+        for node in tuple(self.nodes.values()):
+            node.close()
+        for task in self._tasks:
+            task.abandon()
+
+
+def _bounds(text: str) -> tuple[float, float]:
+    least, _, most = text.partition("..")
+    return float(least), float(most or least)
+
+
+_worlds: dict[str, SimulatedWorld] = {}
+
+_OPTIONS: Mapping[str, Callable[[str], Any]] = {
+    "delay": _bounds,
+    "loss": float,
+    "duplication": float,
+}
+
+
+def world_called(name: str, options: Mapping[str, str]) -> SimulatedWorld:
+    """The world ``name`` of this process, made with ``options`` when first asked for.
+
+    Args:
+        name: any name.
+        options: ``seed`` (whole number), ``delay`` (seconds, ``0.001`` or ``0.001..0.05``), ``loss``
+            and ``duplication`` (probabilities).
+
+    Raises:
+        TransportError: an option is unknown or wrong.
+    """
+    for option in options:
+        if option not in (*_OPTIONS, "seed"):
+            known = ", ".join(sorted((*_OPTIONS, "seed", "world")))
+            raise TransportError(
+                f"the simulated transport has no option `{option}` (it has: {known})"
+            )
+    if name not in _worlds:
+        try:
+            seed = int(options.get("seed", "0"))
+            values = {o: _OPTIONS[o](text) for o, text in options.items() if o != "seed"}
+            if "delay" in values:
+                values["delay_s"] = values.pop("delay")
+            _worlds[name] = SimulatedWorld(seed, Conditions(**values))
+        except ValueError as error:
+            raise TransportError(f"the simulated transport: {error}") from error
+    return _worlds[name]
