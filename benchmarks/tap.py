@@ -1,17 +1,22 @@
 """What a tap can take: observations decoded and written to a file, none lost.
 
-One process publishes at a fixed rate on several channels; a bare Zenoh subscriber (counting only)
-and a tap (decoding, each observation a line of JSON in a file) hear it in turns of one run.
+One process publishes at a fixed rate on several channels. A bare Zenoh subscriber (counting only),
+a transport's tap (decoding, each observation a line of JSON in a file) and the command
+``moon tap --json > file`` hear it in turns of one run.
 
-Usage: ``python benchmarks/tap.py [--rate N] [--seconds S]``. Prints counts, losses and the share
-of one processor that the tap needed.
+Usage: ``python benchmarks/tap.py [--rate N] [--seconds S]``. Prints counts, losses and the
+processor time that each observation needed.
 """
 
 from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
+import signal
 import socket
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -129,19 +134,44 @@ def main() -> None:
             processor = time.process_time() - processor
             problems = list(tap.problems())
             tap.close()
-            transport.close()
-            spinner.join()
         lines = path.read_bytes().count(b"\n")
-    print(
-        f"tap:             sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), in the file {lines}"
-    )
-    print(f"  {sent / took:,.0f} observations/s (target ≥ 50 000), lost {sent - lines} (target 0)")
-    print(f"  processor time {processor:.2f} s: {processor / sent * 1e6:.1f} µs per observation")
-    for problem in problems:
-        print(f"  {problem}")
+        report("transport's tap", sent, took, lines, processor)
+        for problem in problems:
+            print(f"  {problem}")
+        by_command(endpoint, pipe, job, Path(folder))
+    transport.close()
+    spinner.join()
     pipe.send(None)
     robot.join(5)
     robot.terminate()
+
+
+def by_command(endpoint: str, pipe: Connection, job: tuple[int, float], folder: Path) -> None:
+    """The same by ``moon tap --json``, a process of its own that is ended by a signal."""
+    path, said = folder / "command.jsonl", folder / "command.err"
+    moon = [sys.executable, "-m", "moon.cli", "tap", "--json", "--endpoint", endpoint]
+    with path.open("wb") as file, said.open("wb") as errors:
+        command = subprocess.Popen(moon, stdout=file, stderr=errors)
+        pipe.send(job)
+        sent, took = pipe.recv()
+        pace = threading.Event()
+        size = -1
+        while size != path.stat().st_size:  # until nothing more is written
+            size = path.stat().st_size
+            pace.wait(1.0)
+        command.send_signal(signal.SIGINT)
+        _, status, usage = os.wait4(command.pid, 0)
+        command.returncode = os.waitstatus_to_exitcode(status)
+    lines = path.read_bytes().count(b"\n")
+    report("moon tap --json", sent, took, lines, usage.ru_utime + usage.ru_stime)
+    for text in said.read_text(encoding="utf-8").splitlines():
+        print(f"  {text}")
+
+
+def report(name: str, sent: int, took: float, lines: int, processor: float) -> None:
+    print(f"{name}: sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), in the file {lines}")
+    print(f"  {sent / took:,.0f} observations/s (target ≥ 50 000), lost {sent - lines} (target 0)")
+    print(f"  processor time {processor:.2f} s: {processor / sent * 1e6:.1f} µs per observation")
 
 
 if __name__ == "__main__":
