@@ -161,8 +161,8 @@ class MachineWriter:
             lines = [f"{INDENT}__slots__ = ({quoted_slots[0]},)"]
         parameters = ["self", "outputs: Outputs"]
         if "_ports" in self._extras:
-            parameters.append("ports: Mapping[str, str]")
-            self.uses.add("Mapping")
+            parameters.append("ports: Mapping[str, Any]")
+            self.uses |= {"Any", "Mapping"}
         if self._is_thread:
             parameters.append("thread_id: int")
         if "_random" in self._extras:
@@ -600,8 +600,10 @@ class MachineWriter:
             match name:
                 case "status":
                     arguments.append(compiler.value(emit.fields[0].value))
-                case "key" | "child":
+                case "key":
                     arguments.append(f'"{emit.interface}"')
+                case "child":
+                    arguments.append(self._child(emit.interface))
                 case "value":
                     arguments.append(compiler.value(emit.fields[0].value))
                 case "thread_id" if emit.kind is OutputKind.THREAD_FREE:
@@ -614,6 +616,10 @@ class MachineWriter:
         if port.data is not None:
             arguments.append(self._message(port.data, emit.fields, compiler))
         return call(f"self._outputs.{port.method}", arguments, 0)
+
+    def _child(self, written: str) -> str:
+        """A child's index: a number, or the variable that has it."""
+        return written if written.isdigit() else f"self.{attribute(written)}"
 
     def _number(self, value: Expression | None, compiler: ExpressionCompiler, absent: str) -> str:
         return absent if value is None else compiler.value(value, Primitive("int64"))
@@ -688,7 +694,12 @@ class _Recording(ExpressionCompiler):
         self.uses = uses
 
 
-_SAYS_WHETHER_TAKEN = frozenset({EventKind.REQUEST, EventKind.GOAL, EventKind.CALL_ERROR})
+_SAYS_WHETHER_TAKEN = frozenset(
+    {
+        *(EventKind.REQUEST, EventKind.GOAL, EventKind.CALL_ERROR),
+        *(EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED),
+    }
+)
 """Events whose sender waits for something: the node must know of one that is discarded."""
 
 _EVENT_DOCS = {

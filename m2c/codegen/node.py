@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from m2c.codegen.layout import INDENT, call
-from m2c.codegen.names import snake
+from m2c.codegen.names import attribute, snake
 from m2c.codegen.ports import OUTPUT_VERB, OutputPort, PortNames, emits_of, events_of, key
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -174,14 +174,12 @@ class NodeWriter:
 
     def _constructor(self) -> list[str]:
         self.uses |= {"Transport", "NodeSettings", "Binding", "Mapping"}
-        parameters = ["self", "transport: Transport", "settings: NodeSettings = DEFAULT_SETTINGS"]
-        parameters.append("ports: Mapping[str, str] = MappingProxyType({})")
+        parameters = ["self", "transport: Transport"]
         if self.is_plugin:
-            self.uses.add("Callable")
-            parameters += [
-                "on_status: Callable[[str], None] = print",
-                "on_halted: Callable[[], None] = print",
-            ]
+            self.uses.add("TreeSide")
+            parameters.append("tree: TreeSide")
+        parameters.append("settings: NodeSettings = DEFAULT_SETTINGS")
+        parameters.append("ports: Mapping[str, Any] = MappingProxyType({})")
         lines = call("def __init__", parameters, 1, " -> None:")
         body = [f"self.machine = {self._class_name}({', '.join(self._machine_arguments())})"]
         for thread, thread_class in self._threads:
@@ -199,7 +197,7 @@ class NodeWriter:
         body += call("binding = Binding", ["transport", name, "settings", "self._state"], 0)
         body.append("self._binding = binding")
         if self.is_plugin:
-            body += ["self._on_status = on_status", "self._on_halted = on_halted"]
+            body.append("self._tree = tree")
         for interface in self._machine.interfaces:
             body += self._bind(interface)
         return [*lines, *(f"{INDENT * 2}{line}" for line in body)]
@@ -300,13 +298,34 @@ class NodeWriter:
                 lines.append(
                     f"{INDENT * 2}self.machine.on_{method}()"
                     if handled
-                    else f"{INDENT * 2}self._on_halted()"
+                    else f"{INDENT * 2}self._tree.return_halted()"
                 )
+            lines += self._child_method("child_status", EventKind.BT_CHILD_STATUS, ("status",))
+            lines += self._child_method("child_halted", EventKind.BT_CHILD_HALTED, ())
         for interface in self._machine.interfaces:
             event = Event(EventKind.CANCEL, interface.name)
             if interface.kind is InterfaceKind.ACTION_SERVER and event in self._thread_handled:
                 lines += self._cancel_method(interface, event)
         return lines
+
+    def _child_method(self, name: str, kind: EventKind, arguments: tuple[str, ...]) -> list[str]:
+        """What a child answers; a model names it by its number, or by a variable that has it."""
+        events = [event for event in self._handled if event.kind is kind]
+        if not events:
+            return []
+        parameters = "".join(f", {argument}: str" for argument in arguments)
+        what = "returned a status" if arguments else "was halted"
+        lines = ["", f"{INDENT}def {name}(self, child: int{parameters}) -> None:"]
+        lines.append(f'{INDENT * 2}"""A child of this node {what}."""')
+        for event in events:
+            number = event.name
+            if not number.isdigit():
+                number = f"self.machine.{attribute(number)}"
+            method = f"self.machine.{self._handled[event].method}({', '.join(arguments)})"
+            lines.append(f"{INDENT * 2}if child == {number} and {method}:")
+            lines.append(f"{INDENT * 3}return")
+        text = f'"state %s discards that child %s {what}", self._state(), child'
+        return [*lines, *call("self._binding.log.warning", [text], 2)]
 
     def _cancel_method(self, interface: Interface, event: Event) -> list[str]:
         short = self._names.short(interface)
@@ -333,15 +352,13 @@ class NodeWriter:
     def _output_body(self, kind: OutputKind, port: OutputPort, arguments: list[str]) -> list[str]:
         match kind:
             case OutputKind.BT_RETURN_STATUS:
-                return [f"{INDENT * 2}self._on_status(status)"]
+                return [f"{INDENT * 2}self._tree.return_status(status)"]
             case OutputKind.BT_RETURN_HALTED:
-                return [f"{INDENT * 2}self._on_halted()"]
+                return [f"{INDENT * 2}self._tree.return_halted()"]
             case OutputKind.BT_SET_OUTPUT:
-                return [f'{INDENT * 2}self._binding.log.info("output %s = %s", key, value)']
+                return [f"{INDENT * 2}self._tree.set_output(key, value)"]
             case OutputKind.BT_TICK_CHILD | OutputKind.BT_HALT_CHILD:
-                return [
-                    f'{INDENT * 2}self._binding.log.error("child %s: this node has no children", child)'
-                ]
+                return [f"{INDENT * 2}self._tree.{port.method}(child)"]
             case OutputKind.START_THREAD:
                 start = self._thread_handled.get(Event(EventKind.THREAD_START, port.interface))
                 short = self._thread_name(port.interface)

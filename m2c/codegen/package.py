@@ -211,8 +211,7 @@ def _node_text(
         "from __future__ import annotations",
         "",
     ]
-    abstract = [name for name in ("Callable", "Mapping") if f"{name}[" in body]
-    head.append(f"from collections.abc import {', '.join(abstract)}")
+    head.append("from collections.abc import Mapping")
     head.append("from types import MappingProxyType")
     if _word(body, "Any"):
         head.append("from typing import Any")
@@ -226,6 +225,7 @@ def _node_text(
         (f"{package}.interfaces", [name for name in class_of.values() if _word(body, name)]),
         (f"{package}.machine", [writer.class_name for writer in writers]),
         ("m2c.runtime.binding", runtime),
+        ("m2c.runtime.tree_side", ["TreeSide"] if _word(body, "TreeSide") else []),
         ("transports.interface", transport),
     ]
     head.append("")

@@ -165,7 +165,7 @@ class PortNames:
             case OutputKind.BT_SET_OUTPUT:
                 return OutputPort(kind, name, verb, None, "", (("key", "str"), ("value", "object")))
             case OutputKind.BT_TICK_CHILD | OutputKind.BT_HALT_CHILD:
-                return OutputPort(kind, name, verb, None, "", (("child", "str"),))
+                return OutputPort(kind, name, verb, None, "", (("child", "int"),))
         if kind in (OutputKind.START_THREAD, OutputKind.THREAD_FREE):
             parameters.append(("thread_id", "int"))
         if kind in _GOAL_OUTPUTS:

@@ -14,10 +14,11 @@ import msgspec
 from m2c.model.datatypes import is_integer
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.interfaces import ServiceType
-from m2c.model.machine import EventKind, Interface, InterfaceKind, Machine
+from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.model.typing import nearest
-from m2c.policy.tree import BUILTINS, LeafKind, LeafNode, PolicyFile
+from m2c.policy.plugins import PortValue, check_children, port_values, referenced_entry
+from m2c.policy.tree import BUILTINS, TIMED, LeafKind, LeafNode, PolicyFile
 
 _TICK_KINDS = {"TickCondition": LeafKind.CONDITION, "TickAction": LeafKind.ACTION}
 """Last part of a tick service's type name (bt_interfaces and its variants)."""
@@ -27,7 +28,7 @@ _BY_NAME = "ROS2SERVICE"
 _MONITOR_SUFFIX = "_mon"
 _TICK_PORTS = ("service_name", "service_name_tick")
 _HALT_PORT = "service_name_halt"
-_REFERENCE = re.compile(r"\{.*\}")
+_ADDRESS = (*_TICK_PORTS, _HALT_PORT, "interface")
 
 
 class BoundLeaf(msgspec.Struct, frozen=True, kw_only=True):
@@ -39,7 +40,9 @@ class BoundLeaf(msgspec.Struct, frozen=True, kw_only=True):
         halt, halt_type: the service that the skill serves for halts; empty if it serves none.
         node: the node that serves ``tick``; empty if none of the system does.
         plugin: the plugin that ticks it; empty if the runner calls the service itself.
-        ports: the plugin's input ports.
+        timed: ``Sleep``, ``Delay`` or ``Timeout``; empty for what a skill or a plugin answers.
+        inputs, outputs: the plugin's ports.
+        children: how many children the plugin ticks; 0 for a leaf.
     """
 
     name: str
@@ -51,7 +54,10 @@ class BoundLeaf(msgspec.Struct, frozen=True, kw_only=True):
     halt_type: str = ""
     node: str = ""
     plugin: str = ""
-    ports: tuple[tuple[str, str], ...] = ()
+    timed: str = ""
+    inputs: tuple[PortValue, ...] = ()
+    outputs: tuple[PortValue, ...] = ()
+    children: int = 0
 
 
 def bind_leaves(
@@ -59,9 +65,10 @@ def bind_leaves(
 ) -> dict[Position, BoundLeaf]:
     """The :class:`BoundLeaf` for each leaf of ``policy``, by the position of its element.
 
-    Rules reported: ``leaf-address``, ``leaf-type``, ``leaf-kind``, ``leaf-port``, ``unserved-leaf``,
-    ``monitored-leaf``. Leaves with errors are missing from the result. Elements that say the same
-    thing (one skill used in two places) share one BoundLeaf.
+    Rules reported: ``leaf-address``, ``leaf-type``, ``leaf-kind``, ``leaf-port``, ``child-count``,
+    ``unserved-leaf``, ``monitored-leaf``. Leaves with errors are missing from the result. Elements
+    that say the same thing (one skill used in two places) share one BoundLeaf, unless they have
+    children.
     """
     binder = _Binder(system, log)
     found: dict[Position, BoundLeaf] = {}
@@ -82,7 +89,8 @@ def bind_leaves(
 
 
 def _same(one: BoundLeaf, other: BoundLeaf) -> bool:
-    return one == msgspec.structs.replace(other, name=one.name, position=one.position)
+    renamed = msgspec.structs.replace(other, name=one.name, position=one.position)
+    return one == renamed and not one.children
 
 
 def _xml_name(name: str) -> str:
@@ -103,13 +111,17 @@ class _Binder:
         }
 
     def bind(self, node: LeafNode) -> BoundLeaf | None:
+        plugin = self._plugins.get(node.id)
+        if plugin is None and node.id in TIMED:
+            return self._bind_timed(node)
         for key, value in node.attributes:
-            if _REFERENCE.search(value):
+            if referenced_entry(value, key) and (plugin is None or key in _ADDRESS):
                 what = f"`{key}` is the blackboard entry `{value}`"
-                hint = "a leaf's address and ports are written out"
+                hint = "the address of a skill is written out"
+                if key not in _ADDRESS:
+                    hint = f"a skill's tick carries no values; a plugin called `{node.id}` could"
                 self._log.error("leaf-port", node.position, node.element, what, hint)
                 return None
-        plugin = self._plugins.get(node.id)
         tick = self._tick_channel(node)
         if plugin is not None:
             return self._bind_plugin(node, plugin, tick)
@@ -156,18 +168,27 @@ class _Binder:
             node=machine.name,
         )
 
-    def _bind_plugin(self, node: LeafNode, plugin: Machine, tick: str) -> BoundLeaf | None:
-        children = {EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED}
-        events = {
-            transition.event.kind
-            for state in plugin.states
-            for transition in state.transitions
-            if transition.event is not None
-        }
-        if events & children:
-            what = f"the plugin `{plugin.name}` ticks children; plugins are leaves here"
-            self._log.error("leaf-type", node.position, node.element, what)
+    def _bind_timed(self, node: LeafNode) -> BoundLeaf | None:
+        key = TIMED[node.id]
+        written = node.get(key)
+        entry = referenced_entry(written, key)
+        if not entry and not written.isdigit():
+            what = f"`{key}` is `{written}`" if written else f"`{key}` is missing"
+            hint = f'write a number of milliseconds, {key}="500"'
+            self._log.error("leaf-port", node.position, node.element, what, hint)
             return None
+        value = int(written) if written.isdigit() else 0
+        return BoundLeaf(
+            name=node.name,
+            kind=LeafKind.ACTION,
+            position=node.position,
+            timed=node.id,
+            inputs=(PortValue(key=key, kind="int", entry=entry, value=value),),
+            children=len(node.children),
+        )
+
+    def _bind_plugin(self, node: LeafNode, plugin: Machine, tick: str) -> BoundLeaf | None:
+        check_children(node, plugin, self._log)
         ports = dict(node.attributes)
         machine = self._servers[tick][0] if tick in self._servers else None
         halt, halt_type = self._halt(node, machine, tick)
@@ -176,12 +197,11 @@ class _Binder:
                 ports[key] = tick
         if halt:
             ports[_HALT_PORT] = halt
-        declared = [port.key for port in plugin.ports if not port.output]
-        for key in declared:
-            if key not in ports:
-                what = f"the port `{key}` of `{plugin.name}` is not given"
-                self._log.error("leaf-port", node.position, node.element, what, f'write {key}="…"')
-                return None
+        values = port_values(node, plugin, ports, self._log)
+        if values is None:
+            return None
+        inputs, outputs = values
+        declared = [port.key for port in inputs]
         used = any(key in declared for key in _TICK_PORTS)
         if used and tick not in self._servers:
             self._unserved(node, tick)
@@ -210,7 +230,9 @@ class _Binder:
             halt_type=halt_type,
             node=machine.name if machine is not None else "",
             plugin=plugin.name,
-            ports=tuple((key, ports[key]) for key in declared),
+            inputs=inputs,
+            outputs=outputs,
+            children=len(node.children),
         )
 
     def _tick_channel(self, node: LeafNode) -> str:
@@ -263,6 +285,8 @@ class _Binder:
         return halts[0].channel or "", halts[0].type_name
 
     def _kind(self, node: LeafNode, tick_type: str) -> LeafKind:
+        if node.children:
+            return LeafKind.ACTION
         by_type = _TICK_KINDS.get(_last(tick_type))
         if by_type is None:
             if node.kind is not None:

@@ -14,6 +14,7 @@ import msgspec
 
 from m2c.policy.program import Policy
 from m2c.policy.runner import PolicyRunner
+from m2c.policy.ticking import PolicyError
 from m2c.runtime.main import add_transport_options, set_up_logging, transport_options
 from transports.interface import TransportError
 from transports.registry import connect
@@ -28,6 +29,8 @@ def main(
     arguments: Sequence[str] | None = None,
 ) -> NoReturn:
     """Run the policy in ``folder`` until SIGINT, SIGTERM or its last tick; exits with 0 then.
+
+    Exits with 1 if the tree cannot be ticked on, with 2 if it cannot be started.
 
     The tree is ticked on a thread of its own, because a tick waits for its skills' answers; the main
     thread runs the transport.
@@ -54,13 +57,24 @@ def main(
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     rate = parsed.rate or policy.tick_rate_hz
-    runner = PolicyRunner(transport, policy, plugins, parsed.tick_timeout)
+    try:
+        runner = PolicyRunner(transport, policy, plugins, parsed.tick_timeout)
+    except PolicyError as error:
+        print(f"error: {error}", file=sys.stderr)
+        transport.close()
+        sys.exit(2)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: runner.stop())
 
+    failed = True
+
     def tick() -> None:
+        nonlocal failed
         try:
             runner.run(rate, parsed.ticks or None)
+            failed = False
+        except PolicyError as error:
+            print(f"error: {error}", file=sys.stderr)
         finally:
             transport.post(transport.close)
 
@@ -75,4 +89,4 @@ def main(
     transport.spin()
     thread.join()
     transport.close()
-    sys.exit(0)
+    sys.exit(1 if failed else 0)

@@ -7,32 +7,49 @@ from xml.sax.saxutils import quoteattr
 
 from m2c.model.diagnostics import Position
 from m2c.policy.leaves import BoundLeaf
-from m2c.policy.tree import LeafNode, PolicyFile, SubTreeNode, TreeNode
+from m2c.policy.tree import CONDITIONS, LeafNode, PolicyFile, SubTreeNode, TreeNode
+
+
+def child_tree(leaf: str, number: int) -> str:
+    """The name of the tree that child ``number`` of the plugin ``leaf`` becomes."""
+    return f"{leaf}#{number}"
 
 
 def normalised(policy: PolicyFile, leaves: Mapping[Position, BoundLeaf]) -> str:
     """The text of ``policy`` in format 4; a leaf is an element called ``leaf.name``.
 
     Nodes registered from Python cannot declare ports, so a leaf's ports stay out of the XML: they
-    are in ``leaves``, which must have one for every leaf of the policy.
+    are in ``leaves``, which must have one for every leaf of the policy. Nor can they have children:
+    a plugin with children is a leaf, and each of its children a tree of its own (``child_tree``).
     """
     lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoteattr(policy.main)}>']
-    for tree in policy.trees:
-        lines.append(f"  <BehaviorTree ID={quoteattr(tree.id)}>")
-        _write(tree.root, leaves, 2, lines)
+    pending = [(tree.id, tree.root) for tree in policy.trees]
+    while pending:
+        name, root = pending.pop(0)
+        lines.append(f"  <BehaviorTree ID={quoteattr(name)}>")
+        _write(root, leaves, 2, lines, pending)
         lines.append("  </BehaviorTree>")
     lines.append("</root>")
     return "\n".join(lines) + "\n"
 
 
 def _write(
-    node: TreeNode, leaves: Mapping[Position, BoundLeaf], depth: int, lines: list[str]
+    node: TreeNode,
+    leaves: Mapping[Position, BoundLeaf],
+    depth: int,
+    lines: list[str],
+    pending: list[tuple[str, TreeNode]],
 ) -> None:
     margin = "  " * depth
     match node:
         case LeafNode():
             leaf = leaves[node.position]
-            lines.append(f"{margin}<{leaf.name} name={quoteattr(leaf.name)}/>")
+            scripts = [(key, value) for key, value in node.attributes if key in CONDITIONS]
+            attributes = _attributes([("name", leaf.name), *scripts])
+            lines.append(f"{margin}<{leaf.name}{attributes}/>")
+            pending += [
+                (child_tree(leaf.name, number), child) for number, child in enumerate(node.children)
+            ]
         case SubTreeNode():
             attributes = _attributes([("ID", node.id), ("name", node.name), *node.attributes])
             lines.append(f"{margin}<SubTree{attributes}/>")
@@ -43,7 +60,7 @@ def _write(
                 return
             lines.append(f"{margin}<{node.tag}{attributes}>")
             for child in node.children:
-                _write(child, leaves, depth + 1, lines)
+                _write(child, leaves, depth + 1, lines, pending)
             lines.append(f"{margin}</{node.tag}>")
 
 

@@ -11,12 +11,13 @@ from pathlib import Path
 import msgspec
 
 from m2c.model.datatypes import Structure
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.system import System
 from m2c.policy.forwarding import only_forwards
 from m2c.policy.leaves import BoundLeaf, bind_leaves
 from m2c.policy.normalise import normalised
+from m2c.policy.plugins import PortValue, has_children
 from m2c.policy.reader import read_policy_file
 from m2c.policy.tree import LeafKind
 
@@ -31,7 +32,10 @@ class Leaf(msgspec.Struct, frozen=True, kw_only=True):
         tick, tick_type, tick_request, tick_response: its tick service; "" where only a plugin knows.
         halt, halt_type, halt_request, halt_response: the skill's halt service; "" if it has none.
         plugin: name of the plugin machine that runs the leaf; "" if the runner calls the service.
-        ports: the plugin's input ports.
+        timed: ``Sleep``, ``Delay`` or ``Timeout``; "" for what a skill or a plugin answers.
+        inputs, outputs: the plugin's ports.
+        children: how many children the plugin ticks, each a tree of its own in the XML (see
+            ``m2c.policy.normalise``); 0 for a leaf.
     """
 
     id: str
@@ -46,13 +50,17 @@ class Leaf(msgspec.Struct, frozen=True, kw_only=True):
     halt_request: Structure | None = None
     halt_response: Structure | None = None
     plugin: str = ""
-    ports: dict[str, str] = {}
+    timed: str = ""
+    inputs: tuple[PortValue, ...] = ()
+    outputs: tuple[PortValue, ...] = ()
+    children: int = 0
 
 
 class Policy(msgspec.Struct, frozen=True):
-    """A behaviour tree ready to run."""
+    """A behaviour tree ready to run; ``main`` is the tree of ``xml`` that is executed."""
 
     name: str
+    main: str
     xml: str
     leaves: tuple[Leaf, ...]
     tick_rate_hz: float = 1.0
@@ -62,10 +70,12 @@ def read_policy(path: Path, system: System, log: DiagnosticLog) -> Policy | None
     """Read the policy in ``path`` and bind its leaves to the machines of ``system``.
 
     Returns:
-        The policy, or None after an error (rules: see ``read_policy_file`` and ``bind_leaves``).
+        The policy, or None after an error (rules: see ``read_policy_file`` and ``bind_leaves``;
+        ``refused-policy``: what BehaviorTree.CPP finds, for instance a script that does not parse).
     """
     own = DiagnosticLog()
-    file = read_policy_file(path, own, {plugin.name for plugin in system.plugins})
+    plugins = {plugin.name: has_children(plugin) for plugin in system.plugins}
+    file = read_policy_file(path, own, plugins)
     policy = None
     if file is not None:
         bound = bind_leaves(file, system, own)
@@ -73,9 +83,29 @@ def read_policy(path: Path, system: System, log: DiagnosticLog) -> Policy | None
             direct = {plugin.name for plugin in system.plugins if only_forwards(plugin)}
             leaves = {leaf.name: _runnable(leaf, system.library, direct) for leaf in bound.values()}
             xml = normalised(file, bound)
-            policy = Policy(path.stem, xml, tuple(leaves.values()), system.tick_rate_hz)
+            policy = Policy(path.stem, file.main, xml, tuple(leaves.values()), system.tick_rate_hz)
+            refused = _refusal(policy)
+            if refused:
+                what = f"BehaviorTree.CPP refuses the policy: {refused}"
+                own.error("refused-policy", Position(str(path)), "", what)
+                policy = None
     log.diagnostics += own.diagnostics
     return policy
+
+
+def _refusal(policy: Policy) -> str:
+    """Why BehaviorTree.CPP does not load ``policy``; empty if it does."""
+    import behaviortreepy
+
+    factory = behaviortreepy.BehaviorTreeFactory()
+    for leaf in policy.leaves:
+        factory.register_simple_condition(leaf.id, bool)
+    try:
+        factory.register_behavior_tree_from_text(policy.xml)
+        factory.create_tree(policy.main)
+    except RuntimeError as error:
+        return " ".join(str(error).split())
+    return ""
 
 
 def _runnable(leaf: BoundLeaf, library: InterfaceLibrary, direct: Collection[str]) -> Leaf:
@@ -94,5 +124,8 @@ def _runnable(leaf: BoundLeaf, library: InterfaceLibrary, direct: Collection[str
         halt_request=halt.request if halt is not None else None,
         halt_response=halt.response if halt is not None else None,
         plugin="" if tick is not None and leaf.plugin in direct else leaf.plugin,
-        ports=dict(leaf.ports),
+        timed=leaf.timed,
+        inputs=leaf.inputs,
+        outputs=leaf.outputs,
+        children=leaf.children,
     )

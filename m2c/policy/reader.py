@@ -5,17 +5,21 @@ What differs between the formats is translated here, so that everything after kn
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
+from m2c.policy.includes import elements_of
+from m2c.policy.nesting import check_nesting
 from m2c.policy.tree import (
     BUILTINS,
     MANY,
+    TIMED,
     BuiltinNode,
     LeafKind,
     LeafNode,
@@ -23,7 +27,6 @@ from m2c.policy.tree import (
     SubTreeNode,
     Tree,
     TreeNode,
-    sub_trees,
 )
 
 _VERSION_3 = {
@@ -53,29 +56,30 @@ class _Declared(msgspec.Struct, frozen=True):
 
 
 def read_policy_file(
-    path: Path, log: DiagnosticLog, leaf_types: Collection[str] = ()
+    path: Path, log: DiagnosticLog, plugins: Mapping[str, bool] = MappingProxyType({})
 ) -> PolicyFile | None:
     """Read the policy in ``path``; None after reporting errors.
 
     Args:
         path: the XML file.
-        log: where faults go: ``unknown-node``, ``missing-subtree``, ``recursive-subtree``,
-            ``duplicate-tree``, ``missing-tree``, ``child-count``, ``unknown-port`` and those of
-            :func:`m2c.model.xml.read_xml`.
-        leaf_types: names of behaviour-tree plugins, so that ``<MyPlugin …/>`` is known as a leaf.
+        log: where faults go: ``unknown-node``, ``duplicate-tree``, ``missing-tree``,
+            ``child-count``, ``unknown-port`` and those of :func:`m2c.model.xml.read_xml`,
+            ``m2c.policy.includes`` and ``m2c.policy.nesting``.
+        plugins: names of behaviour-tree plugins, so that ``<MyPlugin …/>`` is known, and whether
+            each takes children (a control node or a decorator).
     """
     own = DiagnosticLog()
     root = read_xml(path, own)
-    policy = _PolicyReader(path, own, leaf_types).read(root) if root is not None else None
+    policy = _PolicyReader(path, own, plugins).read(root) if root is not None else None
     log.diagnostics += own.diagnostics
     return None if own.has_errors else policy
 
 
 class _PolicyReader:
-    def __init__(self, path: Path, log: DiagnosticLog, leaf_types: Collection[str]) -> None:
+    def __init__(self, path: Path, log: DiagnosticLog, plugins: Mapping[str, bool]) -> None:
         self._path = path
         self._log = log
-        self._leaf_types = leaf_types
+        self._plugins = plugins
         self._declared: dict[str, _Declared] = {}
 
     def read(self, root: Element) -> PolicyFile | None:
@@ -83,27 +87,24 @@ class _PolicyReader:
             hint = "the root of a behaviour-tree policy is <root>"
             self._log.error("unknown-tag", root.position, root.tag, "not a policy", hint)
             return None
-        for child in root.all("TreeNodesModel"):
-            self._read_declarations(child)
+        elements = elements_of(self._path, root, self._log)
+        for child in elements:
+            if child.tag == "TreeNodesModel":
+                self._read_declarations(child)
         trees: dict[str, Tree] = {}
-        for child in root.children:
+        for child in elements:
             if child.tag == "BehaviorTree":
                 tree = self._read_tree(child, trees)
                 if tree is not None:
                     trees[tree.id] = tree
-            elif child.tag == "include":
-                what = "other files are not included"
-                self._log.error(
-                    "unknown-tag", child.position, child.tag, what, "put all trees in one file"
-                )
             elif child.tag != "TreeNodesModel":
-                known = ("BehaviorTree", "TreeNodesModel")
+                known = ("BehaviorTree", "TreeNodesModel", "include")
                 what = "not an element of <root>"
                 hint = nearest(child.tag, known)
                 self._log.error("unknown-tag", child.position, child.tag, what, hint)
         if self._log.has_errors:
             return None  # what follows would blame other places for the trees that are missing
-        self._check_sub_trees(trees)
+        check_nesting(trees, self._log)
         main = self._main_tree(root, trees)
         return PolicyFile(self._path, main, tuple(trees.values())) if main is not None else None
 
@@ -161,21 +162,23 @@ class _PolicyReader:
         tag = _VERSION_3.get(tag, tag)
         if tag == "SubTree":
             return self._read_sub_tree(element)
+        if tag in self._plugins:
+            return self._read_leaf(element, tag, takes_children=self._plugins[tag])
+        if tag in TIMED:
+            return self._read_timed(self._read_builtin(element, tag))
         if tag in BUILTINS:
             return self._read_builtin(element, tag)
         if element.tag in _LEAF_KINDS or self._is_leaf(element, tag):
             return self._read_leaf(element, tag)
-        known = [*BUILTINS, *_VERSION_3, *self._declared, *self._leaf_types, "SubTree"]
+        known = [*BUILTINS, *_VERSION_3, *self._declared, *self._plugins, "SubTree"]
         what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
         hint = nearest(tag, known) or "a leaf is addressed by service_name or interface"
         self._log.error("unknown-node", element.position, element.tag, what, hint)
         return None
 
     def _is_leaf(self, element: Element, tag: str) -> bool:
-        return (
-            tag in self._declared
-            or tag in self._leaf_types
-            or (not element.children and any(key in element.attributes for key in _ADDRESS))
+        return tag in self._declared or (
+            not element.children and any(key in element.attributes for key in _ADDRESS)
         )
 
     def _read_sub_tree(self, element: Element) -> SubTreeNode | None:
@@ -215,6 +218,18 @@ class _PolicyReader:
             children=tuple(child for child in children if child is not None),
         )
 
+    def _read_timed(self, node: BuiltinNode) -> LeafNode:
+        """``Sleep``, ``Delay`` and ``Timeout`` are run beside the skills, not by the tree."""
+        return LeafNode(
+            id=node.tag,
+            name=node.name or node.tag,
+            kind=LeafKind.ACTION,
+            position=node.position,
+            element=node.tag,
+            attributes=node.attributes,
+            children=node.children,
+        )
+
     def _ports(
         self, element: Element, tag: str, ports: tuple[str, ...]
     ) -> tuple[tuple[str, str], ...]:
@@ -235,8 +250,15 @@ class _PolicyReader:
                 )
         return tuple(kept)
 
-    def _read_leaf(self, element: Element, tag: str) -> LeafNode | None:
-        if element.children:
+    def _read_leaf(
+        self, element: Element, tag: str, takes_children: bool = False
+    ) -> LeafNode | None:
+        if takes_children and not element.children:
+            what = f"the plugin `{tag}` ticks children, and has none here"
+            self._log.error("child-count", element.position, element.tag, what)
+            return None
+        children = [self._read_node(child) for child in element.children if takes_children]
+        if element.children and not takes_children:
             child = element.children[0]
             what = f"the leaf `{tag}` cannot have children"
             self._log.error("child-count", child.position, child.tag, what)
@@ -262,30 +284,5 @@ class _PolicyReader:
             attributes=tuple(
                 (key, value.strip()) for key, value in attributes.items() if key not in own
             ),
+            children=tuple(child for child in children if child is not None),
         )
-
-    def _check_sub_trees(self, trees: dict[str, Tree]) -> None:
-        for tree in trees.values():
-            for place in sub_trees(tree.root):
-                if place.id not in trees:
-                    what = f"the sub-tree `{place.id}` does not exist"
-                    hint = nearest(place.id, trees)
-                    self._log.error("missing-subtree", place.position, "SubTree", what, hint)
-        done: set[str] = set()
-        for name in trees:
-            self._walk(name, (), trees, done)
-
-    def _walk(
-        self, name: str, above: tuple[str, ...], trees: dict[str, Tree], done: set[str]
-    ) -> None:
-        if name in done or name not in trees:
-            return
-        for place in sub_trees(trees[name].root):
-            chain = (*above, name)
-            if place.id in chain:
-                loop = " → ".join((*chain[chain.index(place.id) :], place.id))
-                what = f"a tree cannot contain itself: {loop}"
-                self._log.error("recursive-subtree", place.position, "SubTree", what)
-            else:
-                self._walk(place.id, chain, trees, done)
-        done.add(name)

@@ -75,6 +75,17 @@ BUILTINS: dict[str, Builtin] = {
 }
 """The node types that every policy can use (registered by BehaviorTree.CPP 4 itself)."""
 
+TIMED = {"Sleep": "msec", "Delay": "delay_msec", "Timeout": "msec"}
+"""Node types that wait, and the port that says how long (ms). BehaviorTree.CPP's own wait by the
+system's clock, on a thread that calls the nodes while the tree is not ticked; here they are run by
+the transport's clock (``m2c.policy.timed``)."""
+
+CONDITIONS = (
+    *("_skipIf", "_successIf", "_failureIf", "_while"),
+    *("_onSuccess", "_onFailure", "_onHalted", "_post"),
+)
+"""Scripts before and after a tick, which every node can have."""
+
 
 class BuiltinNode(msgspec.Struct, frozen=True, kw_only=True):
     """A control node, decorator or built-in leaf; ``tag`` is its name in BehaviorTree.CPP 4."""
@@ -99,7 +110,8 @@ class LeafNode(msgspec.Struct, frozen=True, kw_only=True):
     """A leaf as it is written: ``<Action ID= name= …>`` or ``<ID name= …>``.
 
     ``kind`` is what the file says, None if it does not; ``attributes`` include the defaults that
-    ``<TreeNodesModel>`` declares, but not ``ID``, ``name`` and ``isMonitored``.
+    ``<TreeNodesModel>`` declares, but not ``ID``, ``name`` and ``isMonitored``. ``children`` are
+    those of a plugin that ticks children (a control node or a decorator); a leaf has none.
     """
 
     id: str
@@ -108,6 +120,7 @@ class LeafNode(msgspec.Struct, frozen=True, kw_only=True):
     position: Position
     element: str
     attributes: tuple[tuple[str, str], ...] = ()
+    children: tuple[TreeNode, ...] = ()
 
     def get(self, key: str) -> str:
         """The attribute ``key``, or an empty text."""
@@ -133,7 +146,7 @@ class PolicyFile(msgspec.Struct, frozen=True):
     trees: tuple[Tree, ...]
 
     def leaves(self) -> Iterator[LeafNode]:
-        """Every leaf that stands in a tree, in document order."""
+        """Every leaf and every plugin that stands in a tree, in document order."""
         for tree in self.trees:
             yield from _leaves(tree.root)
 
@@ -141,15 +154,6 @@ class PolicyFile(msgspec.Struct, frozen=True):
 def _leaves(node: TreeNode) -> Iterator[LeafNode]:
     if isinstance(node, LeafNode):
         yield node
-    elif isinstance(node, BuiltinNode):
+    if not isinstance(node, SubTreeNode):
         for child in node.children:
             yield from _leaves(child)
-
-
-def sub_trees(node: TreeNode) -> Iterator[SubTreeNode]:
-    """Every place below ``node`` where a sub-tree is put."""
-    if isinstance(node, SubTreeNode):
-        yield node
-    elif isinstance(node, BuiltinNode):
-        for child in node.children:
-            yield from sub_trees(child)

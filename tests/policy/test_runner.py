@@ -97,7 +97,7 @@ def runner(
         f"{body}</BehaviorTree></root>"
     )
     transport = FakeTransport(answers)
-    return PolicyRunner(transport, Policy("p", xml, leaves), plugins, 0.5), transport
+    return PolicyRunner(transport, Policy("p", "M", xml, leaves), plugins, 0.5), transport
 
 
 @pytest.mark.parametrize(("number", "status"), [(0, "SUCCESS"), (1, "FAILURE"), (2, "RUNNING")])
@@ -172,19 +172,19 @@ class Plugin:
     script: ClassVar[list[str | None]] = []
     made = 0
 
-    def __init__(self, _t: Any, _s: Any, _p: Any, on_status: Any, on_halted: Any) -> None:
+    def __init__(self, _t: Any, tree: Any, _s: Any, _p: Any) -> None:
         type(self).made += 1
-        self.on_status, self.on_halted = on_status, on_halted
+        self.tree = tree
 
     def start(self) -> None: ...
 
     def tick(self) -> None:
         status = type(self).script.pop(0)
         if status is not None:
-            self.on_status(status)
+            self.tree.return_status(status)
 
     def halt(self) -> None:
-        self.on_halted()
+        self.tree.return_halted()
 
 
 def test_every_tick_of_a_plugin_gets_its_own_answer() -> None:

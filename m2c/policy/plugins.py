@@ -1,0 +1,154 @@
+"""What a plugin of a policy may be given: the values of its ports, and children."""
+
+from __future__ import annotations
+
+import re
+
+import msgspec
+
+from m2c.codegen.ports import emits_of, events_of
+from m2c.model.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive, describe
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.machine import EventKind, Machine, OutputKind
+from m2c.policy.tree import LeafNode
+
+CHILDREN_COUNT = "CHILDREN_COUNT"
+"""The input port by which a control node learns how many children it has (AS2FM)."""
+
+_REFERENCE = re.compile(r"\{\s*(=|@?[A-Za-z_][\w.]*)\s*\}")
+_CHILD_EVENTS = (EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED)
+_CHILD_OUTPUTS = (OutputKind.BT_TICK_CHILD, OutputKind.BT_HALT_CHILD)
+
+
+class PortValue(msgspec.Struct, frozen=True, kw_only=True):
+    """What one port of one plugin is given.
+
+    Attributes:
+        key: the port.
+        kind: ``bool``, ``int``, ``double`` or ``string``: how its value is kept on the blackboard.
+        entry: the blackboard entry it is connected to; empty if it has a value of its own.
+        value: that value.
+    """
+
+    key: str
+    kind: str
+    entry: str = ""
+    value: bool | int | float | str = ""
+
+
+def referenced_entry(written: str, key: str) -> str:
+    """The blackboard entry that ``{entry}`` names (``{=}``: the port's own name); "" if none."""
+    match = _REFERENCE.fullmatch(written)
+    if match is None:
+        return ""
+    return key if match[1] == "=" else match[1]
+
+
+def has_children(plugin: Machine) -> bool:
+    """Whether ``plugin`` ticks or halts children: a control node or a decorator."""
+    return bool(_named_children(plugin))
+
+
+def check_children(node: LeafNode, plugin: Machine, log: DiagnosticLog) -> None:
+    """Report ``child-count``: a child that ``plugin`` names by its number is not there."""
+    count = len(node.children)
+    named = {int(name) for name in _named_children(plugin) if name.isdigit()}
+    missing = sorted(number for number in named if number >= count)
+    if missing:
+        what = f"{count} children, but `{plugin.name}` ticks child {missing[0]}"
+        hint = f"children are numbered from 0: it takes {max(named) + 1}"
+        log.error("child-count", node.position, node.element, what, hint)
+
+
+def _named_children(plugin: Machine) -> set[str]:
+    """The children that ``plugin`` ticks, halts or hears: numbers, or variables that have one."""
+    return {event.name for event in events_of(plugin) if event.kind in _CHILD_EVENTS} | {
+        name for kind, name in emits_of(plugin) if kind in _CHILD_OUTPUTS
+    }
+
+
+def port_values(
+    node: LeafNode, plugin: Machine, written: dict[str, str], log: DiagnosticLog
+) -> tuple[tuple[PortValue, ...], tuple[PortValue, ...]] | None:
+    """The input and output ports of ``plugin`` as ``written`` in ``node``; None after an error.
+
+    Rule reported: ``leaf-port``.
+    """
+    channels = {interface.port for interface in plugin.interfaces if interface.port}
+    inputs: list[PortValue] = []
+    outputs: list[PortValue] = []
+    known = {port.key for port in plugin.ports} | {CHILDREN_COUNT}
+    for port in plugin.ports:
+        text = written.get(port.key)
+        kind = _kept_as(port.type)
+        problem: tuple[str, str] | None = None
+        entry = referenced_entry(text, port.key) if text is not None else ""
+        if port.key == CHILDREN_COUNT and not port.output:
+            inputs.append(PortValue(key=port.key, kind="int", value=len(node.children)))
+            continue
+        if text is None:
+            example = "{…}" if port.output else "…"
+            problem = (
+                f"the port `{port.key}` of `{plugin.name}` is not given",
+                f'write {port.key}="{example}"',
+            )
+        elif kind is None:
+            problem = (
+                f"the port `{port.key}` of `{plugin.name}` has type {describe(port.type)}",
+                "the blackboard holds bool, integer, floating-point and string values",
+            )
+        elif port.output and not entry:
+            problem = (
+                f"the output port `{port.key}` is `{text}`, which is not a blackboard entry",
+                f'write {port.key}="{{{port.key}}}"',
+            )
+        elif entry and port.key in channels:
+            problem = (
+                f"`{port.key}` is the blackboard entry `{text}`",
+                f"`{plugin.name}` takes a channel's name from it: write it out",
+            )
+        if problem is None and kind is not None and text is not None:
+            if port.output:
+                outputs.append(PortValue(key=port.key, kind=kind, entry=entry))
+                continue
+            value = "" if entry else _value(text, kind)
+            if value is not None:
+                inputs.append(PortValue(key=port.key, kind=kind, entry=entry, value=value))
+                continue
+            problem = (f"`{port.key}` is `{text}`", f"the port has type {describe(port.type)}")
+        assert problem is not None
+        log.error("leaf-port", node.position, node.element, *problem)
+        return None
+    for key, text in node.attributes:
+        if referenced_entry(text, key) and key not in known and not key.startswith("_"):
+            what = f"`{plugin.name}` has no port `{key}`"
+            hint = f"known: {', '.join(sorted(known - {CHILDREN_COUNT}))}"
+            log.error("leaf-port", node.position, node.element, what, hint)
+            return None
+    return tuple(inputs), tuple(outputs)
+
+
+def _kept_as(kind: DataType) -> str | None:
+    if not isinstance(kind, Primitive):
+        return None
+    if kind.name in INTEGER_RANGES:
+        return "int"
+    if kind.name in FLOATS or kind.name == "number":
+        return "double"
+    if kind.name == "bool":
+        return "bool"
+    return "string" if kind.name == "string" or kind == ANY else None
+
+
+def _value(text: str, kind: str) -> bool | int | float | str | None:
+    """``text`` as a value of ``kind``; None if it is none."""
+    match kind:
+        case "bool":
+            return {"true": True, "1": True, "false": False, "0": False}.get(text.lower())
+        case "string":
+            return text
+        case _:
+            try:
+                return int(text) if kind == "int" else float(text)
+            except ValueError:
+                return None

@@ -1,0 +1,135 @@
+"""Ticking trees of BehaviorTree.CPP, and what the things that its leaves are run by have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from m2c.policy.normalise import child_tree
+from m2c.policy.plugins import PortValue
+
+STATUS_CODES = {0: "SUCCESS", 1: "FAILURE", 2: "RUNNING"}
+"""The ``status`` of a tick's response."""
+
+MAX_WAKE_UPS = 1_000
+"""How often one tick follows a node of the tree that asks to be ticked again at once (a Repeat
+without end asks always); the next tick goes on."""
+
+TreeNode = Any
+"""``behaviortreepy.TreeNode``: the node of the tree that is ticked."""
+
+
+class RunsLeaf(Protocol):
+    """What ticks one leaf (all places where it stands), on the thread that ticks the tree."""
+
+    def tick(self, node: TreeNode) -> str:
+        """SUCCESS, FAILURE or RUNNING."""
+        ...
+
+    def halt(self, node: TreeNode) -> None:
+        """Stop what is RUNNING."""
+        ...
+
+
+class PolicyError(Exception):
+    """BehaviorTree.CPP refuses the tree, or cannot go on with it; the text says why."""
+
+
+class PortError(Exception):
+    """A value cannot be read from or written to the blackboard; the text names port and entry."""
+
+
+def tick_tree(tree: Any) -> str:
+    """Tick ``tree`` once, and again at once while one of its nodes asks for it.
+
+    Raises:
+        PolicyError: BehaviorTree.CPP cannot go on, for instance with a script.
+    """
+    try:
+        status = tree.tick_exactly_once()
+        for _ in range(MAX_WAKE_UPS):
+            if status.name != "RUNNING" or not tree.sleep(0):
+                break
+            status = tree.tick_exactly_once()
+    except RuntimeError as error:
+        raise PolicyError(f"the tree cannot be ticked: {error}") from error
+    return str(status.name)
+
+
+def read_port(port: PortValue, node: TreeNode) -> bool | int | float | str:
+    """The value of an input port, from the blackboard that ``node`` sees.
+
+    Raises:
+        PortError: the entry does not exist, or is not of the port's type.
+    """
+    if not port.entry:
+        return port.value
+    board = node.config().blackboard
+    try:
+        value: bool | int | float | str = getattr(board, f"get_{port.kind}")(port.entry)
+    except RuntimeError as error:
+        raise PortError(
+            f"its port `{port.key}` cannot be read from the blackboard entry `{port.entry}` "
+            f"as {port.kind}: {error}"
+        ) from error
+    return value
+
+
+def write_port(port: PortValue, value: object, node: TreeNode) -> None:
+    """Write an output port to the blackboard that ``node`` sees.
+
+    Raises:
+        PortError: the value does not fit the entry.
+    """
+    board = node.config().blackboard
+    convert: Callable[[Any], Any] = {"int": int, "double": float, "bool": bool, "string": str}[
+        port.kind
+    ]
+    try:
+        getattr(board, f"set_{port.kind}")(port.entry, convert(value))
+    except (RuntimeError, TypeError, ValueError) as error:
+        reason = str(error).partition("\n")[0]
+        raise PortError(
+            f"its port `{port.key}` cannot write {value!r} to the blackboard entry "
+            f"`{port.entry}` as {port.kind}: {reason}"
+        ) from error
+
+
+class Children:
+    """The children of one node that BehaviorTree.CPP takes for a leaf: a tree for each.
+
+    They share the blackboard of the node, as children do.
+
+    Args:
+        factory: a ``behaviortreepy.BehaviorTreeFactory`` that knows the trees.
+        leaf: the id of the node's leaf.
+        count: how many children it has.
+        node: the node.
+    """
+
+    def __init__(self, factory: Any, leaf: str, count: int, node: TreeNode) -> None:
+        board = node.config().blackboard
+        self._trees = [
+            factory.create_tree(child_tree(leaf, number), board) for number in range(count)
+        ]
+        self._running: set[int] = set()
+
+    def __len__(self) -> int:
+        return len(self._trees)
+
+    def tick(self, number: int) -> str:
+        """Tick one child."""
+        status = tick_tree(self._trees[number])
+        (self._running.add if status == "RUNNING" else self._running.discard)(number)
+        return status
+
+    def halt(self, number: int) -> None:
+        """Halt one child, if it is running."""
+        if number in self._running:
+            self._running.discard(number)
+            self._trees[number].halt_tree()
+
+    def halt_all(self) -> None:
+        """Halt those that are running: a node that has ended leaves none of its children running."""
+        for number in sorted(self._running):
+            self.halt(number)

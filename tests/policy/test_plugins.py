@@ -1,0 +1,361 @@
+"""Plugins: leaves with ports on the blackboard, decorators and control nodes, generated and ticked."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from m2c.check import check_system
+from m2c.codegen.package import system_files
+from m2c.codegen.writer import write_files
+from m2c.model import DiagnosticLog, System, load
+from m2c.policy.program import Policy, read_policy
+from m2c.policy.runner import PolicyRunner
+
+HEAD = '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="{name}" initial="{initial}">'
+
+INVERT = (
+    HEAD.format(name="Invert", initial="wait")
+    + """
+<bt_declare_port_in key="CHILDREN_COUNT" type="int8"/>
+<datamodel><data id="count" type="int8"><expr><bt_get_input key="CHILDREN_COUNT"/></expr></data></datamodel>
+<state id="wait">
+  <transition target="error" cond="count != 1"/>
+  <bt_tick target="ticked"/>
+  <bt_halt target="halting"/>
+</state>
+<state id="ticked">
+  <onentry><bt_tick_child id="0"/></onentry>
+  <bt_child_status id="0" cond="_bt.status == SUCCESS" target="wait"><bt_return_status status="FAILURE"/></bt_child_status>
+  <bt_child_status id="0" cond="_bt.status == FAILURE" target="wait"><bt_return_status status="SUCCESS"/></bt_child_status>
+  <bt_child_status id="0" cond="_bt.status == RUNNING" target="wait"><bt_return_status status="RUNNING"/></bt_child_status>
+</state>
+<state id="halting">
+  <onentry><bt_halt_child id="0"/></onentry>
+  <bt_child_halted id="0" target="wait"><bt_return_halted/></bt_child_halted>
+</state>
+<state id="error"/>
+</scxml>"""
+)
+
+IN_TURN = (
+    HEAD.format(name="InTurn", initial="wait")
+    + """
+<bt_declare_port_in key="CHILDREN_COUNT" type="int8"/>
+<datamodel>
+  <data id="count" type="int8"><expr><bt_get_input key="CHILDREN_COUNT"/></expr></data>
+  <data id="current" type="int8" expr="0"/>
+</datamodel>
+<state id="wait">
+  <bt_tick target="next"><assign location="current" expr="0"/></bt_tick>
+</state>
+<state id="next">
+  <onentry><if cond="current &lt; count"><bt_tick_child id="current"/></if></onentry>
+  <transition cond="current == count" target="wait"><bt_return_status status="SUCCESS"/></transition>
+  <bt_child_status id="current" cond="_bt.status == SUCCESS" target="next">
+    <assign location="current" expr="current + 1"/>
+  </bt_child_status>
+  <bt_child_status id="current" cond="_bt.status == FAILURE" target="wait">
+    <bt_return_status status="FAILURE"/>
+  </bt_child_status>
+  <bt_child_status id="current" cond="_bt.status == RUNNING" target="wait">
+    <bt_return_status status="RUNNING"/>
+  </bt_child_status>
+</state>
+</scxml>"""
+)
+
+ADD = (
+    HEAD.format(name="Add", initial="wait")
+    + """
+<bt_declare_port_in key="to" type="int32"/>
+<bt_declare_port_in key="step" type="int32"/>
+<bt_declare_port_out key="sum" type="int32"/>
+<datamodel>
+  <data id="total" type="int32" expr="0"/>
+  <data id="step" type="int32" expr="0"/>
+</datamodel>
+<state id="wait">
+  <bt_tick target="wait">
+    <assign location="total"><expr><bt_get_input key="to"/></expr></assign>
+    <assign location="step"><expr><bt_get_input key="step"/></expr></assign>
+    <assign location="total" expr="total + step"/>
+    <bt_set_output key="sum" expr="total"/>
+    <bt_return_status status="SUCCESS"/>
+  </bt_tick>
+</state>
+</scxml>"""
+)
+
+SCRIPTED = (
+    HEAD.format(name="Once", initial="wait")
+    + """
+<state id="wait">
+  <bt_tick target="running"><bt_return_status status="RUNNING"/></bt_tick>
+</state>
+<state id="running">
+  <bt_tick target="wait"><bt_return_status status="SUCCESS"/></bt_tick>
+  <bt_halt target="wait"><log label="halted" expr="'Once'"/><bt_return_halted/></bt_halt>
+</state>
+</scxml>"""
+)
+
+FAR = (
+    HEAD.format(name="Far", initial="wait")
+    + """
+<datamodel><data id="child" type="int8" expr="7"/></datamodel>
+<state id="wait"><bt_tick target="wait"><bt_tick_child id="child"/></bt_tick></state>
+</scxml>"""
+)
+
+PLUGINS = {"Invert": INVERT, "InTurn": IN_TURN, "Add": ADD, "Once": SCRIPTED, "Far": FAR}
+
+
+class OneThread:
+    """A transport without channels, on one thread: waiting runs what was posted."""
+
+    node = "policy"
+
+    def __init__(self) -> None:
+        self.work: deque[Callable[[], None]] = deque()
+        self.clock_ns = 0
+
+    def now_ns(self) -> int:
+        return self.clock_ns
+
+    def post(self, handler: Callable[[], None]) -> None:
+        self.work.append(handler)
+
+    def publisher(self, topic: Any) -> Any:
+        return SimpleNamespace(publish=lambda message: None)
+
+    def completion(self) -> Any:
+        values: list[Any] = []
+
+        def wait(timeout_s: float) -> Any:
+            while self.work and not values:
+                self.work.popleft()()
+            if not values:
+                self.clock_ns += round(timeout_s * 1e9)
+            return values[0] if values else None
+
+        return SimpleNamespace(set=values.append, wait=wait)
+
+
+def written(folder: Path, trees: str) -> Path:
+    (folder / "policy.xml").write_text(f'<root main_tree_to_execute="M">{trees}</root>')
+    inputs = ""
+    for name, text in PLUGINS.items():
+        (folder / f"{name}.scxml").write_text(text)
+        inputs += f'<input type="bt-plugin-ros-scxml" src="{name}.scxml"/>'
+    (folder / "Node.scxml").write_text(
+        HEAD.format(name="Node", initial="a") + '<state id="a"/></scxml>'
+    )
+    system = folder / "system.xml"
+    system.write_text(
+        '<roaml><behavior_tree><input type="bt.cpp-xml" src="policy.xml"/>'
+        f"{inputs}</behavior_tree><node_models>"
+        '<input type="ros-scxml" src="Node.scxml"/></node_models></roaml>'
+    )
+    return system
+
+
+def loaded(folder: Path, body: str) -> tuple[System, Policy | None, list[str]]:
+    trees = body if "<BehaviorTree" in body else f'<BehaviorTree ID="M">{body}</BehaviorTree>'
+    log = DiagnosticLog()
+    system = load([written(folder, trees)], log)
+    assert system is not None
+    check_system(system, log)
+    assert not log.has_errors, log.diagnostics
+    assert system.policy is not None
+    faults = DiagnosticLog()
+    policy = read_policy(system.policy, system, faults)
+    return system, policy, [str(f).replace(f"{folder}/", "") for f in faults.diagnostics]
+
+
+@pytest.fixture
+def run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[[str], tuple[PolicyRunner, OneThread]]]:
+    """A runner of the policy with this body, its plugins generated and imported."""
+
+    def make(body: str) -> tuple[PolicyRunner, OneThread]:
+        system, policy, faults = loaded(tmp_path, body)
+        assert policy is not None, faults
+        write_files(system_files(system), tmp_path / "generated")
+        (package,) = (tmp_path / "generated").glob("*_policy")
+        monkeypatch.syspath_prepend(str(package))
+        used = {leaf.plugin for leaf in policy.leaves if leaf.plugin}
+        classes = {
+            name: getattr(
+                importlib.import_module(f"{package.name}.plugins.{snake}.node"), f"{name}Node"
+            )
+            for name, snake in (
+                ("Invert", "invert"),
+                ("InTurn", "in_turn"),
+                ("Add", "add"),
+                ("Once", "once"),
+                ("Far", "far"),
+            )
+            if name in used
+        }
+        transport = OneThread()
+        return PolicyRunner(transport, policy, classes, 0.5), transport
+
+    yield make
+    for name in [name for name in sys.modules if "_policy" in name.partition(".")[0]]:
+        del sys.modules[name]
+
+
+def test_a_decorator_plugin_ticks_its_child_and_changes_its_status(run: Any) -> None:
+    runner, _ = run("<Invert><AlwaysFailure/></Invert>")
+    assert runner.tick().status == "SUCCESS"
+    assert [(leaf.name, leaf.status) for leaf in runner.tick().leaves] == [("Invert", "SUCCESS")]
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<Decorator ID="Invert"><AlwaysSuccess/></Decorator>',
+        '<Control ID="Invert"><AlwaysSuccess/></Control>',
+    ],
+)
+def test_a_plugin_with_children_may_be_written_as_control_or_decorator(
+    element: str, run: Any
+) -> None:
+    assert run(element)[0].tick().status == "FAILURE"
+
+
+def test_plugins_nest_and_a_child_may_be_running(run: Any) -> None:
+    runner, _ = run("<Invert><Invert><Once/></Invert></Invert>")
+    assert [runner.tick().status for _ in range(4)] == ["RUNNING", "SUCCESS", "RUNNING", "SUCCESS"]
+
+
+def test_a_control_plugin_names_its_children_by_a_variable(run: Any) -> None:
+    runner, _ = run("<InTurn><AlwaysSuccess/><Invert><AlwaysFailure/></Invert><Once/></InTurn>")
+    assert [runner.tick().status for _ in range(2)] == ["RUNNING", "SUCCESS"]
+    runner, _ = run("<InTurn><AlwaysSuccess/><AlwaysFailure/><Once/></InTurn>")
+    assert runner.tick().status == "FAILURE"
+
+
+def test_a_halted_plugin_halts_its_running_child(run: Any, caplog: Any) -> None:
+    caplog.set_level("INFO")
+    runner, _ = run("<Invert><Once/></Invert>")
+    assert runner.run(1.0, 1) == 1
+    assert "halted: Once" in caplog.text
+
+
+def test_each_place_of_a_plugin_has_a_machine_of_its_own(run: Any) -> None:
+    body = "<Parallel success_count='2' failure_count='1'><Once/><Sequence><Once/></Sequence></Parallel>"
+    runner, _ = run(body)
+    assert [runner.tick().status for _ in range(2)] == ["RUNNING", "SUCCESS"]
+
+
+def test_ports_are_read_from_and_written_to_the_blackboard_of_the_sub_tree(run: Any) -> None:
+    runner, _ = run(
+        '<BehaviorTree ID="M"><Sequence><Script code="a:=40; text:=\'1\'"/>'
+        '<Add to="{a}" step="2" sum="{b}"/><SubTree ID="S" in="{b}" out="{c}"/>'
+        '<ScriptCondition code="b==42 &amp;&amp; c==52"/></Sequence></BehaviorTree>'
+        '<BehaviorTree ID="S"><Invert><Invert><Add to="{in}" step="10" sum="{out}"/></Invert>'
+        "</Invert></BehaviorTree>"
+    )
+    tick = runner.tick()
+    assert tick.status == "SUCCESS"
+    assert [leaf.name for leaf in tick.leaves] == ["Add", "Invert", "Invert_2", "Add_2"]
+
+
+def test_an_entry_that_is_not_on_the_blackboard_fails_the_leaf_and_is_named(
+    run: Any, caplog: Any
+) -> None:
+    runner, _ = run('<Add to="{nowhere}" step="2" sum="{b}"/>')
+    assert runner.tick().status == "FAILURE"
+    assert (
+        "leaf Add: its port `to` cannot be read from the blackboard entry `nowhere`" in caplog.text
+    )
+
+
+def test_a_child_that_is_not_there_fails_the_plugin_and_is_named(run: Any, caplog: Any) -> None:
+    runner, _ = run("<Far><AlwaysSuccess/></Far>")
+    assert runner.tick().status == "FAILURE"
+    assert "its plugin Far names child 7; it has 1, numbered from 0" in caplog.text
+
+
+def test_waiting_nodes_go_by_the_transports_clock(run: Any) -> None:
+    runner, transport = run('<Delay delay_msec="100"><AlwaysSuccess/></Delay>')
+    assert runner.tick().status == "RUNNING"
+    transport.clock_ns += 99_999_999
+    assert runner.tick().status == "RUNNING"
+    transport.clock_ns += 1
+    assert runner.tick().status == "SUCCESS"
+
+
+def test_a_timeout_halts_its_child_and_fails(run: Any, caplog: Any) -> None:
+    caplog.set_level("INFO")
+    runner, transport = run(
+        '<Timeout msec="50"><Sequence><Once/><Sleep msec="1000"/></Sequence></Timeout>'
+    )
+    assert [runner.tick().status for _ in range(2)] == ["RUNNING", "RUNNING"]
+    transport.clock_ns += 50_000_000
+    assert runner.tick().status == "FAILURE"
+    assert runner.tick().status == "RUNNING"
+    transport.clock_ns += 60_000_000
+    runner.tick()
+    assert "halted: Once" in caplog.text
+
+
+def test_a_repeat_without_end_does_not_hold_up_a_tick(run: Any) -> None:
+    runner, _ = run('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>')
+    assert runner.tick().status == "RUNNING"
+
+
+def test_a_script_before_a_leaf_is_kept(run: Any) -> None:
+    runner, _ = run('<Add to="1" step="2" sum="{b}" _failureIf="true"/>')
+    tick = runner.tick()
+    assert (tick.status, tick.leaves) == ("FAILURE", [])
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        (
+            '<Add to="{a}" step="2" sum="b"/>',
+            "<Add>: the output port `sum` is `b`, which is not a blackboard entry; "
+            'write sum="{sum}" [leaf-port]',
+        ),
+        (
+            '<Add to="many" step="2" sum="{b}"/>',
+            "<Add>: `to` is `many`; the port has type int32 [leaf-port]",
+        ),
+        (
+            '<Add step="2" sum="{b}"/>',
+            '<Add>: the port `to` of `Add` is not given; write to="…" [leaf-port]',
+        ),
+        (
+            "<Invert/>",
+            "<Invert>: the plugin `Invert` ticks children, and has none here [child-count]",
+        ),
+        (
+            "<Once><AlwaysSuccess/></Once>",
+            "<AlwaysSuccess>: the leaf `Once` cannot have children [child-count]",
+        ),
+        (
+            '<Sleep msec="soon"/>',
+            '<Sleep>: `msec` is `soon`; write a number of milliseconds, msec="500" [leaf-port]',
+        ),
+    ],
+)
+def test_a_plugin_that_is_used_wrongly_is_reported_with_its_place(
+    body: str, expected: str, tmp_path: Path
+) -> None:
+    _, policy, faults = loaded(tmp_path, body)
+    assert policy is None
+    (fault,) = faults
+    assert fault.startswith("policy.xml:1:")
+    assert fault.endswith(f"error: {expected}")
