@@ -175,3 +175,104 @@ def test_two_trees_of_one_name_are_an_error(system: System, tmp_path: Path) -> N
     policy, found = read(system, tmp_path, f"<root>{one}{one}</root>")
     assert policy is None
     assert "[duplicate-tree]" in found[0]
+
+
+def files(folder: Path, **texts: str) -> None:
+    for name, text in texts.items():
+        path = folder / f"{name.replace('__', '/')}.xml"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(f"<root>{text}</root>")
+
+
+def named(name: str, body: str = "<AlwaysSuccess/>") -> str:
+    return f'<BehaviorTree ID="{name}">{body}</BehaviorTree>'
+
+
+def test_trees_of_included_files_are_found_relative_to_the_file_that_includes_them(
+    system: System, tmp_path: Path
+) -> None:
+    inner = '<include path="../other.xml"/>' + named("N", '<SubTree ID="O"/>')
+    files(tmp_path, sub__inner=inner, other=named("O"))
+    includes = '<include path="sub/inner.xml"/><include path="other.xml"/>'
+    main = named("M", '<SubTree ID="N"/>')
+    text = f'<root main_tree_to_execute="M">{includes}{main}</root>'
+    policy, found = read(system, tmp_path, text)
+    assert policy is not None, found
+    assert policy.main == "M"
+    assert policy.xml.count("<BehaviorTree") == 3
+
+
+@pytest.mark.parametrize(
+    ("include", "expected"),
+    [
+        (
+            'path="loop.xml"',
+            "loop.xml:1:22: error: <include>: a file cannot include itself: "
+            "loop.xml → loop.xml [recursive-include]",
+        ),
+        (
+            'path="nowhere.xml"',
+            "policy.xml:1:22: error: <include>: the file nowhere.xml does not exist; the path is "
+            "relative to the file that includes it [missing-file]",
+        ),
+        (
+            'ros_pkg="tour" path="loop.xml"',
+            "policy.xml:1:25: error: <include>: `ros_pkg` is not known here; write path=, relative "
+            "to this file [unknown-attribute]",
+        ),
+        (
+            'path="wrong.xml"',
+            "wrong.xml:1:28: error: <Sequnce>: unknown node; did you mean Sequence? [unknown-node]",
+        ),
+    ],
+)
+def test_an_include_that_cannot_be_followed_is_reported_where_it_stands(
+    include: str, expected: str, system: System, tmp_path: Path
+) -> None:
+    files(tmp_path, loop='<include path="loop.xml"/>', wrong=named("W", "<Sequnce/>"))
+    policy, found = read(system, tmp_path, f"<root><include {include}/>{named('M')}</root>")
+    assert policy is None
+    assert found == [expected]
+
+
+def test_files_that_include_one_another_too_deep_are_an_error(
+    system: System, tmp_path: Path
+) -> None:
+    for number in range(20):
+        files(tmp_path, **{f"f{number}": f'<include path="f{number + 1}.xml"/>'})
+    policy, found = read(system, tmp_path, f'<root><include path="f0.xml"/>{named("M")}</root>')
+    assert policy is None
+    assert found == [
+        "f14.xml:1:22: error: <include>: files are included more than 16 deep [deep-include]"
+    ]
+
+
+def test_a_chain_of_thousands_of_sub_trees_is_one_error(system: System, tmp_path: Path) -> None:
+    trees = [named(f"T{i}", f'<SubTree ID="T{i + 1}"/>') for i in range(5000)]
+    text = "".join([*trees, named("T5000")])
+    policy, found = read(system, tmp_path, f'<root main_tree_to_execute="T0">{text}</root>')
+    assert policy is None
+    (fault,) = found
+    assert "is more than 256 nodes deep [deep-tree]" in fault
+
+
+def test_trees_that_use_the_next_one_twice_are_measured_before_they_are_unfolded(
+    system: System, tmp_path: Path
+) -> None:
+    twice = '<Sequence><SubTree ID="T{0}"/><SubTree ID="T{0}"/></Sequence>'
+    trees = [named(f"T{i}", twice.format(i + 1)) for i in range(60)]
+    text = "".join([*trees, named("T60")])
+    policy, found = read(system, tmp_path, f'<root main_tree_to_execute="T0">{text}</root>')
+    assert policy is None
+    (fault,) = found
+    assert "has more than 100,000 nodes [large-tree]" in fault
+
+
+def test_what_behavior_tree_cpp_refuses_is_a_finding_of_the_policy(
+    system: System, tmp_path: Path
+) -> None:
+    policy, found = read(system, tmp_path, tree('<Script code="a:="/>'))
+    assert policy is None
+    (fault,) = found
+    assert fault.startswith("policy.xml:0:0: error: BehaviorTree.CPP refuses the policy: error: ")
+    assert fault.endswith("expected operand [refused-policy]")
