@@ -71,6 +71,7 @@ class Story:
         self.reached: dict[Milestone, float] = {}
         """Seconds from the first tick of the tree to the first time of each milestone."""
         self._first_tick_ns = 0
+        self._last: dict[tuple[str, str], str] = {}
 
     def hear(self, line: dict[str, Any]) -> None:
         """Take one line of the tap."""
@@ -80,10 +81,15 @@ class Story:
         if channel.endswith("/tick") and line.get("round_trip_us"):
             self.trips_us.append(line["round_trip_us"])
         self._notice(channel, line["kind"], data, line["stamp_ns"])
-        if not channel.endswith(QUIET):
-            text = ", ".join(f"{key}: {value}" for key, value in plain(data).items())
+        text = ", ".join(f"{key}: {value}" for key, value in plain(data).items())
+        if not channel.endswith(QUIET) and self._is_news(channel, line["kind"], text):
             arrow = {"message": "•", "request": "→", "response": "←"}.get(line["kind"], "✗")
             print(f"    tap  {channel:<50} {arrow} {text}".rstrip(), flush=True)
+
+    def _is_news(self, channel: str, kind: str, text: str) -> bool:
+        """Whether to show this: a reactive tree asks the same thing again at every tick."""
+        before, self._last[channel, kind] = self._last.get((channel, kind)), text
+        return before != text or "/_action/" in channel or channel.endswith("/halt")
 
     def _notice(self, channel: str, kind: str, data: dict[str, Any], stamp_ns: int) -> None:
         if channel == "/policy/ticks":
@@ -131,7 +137,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="lab-tour-") as scratch:
         heading("2. Generate the nodes")
         step("m2c", "generate", "--transport", "zenoh", str(SYSTEM), "-o", scratch)
-        heading(f"3. Run the tour on Zenoh for {TICKS} ticks, tapped live")
+        heading(
+            f"3. Run the tour on Zenoh for {TICKS} ticks, tapped live; what is said again is not shown again"
+        )
         story, tap_notes, code = run_tapped(scratch)
     heading("Summary")
     for milestone in sorted(story.reached, key=story.reached.__getitem__):
