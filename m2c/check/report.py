@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from typing import Any, TextIO
+from urllib.parse import quote
 
+from m2c.check.rules import RULES, Rule
 from m2c.model.diagnostics import Diagnostic, Severity
 
 _COLOURS = {Severity.ERROR: "\x1b[31m", Severity.WARNING: "\x1b[33m", Severity.NOTE: "\x1b[36m"}
@@ -52,19 +56,45 @@ def _entry(found: Diagnostic) -> dict[str, Any]:
     }
 
 
+def summary(models: int, diagnostics: Sequence[Diagnostic]) -> str:
+    """``17 models, 1 error, 2 warnings``."""
+    errors, warnings = count(diagnostics, Severity.ERROR), count(diagnostics, Severity.WARNING)
+    counts = ((models, "model"), (errors, "error"), (warnings, "warning"))
+    return ", ".join(f"{number} {noun}{'' if number == 1 else 's'}" for number, noun in counts)
+
+
 def as_sarif(diagnostics: Sequence[Diagnostic]) -> str:
-    """A SARIF 2.1.0 log with one run (OASIS sarif-v2.1.0)."""
-    rules = sorted({found.rule for found in diagnostics})
+    """A SARIF 2.1.0 log with one run (OASIS sarif-v2.1.0).
+
+    Files are named relative to the current folder (``%SRCROOT%``), as code scanning wants them.
+    """
+    rules = {rule.id: rule for rule in RULES}
+    used = sorted({found.rule for found in diagnostics})
+    driver = {
+        "name": "m2c",
+        "version": version("m2c-moon"),
+        "rules": [_rule(rules[name]) for name in used],
+    }
     run = {
-        "tool": {"driver": {"name": "m2c", "rules": [{"id": rule} for rule in rules]}},
-        "results": [_result(found, rules) for found in diagnostics],
+        "tool": {"driver": driver},
+        "columnKind": "unicodeCodePoints",
+        "results": [_result(found, used) for found in diagnostics],
     }
     schema = "https://json.schemastore.org/sarif-2.1.0.json"
     return json.dumps({"$schema": schema, "version": "2.1.0", "runs": [run]}, indent=2)
 
 
+def _rule(rule: Rule) -> dict[str, Any]:
+    return {
+        "id": rule.id,
+        "shortDescription": {"text": rule.meaning},
+        "defaultConfiguration": {"level": _LEVELS[rule.severity]},
+    }
+
+
 def _result(found: Diagnostic, rules: list[str]) -> dict[str, Any]:
-    physical: dict[str, Any] = {"artifactLocation": {"uri": found.position.file}}
+    artifact = {"uri": relative_uri(found.position.file), "uriBaseId": "%SRCROOT%"}
+    physical: dict[str, Any] = {"artifactLocation": artifact}
     if found.position.line:
         region = {"startLine": found.position.line, "startColumn": max(found.position.column, 1)}
         physical["region"] = region
@@ -76,3 +106,9 @@ def _result(found: Diagnostic, rules: list[str]) -> dict[str, Any]:
         "message": {"text": text},
         "locations": [{"physicalLocation": physical}],
     }
+
+
+def relative_uri(file: str) -> str:
+    """``file`` relative to the current folder, as a URI reference (RFC 3986 section 4.2)."""
+    path = os.path.relpath(file).replace(os.sep, "/")
+    return quote(path.encode("utf-8", "surrogateescape"), safe="/")

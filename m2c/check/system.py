@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 
 import msgspec
@@ -20,8 +19,10 @@ _COUNTERPARTS = {
     InterfaceKind.SUBSCRIBER: (InterfaceKind.PUBLISHER, "subscribes to", "publishes"),
 }
 _DIGITS = re.compile(r"\d+")
-_SLIP = 0.85
-"""Likeness (Ratcliff and Obershelp) of one letter in seven wrong."""
+_SHORT = 4
+"""Names with fewer letters differ on purpose (``get``, ``set``)."""
+_LONG = 10
+"""From so many letters on, two may be wrong (``increase`` and ``decrease`` are two names)."""
 
 _NAMESPACES = {
     InterfaceKind.PUBLISHER: "topic",
@@ -146,6 +147,20 @@ def _nearly_the_same(one: str, other: str) -> bool:
     left, right = left.lower().replace("_", ""), right.lower().replace("_", "")
     if left == right:
         return True
-    if left.endswith(right) or right.endswith(left):
+    if left.endswith(right) or right.endswith(left) or min(len(left), len(right)) < _SHORT:
         return False
-    return difflib.SequenceMatcher(None, left, right).ratio() >= _SLIP
+    return _edits(left, right) <= (1 if len(left) < _LONG else 2)
+
+
+def _edits(one: str, other: str) -> int:
+    """How many letters to add, drop, replace or swap with the next (optimal string alignment)."""
+    before: list[int] = []
+    row = list(range(len(other) + 1))
+    for i, letter in enumerate(one, 1):
+        last, before, row = before, row, [i]
+        for j, wanted in enumerate(other, 1):
+            cost = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != wanted))
+            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == wanted:
+                cost = min(cost, last[j - 2] + 1)
+            row.append(cost)
+    return row[-1]

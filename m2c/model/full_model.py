@@ -103,6 +103,8 @@ def cross_check(system: System, declared: dict[str, dict[str, str]], log: Diagno
     ``function-kind`` (it uses a topic as a service, say), ``undeclared-list-entry`` (the full model
     names an interface that the list does not have).
     """
+    if not declared:  # an empty list, or one whose faults are reported
+        return
     for element in _referring(system.path):
         if element.get("interface") not in declared:
             what = f"the interface list does not declare `{element.get('interface')}`"

@@ -299,10 +299,12 @@ def read_machines(
     """All machines; plain ones last, when the channels of the others are known."""
     machines: dict[Path, Machine] = {}
     plain: list[tuple[Path, Element]] = []
+    seen: set[Path] = set()
     for file in files:
-        if file in machines:
+        if file in seen:
             log.warning("duplicate-input", Position(str(file)), "", "this model is listed twice")
             continue
+        seen.add(file)
         root = read_xml(file, log)
         if root is None:
             continue
@@ -321,7 +323,7 @@ def read_machines(
         log.diagnostics += errors.diagnostics
         if machine is not None and not errors.has_errors:
             machines[file] = machine
-    return tuple(machines[file] for file in files if file in machines)
+    return tuple(machines[file] for file in dict.fromkeys(files) if file in machines)
 
 
 def _channels(machines: Iterable[Machine]) -> dict[str, str]:

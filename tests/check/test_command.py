@@ -30,10 +30,10 @@ def model(folder: Path, text: str, name: str = "model.scxml") -> str:
 @pytest.mark.parametrize(
     ("text", "options", "code", "summary"),
     [
-        (GOOD, [], 0, "1 models, 0 errors, 0 warnings"),
-        (WARNS, [], 0, "1 models, 0 errors, 1 warnings"),
-        (WARNS, ["--strict"], 2, "1 models, 0 errors, 1 warnings"),
-        (FAILS, [], 2, "0 models, 1 errors, 0 warnings"),
+        (GOOD, [], 0, "1 model, 0 errors, 0 warnings"),
+        (WARNS, [], 0, "1 model, 0 errors, 1 warning"),
+        (WARNS, ["--strict"], 2, "1 model, 0 errors, 1 warning"),
+        (FAILS, [], 2, "0 models, 1 error, 0 warnings"),
     ],
 )
 def test_the_exit_code_says_whether_the_models_can_be_used(
@@ -51,6 +51,48 @@ def test_json_has_an_object_per_finding(tmp_path: Path) -> None:
     (found,) = json.loads(output)
     assert (found["file"], found["line"], found["rule"]) == (path, 1, "unknown-target")
     assert found["message"] == "the initial state `z` does not exist"
+
+
+def sarif_uri(*arguments: str) -> str:
+    _, output = run(*arguments, "--format", "sarif")
+    (result,) = json.loads(output)["runs"][0]["results"]
+    (location,) = result["locations"]
+    artifact = location["physicalLocation"]["artifactLocation"]
+    assert artifact["uriBaseId"] == "%SRCROOT%"
+    return str(artifact["uri"])
+
+
+def test_sarif_names_files_relative_to_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my models").mkdir()
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path)
+    path = model(tmp_path / "my models", FAILS, "späte #1.scxml")
+    assert sarif_uri(path) == "my%20models/sp%C3%A4te%20%231.scxml"
+    assert sarif_uri("my models/späte #1.scxml") == "my%20models/sp%C3%A4te%20%231.scxml"
+    model(tmp_path, FAILS, "c:1.scxml")
+    assert sarif_uri("c:1.scxml") == "c%3A1.scxml"
+    monkeypatch.chdir(tmp_path / "work")
+    assert sarif_uri(path) == "../my%20models/sp%C3%A4te%20%231.scxml"
+
+
+def test_sarif_describes_the_rules_it_uses(tmp_path: Path) -> None:
+    _, output = run(model(tmp_path, WARNS), "--format", "sarif")
+    driver = json.loads(output)["runs"][0]["tool"]["driver"]
+    assert driver["rules"] == [
+        {
+            "id": "unreachable-state",
+            "shortDescription": {"text": "no run enters the state"},
+            "defaultConfiguration": {"level": "warning"},
+        }
+    ]
+
+
+def test_no_input_is_a_usage_error() -> None:
+    code, output = run()
+    assert code == 2
+    assert "nothing to check; give a model, a folder or a system file" in output
 
 
 def test_sarif_names_rule_and_region(tmp_path: Path) -> None:

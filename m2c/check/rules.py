@@ -1,0 +1,123 @@
+"""Every rule of the check: its name, how bad it is, and what it means.
+
+``docs/language.md`` shows this table with an example each; SARIF output carries it.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from m2c.model.diagnostics import Severity
+
+
+class Rule(msgspec.Struct, frozen=True):
+    """One rule; ``meaning`` says in a clause what a finding of it tells."""
+
+    id: str
+    severity: Severity
+    meaning: str
+
+
+def _table(severity: Severity, meanings: dict[str, str]) -> tuple[Rule, ...]:
+    return tuple(Rule(name, severity, meaning) for name, meaning in meanings.items())
+
+
+_ERRORS = {
+    # files
+    "unreadable-file": "the file cannot be read",
+    "malformed-xml": "the file is not XML",
+    "hostile-xml": "the file is too large or too deep, or declares a document type",
+    "no-models": "a folder holds no model",
+    "mixed-input": "a system file was given together with other files",
+    "missing-file": "a file or folder that is referred to does not exist",
+    "missing-element": "a full model lacks its `<model>`",
+    "duplicate-policy": "a system has more than one behaviour tree",
+    # structure
+    "unknown-tag": "an element that the language does not have, or not here",
+    "unknown-attribute": "an attribute that the element does not have",
+    "missing-attribute": "an attribute that the element must have",
+    "unsupported-element": "an element of SCXML that is not part of the language",
+    "no-states": "a machine without states",
+    "duplicate-state": "two states of one name",
+    "duplicate-data": "two variables of one name",
+    "duplicate-interface": "two interfaces of one kind and name",
+    "duplicate-field": "a field is set twice in one message",
+    "unknown-target": "a transition, or the machine's start, leads to a state that does not exist",
+    "undeclared-interface": "a handler or output refers to an interface that is not declared",
+    "undeclared-port": "a port of the behaviour tree that the plugin does not declare",
+    "unknown-child": "a child of a plugin that is neither a number nor an integer variable",
+    "bad-duration": "a delay that is not a CSS time",
+    "bad-rate": "a rate that is not a number greater than 0",
+    "bad-number": "a number of threads that is not a whole number from 1",
+    "bad-probability": "probabilities that are none, or do not add up to 1",
+    "bad-status": "a status that a tree's node cannot return",
+    "unbound-event": "plain SCXML: an event names a channel whose type is not known",
+    # expressions
+    "bad-expression": "the text is not an ECMAScript expression",
+    "unsupported-expression": "ECMAScript outside the sub-language",
+    "bad-location": "what is assigned to is not a variable, or a field or element of one",
+    "undeclared-variable": "a variable that the datamodel does not have",
+    "event-data-not-available": "event data is read where no event brings it",
+    "unknown-field": "a field that the message type does not have",
+    "type-mismatch": "types that do not go together",
+    "out-of-range": "a number that its type cannot hold, or more elements than fit",
+    # interface definitions
+    "unknown-type": "a type that no definition gives",
+    "bad-interface": "an interface definition that cannot be read",
+    "recursive-type": "a message type contains itself",
+    # systems
+    "duplicate-node": "two nodes, or two plugins, of one name",
+    "duplicate-server": "two nodes serve one service or action",
+    "type-disagreement": "two machines declare one channel with different types",
+    # behaviour trees
+    "missing-tree": "the policy has no tree, or not the one to execute",
+    "duplicate-tree": "two trees of one name",
+    "missing-subtree": "a sub-tree that the policy does not define",
+    "recursive-subtree": "a sub-tree contains itself",
+    "recursive-include": "a policy includes itself",
+    "deep-include": "a policy includes files more than 16 deep",
+    "deep-tree": "a tree with its sub-trees is more than 256 nodes deep",
+    "large-tree": "a tree with its sub-trees has more than 100,000 nodes",
+    "unknown-node": "an element of the tree that is neither a control node nor a leaf",
+    "unknown-port": "an attribute that the tree's node does not have",
+    "child-count": "a tree's node has too few or too many children",
+    "leaf-address": "a leaf does not say which service answers its ticks",
+    "leaf-port": "a port of a leaf is not given, or not in a way that it can be",
+    "leaf-type": "a leaf's service has a type that cannot answer a tick",
+    "refused-policy": "BehaviorTree.CPP does not load the policy",
+}
+
+_WARNINGS = {
+    "request-discarded": "a state in which nothing takes a request that the machine serves",
+    "request-unanswered": "a request, goal or tick is taken, and no path ever answers it",
+    "unreachable-state": "no run enters the state",
+    "shadowed-transition": "an earlier transition always takes this one's turn",
+    "never-taken": "the transition's condition never holds",
+    "eventless-cycle": "transitions without events follow each other for ever",
+    "unread-input": "an interface brings something that no state handles",
+    "unused-interface": "an interface is declared and never used",
+    "unset-output-field": "a field of a message is sent as zero or empty",
+    "nobody-serves": "the other end of a channel is missing (in a system), or misspelt (in a folder)",
+    "undeclared-function": "a channel that the interface list does not have",
+    "undeclared-list-entry": "the full model refers to an interface that the list does not have",
+    "function-kind": "a channel is a topic here and a service there",
+    "duplicate-input": "a model is listed twice",
+    "path-case": "a path differs from the one on disk by case",
+    "xml-prologue": "blank lines before the XML declaration",
+    "xml-namespace": "the namespace is not SCXML's",
+    "leaf-kind": "a leaf is written as a condition and served as an action, or the other way round",
+    "unserved-leaf": "no node of the system answers the leaf's ticks",
+}
+
+_NOTES = {
+    "ignored-element": "an element that another tool reads",
+    "monitored-leaf": "the mark of the earlier monitor is ignored",
+    "empty-port": "an empty port counts as not given",
+}
+
+RULES: tuple[Rule, ...] = (
+    *_table(Severity.ERROR, _ERRORS),
+    *_table(Severity.WARNING, _WARNINGS),
+    *_table(Severity.NOTE, _NOTES),
+)
+"""Every rule, errors first, in the order of the reading."""
