@@ -68,8 +68,7 @@ class ExpressionCompiler:
     """Compiles expressions of one machine at one place.
 
     Attributes:
-        dynamic: set when any compiled expression may raise ``ExecutionError``.
-        uses: names of the run-time modules that the compiled text needs.
+        may_fail: set when any compiled expression may raise ``ExecutionError``.
     """
 
     def __init__(
@@ -84,7 +83,6 @@ class ExpressionCompiler:
         self._class_of = class_of
         self._data_name = data_name
         self.may_fail = False
-        self.uses: set[str] = set()
 
     # -- entry points -------------------------------------------------------------------------
 
@@ -111,7 +109,6 @@ class ExpressionCompiler:
         if isinstance(target, Array | Structure) and isinstance(
             node, Variable | Member | Index | EventData
         ):
-            self.uses.add("copy")
             return f"copy.deepcopy({text})"
         return text
 
@@ -135,7 +132,6 @@ class ExpressionCompiler:
         return type_of(node, self._scope)
 
     def _runtime(self, function: str, *arguments: str, fails: bool = False) -> str:
-        self.uses.add("ecmascript")
         self.may_fail = self.may_fail or fails
         return f"ecmascript.{function}({', '.join(arguments)})"
 
@@ -176,7 +172,6 @@ class ExpressionCompiler:
             case MathCall():
                 return self._math(node)
             case MathConstant(name=name):
-                self.uses.add("ecmascript")
                 return Code(f'ecmascript.CONSTANTS["{name}"]')
             case ArrayLiteral(elements=elements):
                 inner_type = target.element if isinstance(target, Array) else None
@@ -274,7 +269,6 @@ class ExpressionCompiler:
     def _math(self, node: MathCall) -> Code:
         if node.function == "random":
             return Code("self._random()")
-        self.uses.add("ecmascript")
         arguments = ", ".join(self._compile(argument).text for argument in node.arguments)
         return Code(f'ecmascript.MATH["{node.function}"]({arguments})')
 

@@ -62,7 +62,6 @@ class NodeWriter:
         self._names = names
         self._class_of = class_of
         self._class_name = class_name
-        self.uses: set[str] = set()
         self._threads = [
             (thread, f"{class_name}Thread" if index == 0 else f"{class_name}Thread{index + 1}")
             for index, thread in enumerate(machine.threads)
@@ -145,7 +144,6 @@ class NodeWriter:
         return self._names.short(interface).upper()
 
     def _channel_constant(self, interface: Interface) -> list[str]:
-        self.uses.add(_CHANNEL_CLASS[interface.kind])
         channel = f'"{interface.channel}"'
         arguments = [channel, f'"{interface.type_name}"', *self._classes(interface)]
         return call(f"{self._constant(interface)} = {_CHANNEL_CLASS[interface.kind]}", arguments, 0)
@@ -165,7 +163,6 @@ class NodeWriter:
     def _channel_text(self, interface: Interface) -> str:
         if interface.port is None:
             return self._constant(interface)
-        self.uses.add(_CHANNEL_CLASS[interface.kind])
         classes = ", ".join(self._classes(interface))
         return (
             f'{_CHANNEL_CLASS[interface.kind]}(ports["{interface.port}"], '
@@ -173,10 +170,8 @@ class NodeWriter:
         )
 
     def _constructor(self) -> list[str]:
-        self.uses |= {"Transport", "NodeSettings", "Binding", "Mapping"}
         parameters = ["self", "transport: Transport"]
         if self.is_plugin:
-            self.uses.add("TreeSide")
             parameters.append("tree: TreeSide")
         parameters.append("settings: NodeSettings = DEFAULT_SETTINGS")
         parameters.append("ports: Mapping[str, Any] = MappingProxyType({})")
@@ -246,7 +241,6 @@ class NodeWriter:
                 arguments = [channel, self._handler(EventKind.GOAL, interface), cancel]
                 return _bind_call(f"self._{short}_server = binding.action_server", arguments)
             case InterfaceKind.ACTION_CLIENT:
-                self.uses.add("GoalHandlers")
                 handlers = [
                     f"{field}={handler}"
                     for field, kind in _GOAL_EVENTS.items()
@@ -420,8 +414,6 @@ class NodeWriter:
         lines: list[str] = []
         for method in self.extra_outputs:
             parameters, doc, (target, arguments) = bodies[method]
-            if "Any" in " ".join(parameters):
-                self.uses.add("Any")
             lines += ["", *call(f"def {method}", ["self", *parameters], 1, " -> None:")]
             lines += [f'{INDENT * 2}"""{doc}"""', *call(target, arguments, 2)]
         return lines
