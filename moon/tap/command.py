@@ -165,7 +165,7 @@ def _watch(
         output.close()
     _say(
         f"heard {watch.heard:,} observations in {time.monotonic() - start:.1f} s, "
-        f"showed {watch.shown:,} events"
+        f"showed {watch.shown:,} event{'s' * (watch.shown != 1)}"
     )
 
 
