@@ -26,13 +26,11 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
     metavar="NODE=PATH",
     help="Run a changed node in its place: a model file, or a generated package.",
 )
-@click.option(
-    "--endpoint", default=DEFAULT_ENDPOINT, show_default=True, help="Where the nodes meet."
-)
+@click.option("--endpoint", help=f"Zenoh: where the nodes meet.  [default: {DEFAULT_ENDPOINT}]")
 @click.option(
     "--zenoh-config",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Zenoh configuration file for every process (TLS, routers…).",
+    help="Zenoh: configuration file for every process (TLS, routers…).",
 )
 @click.option("--namespace", default="", help="Prefix of every channel.")
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
@@ -44,7 +42,7 @@ def run(
     only: tuple[str, ...],
     without: tuple[str, ...],
     replacements: tuple[str, ...],
-    endpoint: str,
+    endpoint: str | None,
     zenoh_config: Path | None,
     namespace: str,
     quiet: bool,
@@ -52,12 +50,20 @@ def run(
     """Run a system: every node as a process of its own, and the policy.
 
     SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The tree is
-    ticked once all nodes are up. Ctrl-C stops everything; so does the death of a node (exit code 1).
+    ticked once all nodes are up. Exit code 0: the last tick was made, or Ctrl-C; 1: a node died; 2:
+    it could not be started.
 
     Example: m2c run generated --ticks 100
     """
-    from m2c.launch.description import LaunchError, read_description, replace, select
-    from m2c.launch.system import RunningSystem, RunSettings, say
+    from m2c.launch.description import (
+        LaunchError,
+        read_description,
+        read_policy_of,
+        replace,
+        select,
+    )
+    from m2c.launch.screen import screen_for
+    from m2c.launch.system import RunningSystem, RunSettings
     from transports.interface import TransportError
     from transports.registry import connect
 
@@ -76,26 +82,51 @@ def run(
             description = select(read_description(folder), only, without)
             packages = {name: path for name, path in changed.items() if path.is_dir()}
             description = replace(description, folder, packages)
-            options = {"listen": endpoint, "namespace": namespace}
-            if zenoh_config is not None:
-                options["config"] = str(zenoh_config)
-            arguments = ["--transport", transport, "--endpoint", endpoint]
-            if namespace:
-                arguments += ["--namespace", namespace]
-            if zenoh_config is not None:
-                arguments += ["--zenoh-config", str(zenoh_config)]
-            connection = connect(
-                transport, "m2c_run", {name: value for name, value in options.items() if value}
-            )
+            policy = read_policy_of(description, folder)
+            if ticks and policy is None:
+                _fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
+            options = _transport_options(transport, endpoint, zenoh_config, namespace)
+            listen = {"listen" if name == "endpoint" else name: options[name] for name in options}
+            connection = connect(transport, "m2c_run", listen)
+            where = f"at {options['endpoint']}" if "endpoint" in options else f"on {transport}"
+            arguments = ["--transport", transport]
+            for name, value in options.items():
+                arguments += [_NODE_OPTIONS[name], value]
+            settings = RunSettings(tuple(arguments), where, rate, ticks or 0)
             try:
-                say(f"{description.system}: starting {len(description.nodes)} nodes at {endpoint}")
-                settings = RunSettings(tuple(arguments), rate, ticks or 0, quiet)
-                code = RunningSystem(description, folder, connection, settings, say).run()
+                with screen_for(policy, quiet) as screen:
+                    system_run = RunningSystem(description, folder, connection, settings, screen)
+                    code = system_run.run()
             finally:
                 connection.close()
         except (LaunchError, TransportError) as error:
             _fail(str(error))
     sys.exit(code)
+
+
+_NODE_OPTIONS = {
+    "endpoint": "--endpoint",
+    "config": "--zenoh-config",
+    "namespace": "--namespace",
+}
+"""How a node's command line spells the transport's options."""
+
+
+def _transport_options(
+    transport: str, endpoint: str | None, zenoh_config: Path | None, namespace: str
+) -> dict[str, str]:
+    """The options of every process's transport; only Zenoh has a meeting point."""
+    options = {"namespace": namespace} if namespace else {}
+    if transport == "zenoh":
+        if zenoh_config is not None:
+            options["config"] = str(zenoh_config)
+        if endpoint or zenoh_config is None:  # else the nodes meet where the file says
+            options["endpoint"] = endpoint or DEFAULT_ENDPOINT
+    elif transport == "simulated":
+        _fail("--transport simulated: that world is in one process; m2c run starts one per node")
+    elif endpoint or zenoh_config is not None:
+        _fail(f"--transport {transport}: --endpoint and --zenoh-config are for zenoh")
+    return options
 
 
 def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
@@ -118,6 +149,7 @@ def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> None:
     from m2c.codegen.writer import write_files
     from m2c.model import DiagnosticLog, ModelError, load
     from m2c.model.system import read_with_reference
+    from m2c.model.typing import nearest
 
     log = DiagnosticLog()
     system = load([path], log)
@@ -126,8 +158,10 @@ def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> None:
         for name, model in changed.items():
             index = next((i for i, node in enumerate(nodes) if node.name == name), None)
             if index is None:
-                known = ", ".join(node.name for node in nodes)
-                _fail(f"{system.name} has no node {name}; it has {known}")
+                _fail(
+                    f"{system.name} has no node {name}; "
+                    f"{nearest(name, [node.name for node in nodes])}"
+                )
             if model.is_file():
                 machine = read_with_reference(model, system, name, log)
                 if machine is not None:

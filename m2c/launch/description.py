@@ -6,8 +6,12 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.model.typing import nearest
+from m2c.policy.program import Policy
+
 FILE = "launch.json"
 FORMAT = 1
+POLICY_FILE = "policy.json"
 
 
 class Package(msgspec.Struct, frozen=True):
@@ -52,6 +56,24 @@ def read_description(folder: Path) -> LaunchDescription:
     return description
 
 
+def read_policy_of(description: LaunchDescription, folder: Path) -> Policy | None:
+    """The policy that ``description`` runs, if any.
+
+    Raises:
+        LaunchError: it cannot be read.
+    """
+    package = description.policy
+    if package is None:
+        return None
+    path = folder / package.path / package.package / POLICY_FILE
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Policy)
+    except OSError as error:
+        raise LaunchError(f"{path}: {error.strerror}; generate the system again") from error
+    except msgspec.MsgspecError as error:
+        raise LaunchError(f"{path}: {error}; generate the system again") from error
+
+
 def select(
     description: LaunchDescription, only: tuple[str, ...], without: tuple[str, ...]
 ) -> LaunchDescription:
@@ -65,7 +87,7 @@ def select(
         names.append(description.policy.name)
     for name in (*only, *without):
         if name not in names:
-            raise LaunchError(f"{description.system} has no node {name}; it has {', '.join(names)}")
+            raise LaunchError(f"{description.system} has no node {name}; {nearest(name, names)}")
     kept = [name for name in names if (not only or name in only) and name not in without]
     nodes = tuple(node for node in description.nodes if node.name in kept)
     policy = description.policy
@@ -85,7 +107,7 @@ def replace(
     nodes = {node.name: node for node in description.nodes}
     for name, path in replacements.items():
         if name not in nodes:
-            raise LaunchError(f"{description.system} has no node {name}; it has {', '.join(nodes)}")
+            raise LaunchError(f"{description.system} has no node {name}; {nearest(name, nodes)}")
         inner = [item.parent.name for item in sorted(path.glob("*/__main__.py"))]
         if len(inner) != 1:
             raise LaunchError(

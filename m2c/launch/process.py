@@ -79,6 +79,10 @@ class NodeProcess:
         if self._process.poll() is None:
             self._process.terminate()
 
+    def kill(self) -> None:
+        """End the process without asking."""
+        self._process.kill()
+
     def finish(self) -> None:
         """Wait for its end; kill it if it takes too long."""
         try:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import signal
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
 from m2c.launch.description import LaunchDescription, LaunchError, Package
 from m2c.launch.process import NodeProcess, describe_end
+from m2c.launch.screen import Screen
 from m2c.policy.runner import TICKS, TreeTick
 from transports.interface import Transport
 
@@ -19,12 +19,12 @@ START_TIMEOUT_S = 30.0
 
 
 class RunSettings(msgspec.Struct, frozen=True):
-    """How a system is run; see ``m2c run --help``."""
+    """How a system is run; see ``m2c run --help``. ``where`` says where its nodes meet."""
 
     node_arguments: tuple[str, ...]
+    where: str
     rate_hz: float | None = None
     ticks: int = 0
-    quiet: bool = False
 
 
 class RunningSystem:
@@ -35,7 +35,7 @@ class RunningSystem:
         folder: where the packages are.
         transport: the launcher's own connection, to hear who is up and how the tree ticks.
         settings: how to run it.
-        say: prints one line.
+        screen: where it is shown.
     """
 
     def __init__(
@@ -44,19 +44,21 @@ class RunningSystem:
         folder: Path,
         transport: Transport,
         settings: RunSettings,
-        say: Callable[[str], None],
+        screen: Screen,
     ) -> None:
         self._description = description
         self._folder = folder
         self._transport = transport
         self._settings = settings
-        self._say = say
+        self._screen = screen
         self._processes: dict[str, NodeProcess] = {}
         self._died: tuple[str, int] | None = None
         self._stopping = False
         self._ticks = 0
-        names = [node.name for node in description.nodes]
-        self._width = max((len(name) for name in names), default=6)
+        self._missing = {node.name for node in description.nodes}
+        self._late = False
+        self._up = False
+        self._width = max((len(name) for name in self._missing), default=len("policy"))
 
     def run(self) -> int:
         """Run to the end.
@@ -69,25 +71,48 @@ class RunningSystem:
         """
         transport = self._transport
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: transport.post(self._stop))
+            signal.signal(number, self._interrupted)
+        nodes = len(self._description.nodes)
+        self._screen.line(
+            f"{self._description.system}: starting {nodes} {'node' if nodes == 1 else 'nodes'} "
+            f"{self._settings.where}"
+        )
         transport.subscribe(TICKS, self._show_tick)
+        transport.watch_nodes(self._changed)
         try:
             for node in self._description.nodes:
                 self._start(node, self._settings.node_arguments)
-            names = [node.name for node in self._description.nodes]
-            missing = transport.wait_for_nodes(names, START_TIMEOUT_S)
-            if missing and self._died is None:
+            timer = transport.after(START_TIMEOUT_S, self._start_timed_out)
+            transport.spin(lambda: self._stopping or self._late or not self._missing)
+            timer.cancel()
+            if self._late:
+                missing = ", ".join(sorted(self._missing))
                 raise LaunchError(
-                    f"not up after {START_TIMEOUT_S:g} s: {', '.join(missing)}; their output is above"
+                    f"not up after {START_TIMEOUT_S:g} s: {missing}; their output is above"
                 )
-            if self._died is None:
-                self._say(f"{len(names)} nodes are up")
+            if not self._stopping:
+                self._screen.line(f"{_nodes_are(self._description)} up")
+                self._up = True
                 self._start_policy()
                 transport.spin(lambda: self._stopping)
         finally:
             self._stopping = True
             self._stop_all()
         return self._report()
+
+    def _changed(self, name: str, up: bool) -> None:
+        if up:
+            self._missing.discard(name)
+
+    def _start_timed_out(self) -> None:
+        self._late = True
+
+    def _interrupted(self, *_: object) -> None:
+        """A signal: stop; a second one does not wait for the processes."""
+        if self._stopping:
+            for process in list(self._processes.values()):
+                process.kill()
+        self._transport.post(self._stop)
 
     def _stop_all(self) -> None:
         """The policy first: it halts its tree, for which the skills must still be there."""
@@ -122,11 +147,11 @@ class RunningSystem:
             arguments += ["--ticks", str(self._settings.ticks)]
         for node in self._description.nodes:
             arguments += ["--wait-for", node.name]
-        self._say(f"ticking the tree {rate:g} times a second")
+        self._screen.line(f"ticking the tree {rate:g} times a second")
         self._start(policy, arguments)
 
     def _line(self, name: str, text: str) -> None:
-        self._say(f"{name:>{self._width}} | {text}")
+        self._screen.line(f"{name:>{self._width}} | {text}")
 
     def _ended(self, name: str, code: int) -> None:
         """A process has ended: the policy after its last tick, or anybody by dying."""
@@ -142,30 +167,22 @@ class RunningSystem:
 
     def _show_tick(self, tick: TreeTick) -> None:
         self._ticks = tick.tick
-        if not self._settings.quiet:
-            self._say(f"tick {tick.tick:4d}  {tick.status:<7}  {ticked_leaves(tick)}")
+        self._screen.tick(tick)
 
     def _report(self) -> int:
+        if self._died is None and not self._up:
+            self._screen.line("stopped before all nodes were up; all nodes have ended")
+            return 0
         if self._died is None:
-            self._say(f"stopped after {self._ticks} ticks; all nodes have ended")
+            self._screen.line(f"stopped after {self._ticks} ticks; all nodes have ended")
             return 0
         name, code = self._died
-        self._say(f"{name} {describe_end(code)}; everything was stopped. Its last lines:")
+        self._screen.line(f"{name} {describe_end(code)}; everything was stopped. Its last lines:")
         for text in self._processes[name].last_lines:
-            self._say(f"  {text}")
+            self._screen.line(f"  {text}")
         return 1
 
 
-_MARKS = {"SUCCESS": "ok", "FAILURE": "no", "RUNNING": "..", "HALTED": "halted"}
-
-
-def ticked_leaves(tick: TreeTick) -> str:
-    """The leaves that ``tick`` reached: ``BatteryLevel ok  IsPoiDone1 no  GoToPoi ..``."""
-    return "  ".join(
-        f"{leaf.name} {_MARKS[leaf.status]}" for leaf in tick.leaves if leaf.status in _MARKS
-    )
-
-
-def say(text: str) -> None:
-    """Print one line at once."""
-    print(text, file=sys.stdout, flush=True)
+def _nodes_are(description: LaunchDescription) -> str:
+    count = len(description.nodes)
+    return "1 node is" if count == 1 else f"{count} nodes are"
