@@ -269,6 +269,12 @@ class ExpressionCompiler:
     def _math(self, node: MathCall) -> Code:
         if node.function == "random":
             return Code("self._random()")
+        if all(is_integer(self._static(argument)) for argument in node.arguments):
+            texts = [self._compile(argument).text for argument in node.arguments]
+            if node.function in ("max", "min") and len(texts) > 1:
+                return Code(f"{node.function}({', '.join(texts)})")
+            if node.function == "abs" and len(texts) == 1:
+                return Code(f"abs({texts[0]})")
         arguments = ", ".join(self._compile(argument).text for argument in node.arguments)
         return Code(f'ecmascript.MATH["{node.function}"]({arguments})')
 

@@ -51,6 +51,9 @@ def _broken(line: str) -> list[str]:
     inner = text[opening + 1 : closing]
     arguments = _split(inner)
     depth = len(margin) // len(INDENT)
+    if text[:opening].endswith(" in "):  # a tuple, not a call: one element a line
+        elements = [f"{margin}{INDENT}{element}," for element in arguments]
+        return [f"{margin}{text[: opening + 1]}", *elements, f"{margin}{text[closing:]}"]
     broken = call(text[:opening], arguments, depth, text[closing + 1 :])
     if len(broken) == 1:
         return broken

@@ -171,11 +171,10 @@ class MachineWriter:
             lines += self._transitions.exit_method(state)
         if self._transitions.needs_settling:
             lines += self._transitions.settle_method()
-        if self._context.raises:
-            if "on_event" not in grouped:
-                lines += self._named_event_method("on_event", [])
-            lines += self._failure_methods(lines)
-        return lines
+        sends = any("self._outputs.send_self(" in line for line in lines)
+        if (sends or self._context.raises) and "on_event" not in grouped:
+            lines += self._named_event_method("on_event", [])
+        return [*lines, *self._failure_methods(lines)]
 
     def _start_method(self) -> list[str]:
         state = self._context.machine.state(self._context.machine.initial)
@@ -198,18 +197,10 @@ class MachineWriter:
         says = event.kind in _SAYS_WHETHER_TAKEN
         result = "bool" if says else "None"
         lines = ["", *call(f"def {port.method}", parameters, 1, f" -> {result}:")]
-        doc = _EVENT_DOCS[event.kind].format(name=event.name)
+        channel = self._context.names.channel(event.name, event.kind)
+        doc = _EVENT_DOCS[event.kind].format(name=channel)
         lines += self._event_doc(doc, says)
-        body = self._transitions.dispatch([event], port)
-        if says:
-            body = [
-                line.replace("return", "return True") if line.strip() == "return" else line
-                for line in body
-            ]
-            body.append("return False")
-        else:
-            body = _without_final_return(body)
-        return [*lines, *indent(body, 2)]
+        return [*lines, *indent(self._transitions.dispatch([event], port, says), 2)]
 
     def _event_doc(self, doc: str, says: bool) -> list[str]:
         """The doc string of an event's method, in two paragraphs if one line is too short."""
@@ -229,8 +220,7 @@ class MachineWriter:
             lines.append(
                 f'{INDENT * 2}"""An event that the machine sent or raised, or that is sent to it."""'
             )
-        body = _without_final_return(self._transitions.dispatch(events, None))
-        return [*lines, *indent(body, 2)]
+        return [*lines, *indent(self._transitions.dispatch(events, None), 2)]
 
     def _failure_methods(self, written: Sequence[str]) -> list[str]:
         text = "\n".join(written)
@@ -250,17 +240,20 @@ class MachineWriter:
             lines += [
                 "",
                 f"{INDENT}def _failed(self, error: ExecutionError) -> None:",
-                f'{INDENT * 2}"""Queue SCXML\'s error.execution."""',
+                f'{INDENT * 2}"""What could not be evaluated: SCXML\'s error.execution."""',
                 f'{INDENT * 2}self._outputs.log("error.execution", str(error))',
-                f'{INDENT * 2}self._internal.append(("error.execution", None))',
             ]
+            if self._context.raises:
+                lines.append(f'{INDENT * 2}self._internal.append(("error.execution", None))')
         return lines
 
     def _can_raise(self) -> bool:
-        """Whether internal events can occur: raised ones, or error.execution."""
+        """Whether internal events can occur and be seen: raised ones, or error.execution."""
         machine = self._context.machine
         if any(isinstance(item, Raise) and not item.external for item in statements_of(machine)):
             return True
+        if not any(event.kind is EventKind.INTERNAL for event in self._events):
+            return False
         self._context.raises = True
         probe: list[str] = []
         for state in machine.states:
@@ -306,17 +299,3 @@ _EVENT_DOCS = {
     EventKind.BT_CHILD_STATUS: "Child {name} returned a status.",
     EventKind.BT_CHILD_HALTED: "Child {name} was halted.",
 }
-
-
-def _without_final_return(lines: list[str]) -> list[str]:
-    """Drop ``return`` where a branch ends anyway: the whole method is one if/elif chain."""
-    kept: list[str] = []
-    for index, line in enumerate(lines):
-        if line == f"{INDENT}return":
-            following = lines[index + 1] if index + 1 < len(lines) else ""
-            if not following.startswith(INDENT):
-                if kept and kept[-1].rstrip().endswith(":"):
-                    kept.append(f"{INDENT}pass")
-                continue
-        kept.append(line)
-    return kept

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from m2c.codegen.layout import INDENT, call
 from m2c.codegen.names import attribute, snake
+from m2c.codegen.outputs import EXTRA_OUTPUTS, output_doc, output_protocol, parameters
 from m2c.codegen.ports import OUTPUT_VERB, OutputPort, PortNames, emits_of, events_of, key
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -82,35 +83,13 @@ class NodeWriter:
             )
         )
 
-    # -- outputs protocol (machine.py) --------------------------------------------------------
-
     def output_protocol(self) -> list[str]:
         """The ``Outputs`` protocol that the machine sends through."""
-        lines = ["class Outputs(Protocol):", f'{INDENT}"""What ``{self._machine.name}`` sends."""']
-        for kind, name in self._emits:
-            port = self._names.output(kind, name)
-            lines += ["", *call(f"def {port.method}", self._parameters(port), 1, " -> None: ...")]
-        extra = {
-            "start_delay": ["name: str", "delay_s: float"],
-            "stop_delay": ["name: str"],
-            "send_self": ["event: str", "data: Any", "delay_s: float", "send_id: str"],
-            "cancel_send": ["send_id: str"],
-            "log": ["label: str", "text: str"],
-        }
-        for method in self.extra_outputs:
-            arguments = ["self", *extra[method]]
-            lines += ["", *call(f"def {method}", arguments, 1, " -> None: ...")]
-        return lines
+        return output_protocol(
+            self._machine, self._emits, self.extra_outputs, self._names, self._class_of
+        )
 
     extra_outputs: tuple[str, ...] = ()
-
-    def _parameters(self, port: OutputPort) -> list[str]:
-        parameters = ["self", *(f"{name}: {kind}" for name, kind in port.parameters)]
-        if port.data is not None:
-            parameters.append(f"{port.data_name}: {self._class_of[port.data.name]}")
-        return parameters
-
-    # -- node.py ------------------------------------------------------------------------------
 
     @property
     def is_plugin(self) -> bool:
@@ -170,12 +149,13 @@ class NodeWriter:
         )
 
     def _constructor(self) -> list[str]:
-        parameters = ["self", "transport: Transport"]
+        accepted = ["self", "transport: Transport"]
         if self.is_plugin:
-            parameters.append("tree: TreeSide")
-        parameters.append("settings: NodeSettings = DEFAULT_SETTINGS")
-        parameters.append("ports: Mapping[str, Any] = MappingProxyType({})")
-        lines = call("def __init__", parameters, 1, " -> None:")
+            accepted.append("tree: TreeSide")
+        accepted.append("settings: NodeSettings = DEFAULT_SETTINGS")
+        if self.is_plugin or self._machine.ports:
+            accepted.append("ports: Mapping[str, Any] = MappingProxyType({})")
+        lines = call("def __init__", accepted, 1, " -> None:")
         body = [f"self.machine = {self._class_name}({', '.join(self._machine_arguments())})"]
         for thread, thread_class in self._threads:
             body.append(f"self._threads_{self._thread_name(thread.interface)} = [")
@@ -307,9 +287,9 @@ class NodeWriter:
         events = [event for event in self._handled if event.kind is kind]
         if not events:
             return []
-        parameters = "".join(f", {argument}: str" for argument in arguments)
+        accepted = "".join(f", {argument}: str" for argument in arguments)
         what = "returned a status" if arguments else "was halted"
-        lines = ["", f"{INDENT}def {name}(self, child: int{parameters}) -> None:"]
+        lines = ["", f"{INDENT}def {name}(self, child: int{accepted}) -> None:"]
         lines.append(f'{INDENT * 2}"""A child of this node {what}."""')
         for event in events:
             number = event.name
@@ -336,8 +316,8 @@ class NodeWriter:
 
     def _output_method(self, kind: OutputKind, name: str) -> list[str]:
         port = self._names.output(kind, name)
-        lines = ["", *call(f"def {port.method}", self._parameters(port), 1, " -> None:")]
-        lines.append(f'{INDENT * 2}"""{_output_doc(kind, name)}"""')
+        lines = ["", *call(f"def {port.method}", parameters(port, self._class_of), 1, " -> None:")]
+        lines.append(f'{INDENT * 2}"""{output_doc(kind, self._names.channel(name, kind))}"""')
         arguments = [parameter for parameter, _ in port.parameters]
         if port.data is not None:
             arguments.append(port.data_name)
@@ -385,37 +365,12 @@ class NodeWriter:
         return call(f"self._{short}_{role}.{_PORT_METHOD[kind]}", arguments, 2)
 
     def _extra_methods(self) -> list[str]:
-        bodies = {
-            "start_delay": (
-                ["name: str", "delay_s: float"],
-                "Start a delayed transition.",
-                ("self._binding.start_delay", ["name", "delay_s", "self.machine.on_elapsed"]),
-            ),
-            "stop_delay": (
-                ["name: str"],
-                "Cancel a delayed transition.",
-                ("self._binding.stop_delay", ["name"]),
-            ),
-            "send_self": (
-                ["event: str", "data: Any", "delay_s: float", "send_id: str"],
-                "Send an event to the machine itself.",
-                (
-                    "self._binding.send_self",
-                    ["event", "data", "delay_s", "send_id", "self.machine.on_event"],
-                ),
-            ),
-            "cancel_send": (
-                ["send_id: str"],
-                "Cancel a delayed send.",
-                ("self._binding.cancel_send", ["send_id"]),
-            ),
-            "log": (["label: str", "text: str"], "Log.", ("self._binding.say", ["label", "text"])),
-        }
         lines: list[str] = []
         for method in self.extra_outputs:
-            parameters, doc, (target, arguments) = bodies[method]
-            lines += ["", *call(f"def {method}", ["self", *parameters], 1, " -> None:")]
-            lines += [f'{INDENT * 2}"""{doc}"""', *call(target, arguments, 2)]
+            extra = EXTRA_OUTPUTS[method]
+            lines += ["", *call(f"def {method}", ["self", *extra.parameters], 1, " -> None:")]
+            lines.append(f'{INDENT * 2}"""{extra.doc}"""')
+            lines += call(f"self._binding.{extra.method}", extra.arguments, 2)
         return lines
 
 
@@ -426,27 +381,3 @@ def _verb(kind: OutputKind) -> str:
 def _bind_call(head: str, arguments: list[str]) -> list[str]:
     """A call inside ``__init__``: it will stand two levels deep."""
     return [line[len(INDENT) * 2 :] for line in call(head, arguments, 2)]
-
-
-def _output_doc(kind: OutputKind, name: str) -> str:
-    where = f" ``{name}``" if name else ""
-    return {
-        OutputKind.PUBLISH: f"Publish on{where}.",
-        OutputKind.REQUEST: f"Call{where}; the response is an event.",
-        OutputKind.RESPONSE: f"Answer a request to{where}.",
-        OutputKind.SEND_GOAL: f"Send a goal to{where}.",
-        OutputKind.SEND_CANCEL: f"Ask{where} to cancel a goal.",
-        OutputKind.ACCEPT_GOAL: f"Accept a goal of{where}.",
-        OutputKind.REJECT_GOAL: f"Reject a goal of{where}.",
-        OutputKind.FEEDBACK: f"Send feedback of{where}.",
-        OutputKind.SUCCEED: f"End a goal of{where}: succeeded.",
-        OutputKind.ABORT: f"End a goal of{where}: aborted.",
-        OutputKind.CANCEL: f"End a goal of{where}: canceled.",
-        OutputKind.START_THREAD: f"Have a thread of{where} execute a goal.",
-        OutputKind.THREAD_FREE: f"A thread of{where} is free again.",
-        OutputKind.BT_RETURN_STATUS: "Return a status to the behaviour tree.",
-        OutputKind.BT_RETURN_HALTED: "Tell the behaviour tree that this node is halted.",
-        OutputKind.BT_SET_OUTPUT: "Set an output port.",
-        OutputKind.BT_TICK_CHILD: "Tick a child.",
-        OutputKind.BT_HALT_CHILD: "Halt a child.",
-    }[kind]

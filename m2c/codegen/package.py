@@ -211,10 +211,13 @@ def _node_text(
         "from __future__ import annotations",
         "",
     ]
-    head.append("from collections.abc import Mapping")
-    head.append("from types import MappingProxyType")
+    if _word(body, "Mapping"):
+        head.append("from collections.abc import Mapping")
+        head.append("from types import MappingProxyType")
     if _word(body, "Any"):
         head.append("from typing import Any")
+    if head[-1]:
+        head.append("")
     runtime = [
         name
         for name in ("DEFAULT_SETTINGS", "Binding", "GoalHandlers", "NodeSettings")
@@ -228,7 +231,6 @@ def _node_text(
         ("m2c.runtime.tree_side", ["TreeSide"] if _word(body, "TreeSide") else []),
         ("transports.interface", transport),
     ]
-    head.append("")
     for module, names in sorted(own):
         head += _import_from(module, names)
     return sealed("\n".join(head) + "\n\n" + _after_imports(body) + "\n")

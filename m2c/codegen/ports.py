@@ -122,6 +122,13 @@ class PortNames:
         """The name that stands for ``interface`` in method names."""
         return self._short[key(interface)]
 
+    def channel(self, name: str, kind: EventKind | OutputKind) -> str:
+        """What interface ``name`` is called in texts: its channel, where the model gives it."""
+        interface_kind = interface_kind_of(kind)
+        kinds = (interface_kind,) if interface_kind is not None else ()
+        interface = self._machine.interface(name, *kinds) if kinds else None
+        return interface.channel or name if interface is not None else name
+
     def _named(self, name: str, kind: EventKind | OutputKind) -> str:
         interface_kind = interface_kind_of(kind)
         kinds = (interface_kind,) if interface_kind is not None else ()

@@ -26,10 +26,17 @@ class TransitionWriter:
             for transition in state.transitions
         )
 
-    def dispatch(self, events: list[Event], port: EventPort | None) -> list[str]:
-        """What each state does on any of ``events``: the first enabled transition is taken."""
-        lines: list[str] = []
-        word = "if"
+    def dispatch(
+        self, events: list[Event], port: EventPort | None, says: bool = False
+    ) -> list[str]:
+        """What each state does on any of ``events``: the first enabled transition is taken.
+
+        Args:
+            events: of one method.
+            port: that method, unless it takes events by name.
+            says: the method returns whether a transition was taken.
+        """
+        branches: dict[tuple[str, ...], list[str]] = {}
         for state in self._context.machine.states:
             found = [transition for transition in state.transitions if transition.event in events]
             if not found:
@@ -37,15 +44,13 @@ class TransitionWriter:
             inner: list[str] = []
             for transition in found:
                 inner += self.transition(state, transition, port)
-                if self._is_unconditional(transition) and port is not None:
+                if transition.cond is None and port is not None:
                     break
-            lines.append(f"{word} self.state is {self._context.state_text(state.name)}:")
-            lines += indent(inner)
-            word = "elif"
-        return lines
-
-    def _is_unconditional(self, transition: Transition) -> bool:
-        return transition.cond is None
+            branches.setdefault(tuple(inner), []).append(self._context.state_text(state.name))
+        if says:
+            return [*_chain(branches, "if", "return True"), "return False"]
+        branches.pop(("return",), None)  # what is taken and does nothing needs no code
+        return _without_final_returns(_chain(branches, "elif", "return"))
 
     def transition(self, state: State, transition: Transition, port: EventPort | None) -> list[str]:
         """Lines that test and take ``transition``; they end in ``return`` where it is taken."""
@@ -86,8 +91,8 @@ class TransitionWriter:
         else:
             for target in transition.targets:
                 lines += self._arrive(state, target, parts, data_name)
-            if not transition.targets and self.needs_settling:
-                lines.append("self._settle()")
+            if not transition.targets:
+                lines += self.settle_call(state)
         return [*lines, "return"]
 
     def _choice(
@@ -133,10 +138,14 @@ class TransitionWriter:
 
     def settle_method(self) -> list[str]:
         """``_settle``: eventless transitions and internal events, until none is enabled."""
+        what = [
+            *(["eventless transitions"] if self._has_eventless else []),
+            *(["internal events"] if self._context.raises else []),
+        ]
         lines = [
             "",
             f"{INDENT}def _settle(self) -> None:",
-            f'{INDENT * 2}"""Take eventless transitions and internal events until none is enabled."""',
+            f'{INDENT * 2}"""Take {" and ".join(what)} until none is enabled."""',
             f"{INDENT * 2}for _ in range({MAX_EVENTLESS_STEPS}):",
         ]
         for state in self._context.machine.states:
@@ -211,3 +220,45 @@ def _event_test(event: Event) -> str:
 
 def _continue_instead(line: str) -> str:
     return line.replace("return", "continue") if line.strip() == "return" else line
+
+
+def _chain(branches: dict[tuple[str, ...], list[str]], word: str, end: str) -> list[str]:
+    """One branch per behaviour, for every state that has it; ``word`` begins all but the first."""
+    lines: list[str] = []
+    for body, states in branches.items():
+        test = f"is {states[0]}" if len(states) == 1 else f"in ({', '.join(states)})"
+        lines.append(f"{word if lines else 'if'} self.state {test}:")
+        lines += indent(
+            [line.replace("return", end) if _is_return(line) else line for line in body]
+        )
+    return lines
+
+
+def _is_return(line: str) -> bool:
+    return line.strip() == "return"
+
+
+def _depth(line: str) -> int:
+    return len(line) - len(line.lstrip())
+
+
+def _without_final_returns(lines: list[str]) -> list[str]:
+    """Drop every ``return`` after which nothing would run anyway."""
+    kept: list[str] = []
+    for index, line in enumerate(lines):
+        if not (_is_return(line) and _is_final(lines[index + 1 :], _depth(line))):
+            kept.append(line)
+        elif kept and _depth(kept[-1]) < _depth(line):
+            kept.append(line.replace("return", "pass"))
+    return kept
+
+
+def _is_final(following: list[str], depth: int) -> bool:
+    """Whether only other branches follow a line that stands so deep."""
+    for line in following:
+        if _depth(line) > depth:
+            continue
+        if not line.lstrip().startswith(("elif ", "else:", "except ")):
+            return False
+        depth = _depth(line)
+    return True
