@@ -3,14 +3,20 @@
 Zenoh's threads only put ``(function, argument)`` pairs into a queue (``Executor.put``); ``spin``
 takes them out, one at a time. While nothing happens, it sleeps in ``queue.get`` until the next
 timer is due: an idle node uses no processor time.
+
+Requests, responses and timers wait in the queue however many they are: each of them is owed an
+answer. Messages of topics wait in an ``Inbox`` per subscription, which a flood cannot fill without
+end: the oldest go first.
 """
 
 from __future__ import annotations
 
 import heapq
 import itertools
+import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -23,6 +29,14 @@ _NS = 1_000_000_000
 
 _SWEEP = 64
 """So many timers are kept before cancelled ones are looked for."""
+
+INBOX_MESSAGES = 10_000
+INBOX_BYTES = 64 * 1024 * 1024
+"""What may wait in one subscription: seconds of a fast topic, some of a large one."""
+REPORT_PERIOD_NS = 10 * _NS
+"""A flood that does not end is reported so often."""
+
+_LOG = logging.getLogger("transports.zenoh")
 
 
 class Timer:
@@ -50,6 +64,75 @@ def _nothing(_: object) -> None:
     """Wakes the executor."""
 
 
+class Inbox:
+    """The messages of one subscription that wait for the executor.
+
+    Args:
+        channel: the topic, for the report.
+        receive: called with each message, on the executor.
+        put: the executor's queue.
+    """
+
+    def __init__(
+        self, channel: str, receive: Callable[[Any], None], put: Callable[[Work], None]
+    ) -> None:
+        self._channel = channel
+        self._receive = receive
+        self._put = put
+        self._lock = threading.Lock()
+        self._waiting: deque[tuple[Any, int]] = deque()
+        self._bytes = 0
+        self._turns = 0  # how often `_take` stands in the queue: at least once for each message
+        self._dropped = 0
+        self._report_ns = 0
+        self.dropped = 0
+        """Messages that were dropped so far."""
+
+    def offer(self, message: Any, size: int) -> None:
+        """Have ``message``, of ``size`` bytes, received; from any thread.
+
+        Those that have waited longest are dropped for it if there is no room.
+        """
+        with self._lock:
+            waiting = self._waiting
+            while waiting and (len(waiting) >= INBOX_MESSAGES or self._bytes + size > INBOX_BYTES):
+                self._bytes -= waiting.popleft()[1]
+                self._dropped += 1
+            waiting.append((message, size))
+            self._bytes += size
+            if self._turns >= len(waiting):
+                return
+            self._turns += 1
+        self._put((self._take, None))
+
+    def _take(self, _: object) -> None:
+        with self._lock:
+            self._turns -= 1
+            if not self._waiting:
+                return
+            message, size = self._waiting.popleft()
+            self._bytes -= size
+            dropped = self._to_report() if self._dropped else 0
+        if dropped:
+            _LOG.warning(
+                "%s: dropped %d message%s, the oldest: they arrive faster than they are handled",
+                self._channel,
+                dropped,
+                "" if dropped == 1 else "s",
+            )
+        self._receive(message)
+
+    def _to_report(self) -> int:
+        """What was dropped: once when the burst is over, and now and then while it is not."""
+        now_ns = time.monotonic_ns()
+        self._report_ns = self._report_ns or now_ns + REPORT_PERIOD_NS
+        if self._waiting and now_ns < self._report_ns:
+            return 0
+        dropped, self._dropped, self._report_ns = self._dropped, 0, 0
+        self.dropped += dropped
+        return dropped
+
+
 class Executor:
     """A work queue and a heap of timers, served by the thread that spins."""
 
@@ -71,6 +154,10 @@ class Executor:
     def post(self, handler: Callable[[], None]) -> None:
         """Run ``handler`` on the executor's thread; callable from any thread."""
         self.put((_call, handler))
+
+    def inbox(self, channel: str, receive: Callable[[Any], None]) -> Inbox:
+        """Where a subscription of ``channel`` puts its messages, for ``receive``."""
+        return Inbox(channel, receive, self.put)
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` once."""

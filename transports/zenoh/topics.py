@@ -102,8 +102,10 @@ def subscribe(
             return
         handler(message)
 
-    put = executor.put
-    callback: Any = zenoh.handlers.Callback(lambda sample: put((receive, sample)), indirect=False)
+    offer = executor.inbox(topic.name, receive).offer
+    callback: Any = zenoh.handlers.Callback(
+        lambda sample: offer(sample, len(sample.payload)), indirect=False
+    )
     if topic.latched:
         return ext.declare_advanced_subscriber(
             session,
