@@ -85,19 +85,20 @@ def shadows(state: State) -> dict[int, Transition]:
     taken. Transitions whose own condition never holds are left out.
     """
     leaving = leaving_at_once(state)
-    certain: list[Transition] = []
+    certain: dict[Event | None, Transition] = {}  # by what they take
     hidden: dict[int, Transition] = {}
     for index, transition in enumerate(state.transitions):
         holds = truth(transition.cond)
         if holds is False:
             continue
-        earlier = next((item for item in certain if _covers(item.event, transition.event)), None)
-        if transition.event is not None and leaving is not None:
+        event = transition.event
+        earlier = next((certain[wide] for wide in _covering(event) if wide in certain), None)
+        if event is not None and leaving is not None:
             hidden[index] = leaving
         elif earlier is not None:
             hidden[index] = earlier
         elif holds:
-            certain.append(transition)
+            certain[_plain(event)] = transition
     return hidden
 
 
@@ -157,20 +158,22 @@ def open_branches(statement: If) -> Iterator[tuple[Statement, ...]]:
             return
 
 
-def _covers(earlier: Event | None, later: Event | None) -> bool:
-    """Whether ``earlier`` matches everything that ``later`` does (W3C SCXML section 3.12.1)."""
-    if earlier == later:
-        return True
-    if earlier is None or later is None:
-        return False
-    if earlier.kind is not EventKind.INTERNAL or later.kind is not EventKind.INTERNAL:
-        return False
-    wide, narrow = _prefix(earlier.name), _prefix(later.name)
-    return not wide or narrow == wide or narrow.startswith(f"{wide}.")
+def _plain(event: Event | None) -> Event | None:
+    """``event`` with its descriptor in the shortest spelling: ``e.*`` and ``e.`` are ``e``."""
+    if event is None or event.kind is not EventKind.INTERNAL:
+        return event
+    return Event(EventKind.INTERNAL, event.name.removesuffix("*").removesuffix("."))
 
 
-def _prefix(descriptor: str) -> str:
-    return descriptor.removesuffix("*").removesuffix(".")
+def _covering(event: Event | None) -> Iterator[Event | None]:
+    """Every descriptor that matches whatever ``event`` does (W3C SCXML section 3.12.1)."""
+    plain = _plain(event)
+    yield plain
+    if plain is not None and plain.kind is EventKind.INTERNAL and plain.name:
+        tokens = plain.name.split(".")
+        for count in range(len(tokens) - 1, 0, -1):
+            yield Event(EventKind.INTERNAL, ".".join(tokens[:count]))
+        yield Event(EventKind.INTERNAL, "")
 
 
 def _is_constant(expression: Expression) -> bool:

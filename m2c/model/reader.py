@@ -116,15 +116,17 @@ class MachineReader:
             return None
         reader = StateReader(self._log, content, names)
         states = tuple(reader.read(element) for element in elements)
-        for index, name in enumerate(names):
-            if name and name in names[:index]:
+        seen: set[str] = set()
+        for element, name in zip(elements, names, strict=True):
+            if name and name in seen:
                 self._log.error(
                     "duplicate-state",
-                    elements[index].position,
-                    elements[index].tag,
+                    element.position,
+                    element.tag,
                     f"a second state is called `{name}`",
                     "state ids are unique in a machine",
                 )
+            seen.add(name)
         initial = root.get("initial") or names[0]
         if initial not in names:
             self._log.error(

@@ -24,7 +24,7 @@ class StateReader:
     def __init__(self, log: DiagnosticLog, content: ContentReader, names: list[str]) -> None:
         self._log = log
         self._content = content
-        self._names = names
+        self._names = frozenset(names)
 
     def read(self, element: Element) -> State:
         """The state that ``element`` (``<state>`` or ``<final>``) describes."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 
 import msgspec
 
@@ -45,6 +46,8 @@ from m2c.model.expressions import (
 
 INTEGRAL_MATH = frozenset({"floor", "ceil", "round", "trunc", "sign"})
 """``Math`` functions whose result is a whole number."""
+COMPARED = 100
+"""Names, and letters of one, that a suggestion is looked for in: bounds the work on hostile input."""
 LISTED = 12
 """Names that a hint lists: what fits a line of a terminal or two."""
 
@@ -115,12 +118,17 @@ def assignable(value: DataType, target: DataType) -> bool:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """``did you mean x?`` for the closest of ``known``, else the list of them (the first twelve)."""
-    names = sorted(set(known))
-    near = difflib.get_close_matches(name, names, 1)
+    names = _sorted(frozenset(known))
+    near = difflib.get_close_matches(name[:COMPARED], names[:COMPARED], 1)
     if near:
         return f"did you mean {near[0]}?"
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return f"known: {', '.join(names[:LISTED])}{more}" if names else ""
+
+
+@lru_cache(maxsize=64)
+def _sorted(names: frozenset[str]) -> tuple[str, ...]:
+    return tuple(sorted(names))
 
 
 def constant_value(expression: Expression) -> int | float | None:

@@ -22,7 +22,13 @@ MAX_DEPTH = 64
 
 SCXML_NAMESPACE = "http://www.w3.org/2005/07/scxml"
 
-_ATTRIBUTE = re.compile(r"([\w:.-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
+MAX_ELEMENTS = 50_000
+MAX_ATTRIBUTES = 100
+"""A hundred times what published models have: bounds the work of every later check."""
+
+_TAG_MARKS = re.compile(rb"[\"'>]")
+_NAME = re.compile(r"<[^\s/>]+")
+_ATTRIBUTE = re.compile(r"\s+([^\s=]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 
 
 class Element:
@@ -64,8 +70,9 @@ class Element:
 class _Refused(Exception):
     """Parsing stops: the document is hostile."""
 
-    def __init__(self, message: str, hint: str) -> None:
+    def __init__(self, position: Position, message: str, hint: str) -> None:
         super().__init__(message)
+        self.position = position
         self.message = message
         self.hint = hint
 
@@ -120,8 +127,11 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
         open_tag = f"; <{parser.open_tag}> is open" if parser.open_tag else ""
         log.error("malformed-xml", position, "", f"malformed XML: {reason}{open_tag}")
         return None
+    except LookupError as error:  # the encoding of the XML declaration
+        log.error("malformed-xml", Position(file, 1, 1), "", f"{error}", "write the file in UTF-8")
+        return None
     except _Refused as refused:
-        log.error("hostile-xml", parser.here(), "", refused.message, refused.hint)
+        log.error("hostile-xml", refused.position, "", refused.message, refused.hint)
         return None
     namespace = parser.namespace
     if namespace != SCXML_NAMESPACE and root.tag in ("scxml", "ascxml"):
@@ -144,6 +154,7 @@ class _Parser:
         self._offset_lines = offset_lines
         self._stack: list[Element] = []
         self._root: Element | None = None
+        self._elements = 0
         self.namespace = ""
         self._expat = parser = expat.ParserCreate()
         parser.buffer_text = True
@@ -167,6 +178,7 @@ class _Parser:
 
     def _doctype(self, name: str, *_: object) -> None:
         raise _Refused(
+            self.here(),
             f"a document type declaration (<!DOCTYPE {name}…>) is refused",
             "models need no entities; remove it",
         )
@@ -174,7 +186,16 @@ class _Parser:
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if len(self._stack) >= MAX_DEPTH:
             raise _Refused(
-                f"elements are nested more than {MAX_DEPTH} deep", "a model is a few levels deep"
+                self.here(),
+                f"elements are nested more than {MAX_DEPTH} deep",
+                "a model is a few levels deep",
+            )
+        self._elements += 1
+        if self._elements > MAX_ELEMENTS or len(attributes) > MAX_ATTRIBUTES:
+            what = "attributes in an element" if len(attributes) > MAX_ATTRIBUTES else "elements"
+            most = MAX_ATTRIBUTES if len(attributes) > MAX_ATTRIBUTES else MAX_ELEMENTS
+            raise _Refused(
+                self.here(), f"more than {most} {what}", "a model has a few hundred elements"
             )
         kept: dict[str, str] = {}
         for key, value in attributes.items():
@@ -202,25 +223,33 @@ class _Parser:
     def _attribute_positions(self, start: Position) -> dict[str, Position]:
         """Where each attribute's value starts, by scanning the start tag's own text."""
         begin = self._expat.CurrentByteIndex
-        end = self._content.find(b">", begin)
-        while end != -1:
-            tag = self._content[begin : end + 1].decode("utf-8", "replace")
-            if tag.count('"') % 2 == 0 and tag.count("'") % 2 == 0:
-                break
-            following = self._content.find(b">", end + 1)
-            if following == -1:
-                break
-            end = following
-        positions = {}
-        for match in _ATTRIBUTE.finditer(tag if end != -1 else ""):
+        text = self._tag_text(begin)
+        positions: dict[str, Position] = {}
+        name = _NAME.match(text)
+        match = _ATTRIBUTE.match(text, name.end()) if name is not None else None
+        while match is not None:
             group = 2 if match.group(2) is not None else 3
-            before = tag[: match.start(group)]
+            before = text[: match.start(group)]
             lines = before.count("\n")
             column = len(before) - (before.rfind("\n") + 1) + 1
             if not lines:
                 column += start.column - 1
             positions[_local(match.group(1))] = Position(self._file, start.line + lines, column)
+            match = _ATTRIBUTE.match(text, match.end())
         return positions
+
+    def _tag_text(self, begin: int) -> str:
+        """The start tag at byte ``begin``: up to the ``>`` that stands in no attribute value."""
+        quote = b""
+        for found in _TAG_MARKS.finditer(self._content, begin):
+            mark = found.group()
+            if quote:
+                quote = b"" if mark == quote else quote
+            elif mark == b">":
+                return self._content[begin : found.end()].decode("utf-8", "replace")
+            else:
+                quote = mark
+        return ""
 
 
 def _local(name: str) -> str:
