@@ -88,7 +88,9 @@ def run(
             options = _transport_options(transport, endpoint, zenoh_config, namespace)
             listen = {"listen" if name == "endpoint" else name: options[name] for name in options}
             connection = connect(transport, "m2c_run", listen)
-            where = f"at {options['endpoint']}" if "endpoint" in options else f"on {transport}"
+            where = f"on {transport}"
+            if transport == "zenoh":
+                where = f"at {options.get('endpoint') or f'the endpoints of {zenoh_config}'}"
             arguments = ["--transport", transport]
             for name, value in options.items():
                 arguments += [_NODE_OPTIONS[name], value]

@@ -177,8 +177,10 @@ class RunningSystem:
             self._screen.line(f"stopped after {self._ticks} ticks; all nodes have ended")
             return 0
         name, code = self._died
-        self._screen.line(f"{name} {describe_end(code)}; everything was stopped. Its last lines:")
-        for text in self._processes[name].last_lines:
+        last_lines = self._processes[name].last_lines
+        said = "Its last lines:" if last_lines else "It had said nothing."
+        self._screen.line(f"{name} {describe_end(code)}; everything was stopped. {said}")
+        for text in last_lines:
             self._screen.line(f"  {text}")
         return 1
 

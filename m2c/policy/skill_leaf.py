@@ -7,7 +7,7 @@ import logging
 from m2c.policy.program import Leaf
 from m2c.policy.ticking import STATUS_CODES, TreeNode
 from m2c.runtime.messages import message_class
-from transports.interface import CallOutcome, Client, Service, Transport
+from transports.interface import CallOutcome, CallResult, Client, Service, Transport
 
 
 class SkillLeaf:
@@ -46,8 +46,8 @@ class SkillLeaf:
         leaf = self._leaf
         result = self._client.call_and_wait(self._request, self._timeout_s)
         if result.outcome is not CallOutcome.RESPONSE:
-            why = result.error or result.outcome
-            self._log.error("leaf %s: %s: %s; taken as FAILURE", leaf.name, leaf.tick, why)
+            why = _reason(leaf.tick, result)
+            self._log.error("leaf %s: %s; taken as FAILURE", leaf.name, why)
             return "FAILURE"
         status = STATUS_CODES.get(result.response.status)
         if status is None:
@@ -62,5 +62,11 @@ class SkillLeaf:
             return
         result = self._halt.call_and_wait(self._halt_request, self._timeout_s)
         if result.outcome is not CallOutcome.RESPONSE:
-            why = result.error or result.outcome
-            self._log.error("leaf %s: %s: %s", self._leaf.name, self._leaf.halt, why)
+            why = _reason(self._leaf.halt, result)
+            self._log.error("leaf %s: %s; it may still be running", self._leaf.name, why)
+
+
+def _reason(channel: str, result: CallResult) -> str:
+    """Which call failed and why; some transports' texts begin with the channel."""
+    why = result.error or str(result.outcome)
+    return why if why.startswith(channel) else f"{channel}: {why}"

@@ -140,15 +140,29 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
+@contextlib.contextmanager
+def router(endpoint: str) -> Iterator[None]:
+    """A Zenoh router, as ``zenohd --listen endpoint`` is one."""
+    import zenoh
+
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", f'["{endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config):
+        yield
+
+
 class Run:
     """A running ``m2c run``; its output is read line by line."""
 
     started: ClassVar[list[Run]] = []
 
-    def __init__(self, *arguments: object, endpoint: str = "") -> None:
+    def __init__(self, *arguments: object, endpoint: str | None = "") -> None:
         self.lines: list[str] = []
+        meeting = [] if endpoint is None else ["--endpoint", endpoint or free_endpoint()]
         self.process = subprocess.Popen(
-            [str(M2C), "run", *map(str, arguments), "--endpoint", endpoint or free_endpoint()],
+            [str(M2C), "run", *map(str, arguments), *meeting],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -219,7 +233,9 @@ def test_a_killed_node_ends_the_run_and_is_named(system: System) -> None:
     assert sorted(children) == ["LevelSkill", "MoveSkill", "policy"]
     os.kill(children["MoveSkill"], signal.SIGKILL)
     assert run.end() == 1
-    assert "MoveSkill was killed by SIGKILL; everything was stopped" in run.output
+    assert run.lines[-1] == (
+        "MoveSkill was killed by SIGKILL; everything was stopped. It had said nothing."
+    )
     assert all(gone(pid) for pid in children.values())
 
 
@@ -332,6 +348,38 @@ def test_an_endpoint_in_use_is_one_error(system: System) -> None:
         assert run.end() == 2
     assert len(run.lines) == 1
     assert run.lines[0].startswith(f"error: cannot listen on {endpoint}: the port is in use")
+
+
+def test_the_nodes_meet_at_the_router_that_a_zenoh_configuration_names(system: System) -> None:
+    endpoint = free_endpoint()
+    config = system.folder / "router.json5"
+    config.write_text(f'{{mode: "client", connect: {{endpoints: ["{endpoint}"]}}}}')
+    with router(endpoint):
+        run = Run(system.path, "--zenoh-config", config, "--ticks", 2, endpoint=None)
+        assert run.end() == 0, run.output
+    assert f"starting 2 nodes at the endpoints of {config}" in run.output
+    assert "tick    2  RUNNING  Level ok  Move .." in run.output
+    run = Run(system.path, "--zenoh-config", config, endpoint=None)
+    assert run.end() == 2
+    assert run.lines[0].startswith("error: cannot reach the endpoints of the configuration")
+
+
+def test_a_namespace_keeps_two_systems_apart(system: System) -> None:
+    generated = system.generate()
+    endpoint = free_endpoint()
+    config = system.folder / "router.json5"
+    config.write_text(f'{{mode: "client", connect: {{endpoints: ["{endpoint}"]}}}}')
+    with router(endpoint):
+        runs = [
+            Run(generated, "--zenoh-config", config, "--namespace", name, endpoint=None)
+            for name in ("left", "right")
+        ]
+        for run in runs:
+            run.until("tick    3  RUNNING  Level ok  Move ..")
+        for run in runs:
+            run.process.send_signal(signal.SIGINT)
+            assert run.end() == 0
+            assert "two nodes" not in run.output
 
 
 def test_two_servers_of_one_service_are_reported(system: System) -> None:
