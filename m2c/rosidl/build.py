@@ -88,7 +88,8 @@ def build_interfaces(directories: Sequence[Path], output: Path) -> InterfaceInst
         The install; ``cached`` says that nothing had changed since the last build.
 
     Raises:
-        InterfaceBuildError: a tool or wheel is missing, or the build failed.
+        InterfaceBuildError: a tool or wheel is missing, ``output`` has other content, or the build
+            failed.
     """
     packages = find_packages(directories)
     names = tuple(path.name for path in packages)
@@ -103,12 +104,23 @@ def build_interfaces(directories: Sequence[Path], output: Path) -> InterfaceInst
         return InterfaceInstall(prefix, names, cached=True)
     _require_tools()
     _repair_wheel_paths(Path(sys.prefix))
-    stamp.unlink(missing_ok=True)
-    shutil.rmtree(output, ignore_errors=True)
-    output.mkdir(parents=True)
+    _empty(output, stamp)
     _run_colcon(packages, output)
     stamp.write_text(digest)
     return InterfaceInstall(prefix, names, cached=False)
+
+
+def _empty(output: Path, stamp: Path) -> None:
+    """Make the folder anew, if an earlier build made it; an unfinished one leaves an empty stamp."""
+    if output.exists() and any(output.iterdir()):
+        if not stamp.is_file():
+            raise InterfaceBuildError(
+                f"{output} is not empty and no build of interfaces made it; "
+                "its content would be replaced: give a folder of its own"
+            )
+        shutil.rmtree(output)
+    output.mkdir(parents=True, exist_ok=True)
+    stamp.write_text("")
 
 
 def _content_hash(packages: Sequence[Path]) -> str:

@@ -26,14 +26,12 @@ def interfaces() -> None:
     help="Where colcon's build, install and log folders go.",
 )
 def build(directories: tuple[Path, ...], output: Path) -> None:
-    r"""Build the interface packages in DIRECTORIES with colcon, for ROS 2.
+    """Build the interface packages in DIRECTORIES with colcon, for ROS 2.
 
     Needs the ROS 2 wheels (pip install 'm2c-moon[ros2]'), cmake and a C++ compiler. A build of
     unchanged packages is taken from the output folder.
 
-    \b
-    Example:
-      m2c interfaces build examples/lab_tour/interfaces -o build/interfaces
+    Example: m2c interfaces build examples/lab_tour/interfaces
     """
     from m2c.rosidl.build import InterfaceBuildError, build_interfaces
 

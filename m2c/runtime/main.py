@@ -55,7 +55,7 @@ def main(
         arguments: command line; this process's by default.
     """
     parser = argparse.ArgumentParser(
-        prog=f"python -m {name}",
+        prog=f"python -m {node_class.__module__.partition('.')[0]}",
         description=f"Run the node {name}.",
         epilog="example: --transport zenoh --endpoint tcp/127.0.0.1:7447",
     )

@@ -95,3 +95,12 @@ def test_a_package_that_does_not_build_is_reported_with_the_compilers_words(
     (packages / "door_interfaces" / "srv" / "Tick.srv").write_text("int9 door\n---\n")
     with pytest.raises(InterfaceBuildError, match="colcon build failed"):
         build_interfaces([packages], tmp_path / "out")
+
+
+def test_a_folder_with_other_content_is_not_emptied(packages: Path, tmp_path: Path) -> None:
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "thesis.tex").write_text("years of work")
+    with pytest.raises(InterfaceBuildError, match="give a folder of its own"):
+        build_interfaces([packages], mine)
+    assert (mine / "thesis.tex").read_text() == "years of work"
