@@ -6,7 +6,6 @@ Jazzy come with rosbags, which is imported only when a model asks for one of the
 
 from __future__ import annotations
 
-import ast
 import difflib
 import re
 from collections.abc import Iterable, Sequence
@@ -15,15 +14,28 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive, Structure
+from m2c.model.constants import Value, parse_value
+from m2c.model.datatypes import (
+    FLOATS,
+    INTEGER_RANGES,
+    Array,
+    DataType,
+    Primitive,
+    Structure,
+    describe,
+)
 from m2c.model.diagnostics import DiagnosticLog, Position
 
 _FIELD = re.compile(
-    r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:<=)?\d*\])?\s+"
+    r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:(?:<=)?\d{1,9})?\])?\s+"
     r"(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)"
 )
 _PRIMITIVES = {*INTEGER_RANGES, *FLOATS, "bool", "string", "wstring"}
 _PART = {"msg": (), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+MAX_NESTING = 32
+"""Messages inside messages; the deepest of ROS 2's standard ones has 6."""
+MAX_BYTES = 1024 * 1024
+"""The longest standard definition has 14 kB, nearly all of it comments."""
 _EMPTY_TEXT = "---\n"
 _STANDARD_SERVICES = {
     "std_srvs/srv/Empty": _EMPTY_TEXT,
@@ -31,8 +43,6 @@ _STANDARD_SERVICES = {
     "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
 }
 """std_srvs (Jazzy 5.3); rosbags ships messages only."""
-
-Value = bool | int | float | str
 
 
 class ServiceType(msgspec.Struct, frozen=True):
@@ -132,10 +142,26 @@ class InterfaceLibrary:
         stem = full.rpartition("_")[0] if _PART.get(kind) else full
         if stem in self._files:
             path = self._files[stem]
-            text, file = path.read_text(encoding="utf-8", errors="replace"), str(path)
+            file = str(path)
+            try:
+                with path.open("rb") as opened:
+                    content = opened.read(MAX_BYTES + 1)
+            except OSError as error:
+                what = f"cannot read the file: {error.strerror}"
+                self._log.error("unreadable-file", Position(file), "", what)
+                return
+            if len(content) > MAX_BYTES:
+                what = f"the definition is larger than {MAX_BYTES} bytes"
+                self._log.error("bad-interface", Position(file), "", what)
+                return
+            text = content.decode("utf-8", errors="replace")
         elif stem in _STANDARD_SERVICES:
             text, file = _STANDARD_SERVICES[stem], stem
         else:
+            return
+        if len(self._open) >= MAX_NESTING:
+            what = f"types are nested more than {MAX_NESTING} deep"
+            self._log.error("bad-interface", Position(file, 1, 1), "", what)
             return
         if stem in self._open:
             self._log.error("recursive-type", Position(file, 1, 1), "", f"{stem} contains itself")
@@ -177,15 +203,25 @@ class InterfaceLibrary:
                 self._log.error("bad-interface", at, "", f"cannot read `{line.strip()}`", hint)
                 continue
             rest = match["rest"].strip()
-            if rest.startswith("="):
-                constants.append((match["name"], match["base"], _literal(rest[1:], match["base"])))
+            if any(match["name"] == known[0] for known in (*fields, *constants)):
+                what = f"a second field is called `{match['name']}`"
+                self._log.error("bad-interface", at, "", what)
                 continue
+            constant = rest.startswith("=")
             kind = self._field_type(match, name.split("/", maxsplit=1)[0], at)
             if kind is None:
                 continue
-            fields.append((match["name"], kind))
-            if rest:
-                defaults.append((match["name"], _literal(rest, match["base"])))
+            value = parse_value(rest.removeprefix("="), kind) if rest else None
+            if rest and value is None:
+                shown = rest.removeprefix("=").strip()
+                what = f"`{shown[:80]}` is not a value of {describe(kind)}"
+                self._log.error("bad-interface", at, "", what)
+            elif constant and isinstance(value, bool | int | float | str):
+                constants.append((match["name"], match["base"], value))
+            elif not constant:
+                fields.append((match["name"], kind))
+                if value is not None:
+                    defaults.append((match["name"], value))
         return Structure(name, tuple(fields), tuple(defaults), tuple(constants))
 
     def _field_type(self, match: re.Match[str], package: str, at: Position) -> DataType | None:
@@ -261,17 +297,3 @@ def _without_comment(line: str) -> str:
         elif character == "#":
             return line[:index]
     return line
-
-
-def _literal(text: str, base: str) -> Any:
-    """A default or constant: numbers, booleans (``true``), strings with or without quotes, lists."""
-    text = text.strip()
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    if base in ("string", "wstring") and text[:1] not in "\"'[":
-        return text
-    try:
-        value = ast.literal_eval(text)
-    except (ValueError, SyntaxError):
-        return text
-    return tuple(value) if isinstance(value, list) else value

@@ -10,7 +10,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.typing import nearest
 from m2c.model.xml import Element
 
-_ARRAY = re.compile(r"(.+?)\[(<=)?(\d*)\]\Z")
+_ARRAY = re.compile(r"(.+?)\[(?:(<=)?(\d{1,9}))?\]\Z")
 _PRIMITIVES = {*INTEGER_RANGES, *FLOATS, "bool", "string"}
 
 

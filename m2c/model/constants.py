@@ -1,0 +1,77 @@
+"""Default values and constants of interface definitions, as text.
+
+Grammar: https://docs.ros.org/en/jazzy/Concepts/Basic/About-Interfaces.html, "default values" and
+"constants".
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+
+from m2c.model.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive
+
+Value = bool | int | float | str
+
+_INTEGER = re.compile(
+    r"[+-]?(0[xX][0-9a-fA-F]{1,16}|0[bB][01]{1,64}|0[oO][0-7]{1,22}|[0-9]{1,20})\Z"
+)
+_FLOAT = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?\Z")
+_QUOTED = re.compile(r"(\"([^\"\\]|\\.)*\"|'([^'\\]|\\.)*')\Z")
+_ITEM = re.compile(r"\s*(\"(?:[^\"\\]|\\.)*\"|'(?:[^'\\]|\\.)*'|[^,\"']+?)\s*(?:,|\Z)")
+
+
+def parse_value(text: str, kind: DataType) -> Value | tuple[Value, ...] | None:
+    """The value of type ``kind`` that ``text`` is; None if it is none.
+
+    Numbers are range-checked, strings may stand with or without quotes, arrays are in brackets.
+    """
+    text = text.strip()
+    if isinstance(kind, Primitive):
+        return _scalar(text, kind.name)
+    if not isinstance(kind, Array) or not isinstance(kind.element, Primitive):
+        return None
+    if not (text.startswith("[") and text.endswith("]")):
+        return None
+    items: list[Value] = []
+    inner = text[1:-1].strip()
+    place = 0
+    while place < len(inner):
+        match = _ITEM.match(inner, place)
+        value = _scalar(match[1], kind.element.name) if match is not None else None
+        if match is None or value is None:
+            return None
+        items.append(value)
+        place = match.end()
+    if kind.length is not None and (
+        len(items) > kind.length or (kind.fixed and len(items) != kind.length)
+    ):
+        return None
+    return tuple(items)
+
+
+def _scalar(text: str, base: str) -> Value | None:
+    if base == "string":
+        return _string(text)
+    if base == "bool":
+        return {"true": True, "false": False, "1": True, "0": False}.get(text.lower())
+    if base in FLOATS:
+        return float(text) if _FLOAT.match(text) else None
+    if not _INTEGER.match(text):
+        return None
+    digits = text.lstrip("+-")
+    value = int(digits, 10 if digits.isdigit() else 0) * (-1 if text.startswith("-") else 1)
+    low, high = INTEGER_RANGES[base]
+    return value if low <= value <= high else None
+
+
+def _string(text: str) -> str | None:
+    if text[:1] not in ("'", '"'):
+        return text
+    if not _QUOTED.match(text):
+        return None
+    try:
+        value = ast.literal_eval(text)
+    except (ValueError, SyntaxError):  # an escape that does not exist
+        return None
+    return str(value)
