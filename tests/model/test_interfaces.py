@@ -1,0 +1,238 @@
+"""Interface definitions: what is read, from where, and what is said of faulty ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from m2c.model import DiagnosticLog, InterfaceLibrary
+from m2c.model.datatypes import Array, DataType, Primitive, Structure, describe
+from m2c.model.interfaces import canonical
+
+
+def library(tmp_path: Path, **files: str) -> tuple[InterfaceLibrary, DiagnosticLog]:
+    """A library of package ``p``; ``Name_msg="…"`` is ``p/msg/Name.msg``."""
+    for name, text in files.items():
+        stem, _, kind = name.rpartition("_")
+        path = tmp_path / "p" / kind / f"{stem}.{kind}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    log = DiagnosticLog()
+    return InterfaceLibrary.load([tmp_path], log), log
+
+
+def findings(tmp_path: Path, log: DiagnosticLog) -> list[str]:
+    return [str(found).replace(f"{tmp_path}/", "") for found in log.diagnostics]
+
+
+@pytest.mark.parametrize(
+    ("written", "kind", "full"),
+    [
+        ("p/Name", "msg", "p/msg/Name"),
+        ("p/Name", "srv", "p/srv/Name"),
+        ("p/msg/Name", "srv", "p/msg/Name"),
+        ("p::action::Name", "action", "p/action/Name"),
+        (" p/Name ", "msg", "p/msg/Name"),
+        ("Name", "msg", "Name"),
+    ],
+)
+def test_every_spelling_of_a_type_has_one_name(written: str, kind: str, full: str) -> None:
+    assert canonical(written, kind) == full
+
+
+@pytest.mark.parametrize(
+    ("line", "kind"),
+    [
+        ("int32 a", "int32"),
+        ("int32\ta", "int32"),
+        ("  bool a  # why", "bool"),
+        ("string a", "string"),
+        ("wstring a", "string"),
+        ("string<=5 a", "string"),
+        ("string<=5[<=2] a", "string[<=2]"),
+        ("float64[] a", "float64[]"),
+        ("float64[3] a", "float64[3]"),
+        ("float64[<=3] a", "float64[<=3]"),
+        ("Other a", "p/msg/Other"),
+        ("p/Other[] a", "p/msg/Other[]"),
+        ("std_msgs/Header a", "std_msgs/msg/Header"),
+        ("geometry_msgs/msg/Point[2] a", "geometry_msgs/msg/Point[2]"),
+    ],
+)
+def test_every_form_of_a_field_is_read(tmp_path: Path, line: str, kind: str) -> None:
+    types, log = library(tmp_path, A_msg=f"# first\n\n{line}\n", Other_msg="int8 x\n")
+    ((name, found),) = types.message("p/A").fields
+    assert (name, describe(found)) == ("a", kind)
+    assert log.diagnostics == []
+
+
+@pytest.mark.parametrize(
+    ("line", "value"),
+    [
+        ("int8 a -5", -5),
+        ("uint16 a 0xff", 255),
+        ("int8 a 007", 7),
+        ("float32 a 1", 1.0),
+        ("float64 a -1.5e3", -1500.0),
+        ("bool a true", True),
+        ("bool a 0", False),
+        ('string a "x # y"', "x # y"),
+        ("string a 'it is'", "it is"),
+        ("string a plain words", "plain words"),
+        (r'string a "a\"b"', 'a"b'),
+        ("int32[] a [1, 2]", (1, 2)),
+        ("int32[] a []", ()),
+        ("int32[2] a [1, 2]", (1, 2)),
+        ("string[] a ['x, y', \"z\"]", ("x, y", "z")),
+        ("bool[<=3] a [true, false]", (True, False)),
+    ],
+)
+def test_a_default_has_the_type_of_its_field(tmp_path: Path, line: str, value: object) -> None:
+    types, log = library(tmp_path, A_msg=line)
+    assert dict(types.message("p/A").defaults) == {"a": value}
+    assert log.diagnostics == []
+
+
+def test_constants_are_no_fields(tmp_path: Path) -> None:
+    types, log = library(tmp_path, A_msg='int8 LOW=-1\nstring NAME="x"\nint32 a\n')
+    found = types.message("p/A")
+    assert found.constants == (("LOW", "int8", -1), ("NAME", "string", "x"))
+    assert [name for name, _ in found.fields] == ["a"]
+    assert log.diagnostics == []
+
+
+def test_services_and_actions_have_their_parts(tmp_path: Path) -> None:
+    types, log = library(
+        tmp_path, S_srv="int8 a\n---\nint8 b\n", G_action="int8 a\n---\nint8 b\n---\nint8 c\n"
+    )
+    service, action = types.service("p/S"), types.action("p/G")
+    assert (service.request.name, service.response.name) == ("p/srv/S_Request", "p/srv/S_Response")
+    parts = (service.request, service.response, action.goal, action.result, action.feedback)
+    assert [part.fields[0][0] for part in parts] == ["a", "b", "a", "b", "c"]
+    assert types.names("srv") == ["p/srv/S"]
+    assert log.diagnostics == []
+
+
+def test_the_standard_types_are_there_without_files() -> None:
+    types = InterfaceLibrary()
+    assert types.message("std_msgs/Int32") == Structure(
+        "std_msgs/msg/Int32", (("data", Primitive("int32")),)
+    )
+    assert types.message("std_msgs/Empty").fields == ()
+    assert types.message("std_msgs/Byte").fields == (("data", Primitive("byte")),)
+    covariance = dict(types.message("geometry_msgs/PoseWithCovariance").fields)["covariance"]
+    assert covariance == Array(Primitive("float64"), 36, True)
+    assert dict(types.message("sensor_msgs/BatteryState").fields)["cell_voltage"] == Array(
+        Primitive("float32")
+    )
+    assert [name for name, _ in types.service("std_srvs/SetBool").response.fields] == [
+        "success",
+        "message",
+    ]
+
+
+def test_a_definition_of_ones_own_hides_the_standard_one(tmp_path: Path) -> None:
+    path = tmp_path / "std_msgs" / "msg" / "Int32.msg"
+    path.parent.mkdir(parents=True)
+    path.write_text("int32 other\n")
+    found = InterfaceLibrary.load([tmp_path], DiagnosticLog()).message("std_msgs/Int32")
+    assert found.fields == (("other", Primitive("int32")),)
+
+
+@pytest.mark.parametrize(
+    ("lookup", "name", "message"),
+    [
+        ("message", "p/Levle", "unknown type p/msg/Levle; did you mean p/msg/Level?"),
+        ("message", "std_msgs/Int33", "unknown type std_msgs/msg/Int33; did you mean std_msgs/msg/Int32?"),
+        ("message", "Level", "unknown type Level; a type is written pkg/Name"),
+        ("message", "a/b/c/d", "unknown type a/b/c/d; a type is written pkg/Name"),
+        ("service", "std_srvs/Triger", "unknown type std_srvs/srv/Triger; did you mean std_srvs/srv/Trigger?"),
+        ("action", "p/Go", "unknown type p/action/Go"),
+        ("service", "p/Level", "unknown type p/srv/Level"),
+    ],
+)  # fmt: skip
+def test_an_unknown_type_comes_with_the_nearest(
+    tmp_path: Path, lookup: str, name: str, message: str
+) -> None:
+    types, _ = library(tmp_path, Level_msg="int8 a\n")
+    with pytest.raises(KeyError) as error:
+        getattr(types, lookup)(name)
+    assert error.value.args[0] == message
+
+
+LINE = "a line is `type name`, `type name default` or `type NAME=constant`"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("???", f"1:1: error: cannot read `???`; {LINE} [bad-interface]"),
+        ("int32", f"1:1: error: cannot read `int32`; {LINE} [bad-interface]"),
+        ("\n  int32[<=] a", f"2:3: error: cannot read `int32[<=] a`; {LINE} [bad-interface]"),
+        ("int32 1a", f"1:1: error: cannot read `int32 1a`; {LINE} [bad-interface]"),
+        (f"int32[{'9' * 30}] a", f"1:1: error: cannot read `int32[{'9' * 30}] a`; {LINE} [bad-interface]"),
+        ("int32 a five", "1:1: error: `five` is not a value of int32 [bad-interface]"),
+        ("int8 a 300", "1:1: error: `300` is not a value of int8 [bad-interface]"),
+        ("uint8 a -1", "1:1: error: `-1` is not a value of uint8 [bad-interface]"),
+        ("int8 LOW=", "1:1: error: `` is not a value of int8 [bad-interface]"),
+        ("bool a maybe", "1:1: error: `maybe` is not a value of bool [bad-interface]"),
+        ("string a 'x", "1:1: error: `'x` is not a value of string [bad-interface]"),
+        ("int8[2] a [1]", "1:1: error: `[1]` is not a value of int8[2] [bad-interface]"),
+        ("int8[] a [1, x]", "1:1: error: `[1, x]` is not a value of int8[] [bad-interface]"),
+        ("int8[] a 1", "1:1: error: `1` is not a value of int8[] [bad-interface]"),
+        ("int8 a 9**9**9", "1:1: error: `9**9**9` is not a value of int8 [bad-interface]"),
+        ("int32 a\nint8 a", "2:1: error: a second field is called `a` [bad-interface]"),
+        ("Othr a", "1:1: error: unknown type p/msg/Othr; did you mean p/msg/Other? [unknown-type]"),
+        ("A a", "1:1: error: p/msg/A contains itself [recursive-type]"),
+    ],
+)  # fmt: skip
+def test_a_faulty_definition_is_named_with_its_line(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    types, log = library(tmp_path, A_msg=text, Other_msg="int8 x\n")
+    types.message("p/A")
+    assert findings(tmp_path, log)[0] == f"p/msg/A.msg:{message}"
+
+
+def test_a_minus_sign_a_hundred_thousand_times_is_no_value(tmp_path: Path) -> None:
+    types, log = library(tmp_path, A_msg=f"int8 a {'-' * 100_000}1")
+    types.message("p/A")
+    assert findings(tmp_path, log) == [
+        f"p/msg/A.msg:1:1: error: `{'-' * 80}` is not a value of int8 [bad-interface]"
+    ]
+
+
+def test_a_service_with_too_many_parts_is_an_error(tmp_path: Path) -> None:
+    types, log = library(tmp_path, S_srv="---\n---\n")
+    types.service("p/S")
+    assert findings(tmp_path, log) == [
+        "p/srv/S.srv:1:1: error: 3 sections divided by ---; a .srv file has 2 [bad-interface]"
+    ]
+
+
+def test_messages_inside_messages_without_end_are_refused(tmp_path: Path) -> None:
+    chain = {f"M{i}_msg": f"M{i + 1} a\n" for i in range(1500)}
+    types, log = library(tmp_path, **chain)
+    types.message("p/M0")
+    assert findings(tmp_path, log)[0] == (
+        "p/msg/M32.msg:1:1: error: types are nested more than 32 deep [bad-interface]"
+    )
+
+
+def test_a_definition_of_megabytes_is_refused(tmp_path: Path) -> None:
+    types, log = library(tmp_path, A_msg="#" * 2_000_000)
+    with pytest.raises(KeyError):
+        types.message("p/A")
+    assert findings(tmp_path, log) == [
+        "p/msg/A.msg:0:0: error: the definition is larger than 1048576 bytes [bad-interface]"
+    ]
+
+
+def test_a_type_is_described_as_people_write_it() -> None:
+    kinds: list[DataType] = [
+        Primitive("int8"),
+        Array(Primitive("int8"), 2, True),
+        Structure("", ()),
+    ]
+    assert [describe(kind) for kind in kinds] == ["int8", "int8[2]", "object"]
