@@ -1,0 +1,421 @@
+"""A network of nodes to Python: one closure per monitor, constant work per change.
+
+A node that remembers keeps a handful of integers; ``once[a:b]`` and ``since[a:b]`` with ``a > 0`` keep
+the intervals of their input that a later instant can still see, no more. When a node's value will
+change by itself, the instant is pushed on a heap: :func:`settle` makes those changes in order, so
+that nothing needs to be asked between two observations. Which instants they are depends on the
+bounds, how much work they are does not.
+
+The generated text is Python of our own making from the tree: no text of a formula reaches it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from heapq import heapify, heappop, heappush
+from typing import Any
+
+import msgspec
+
+from moon.properties.network import Network, Node
+
+NEVER = 1 << 70
+"""Later than every stamp; sums with bounds stay later."""
+CONES_FROM = 60
+"""Networks with more nodes get a function per cause of change, smaller ones one for all."""
+
+_STATE = {
+    "ever": ("l",),
+    "lower": ("l",),
+    "upper": ("c", "l", "e"),
+    "both": ("c", "l", "s", "q"),
+    "since": ("s",),
+    "since_lower": ("l", "z"),
+    "since_upper": ("c", "z", "l", "e"),
+    "since_both": ("c", "z", "l", "s", "q"),
+}
+_INITIAL = {
+    **{"c": "False", "z": "False", "v": "False", "e": "-1", "q": "deque()"},
+    "l": str(NEVER),
+    "s": "False",
+}
+
+
+class Program(msgspec.Struct, frozen=True):
+    """A compiled network's functions.
+
+    Attributes:
+        step: ``step(t)`` brings every node to instant ``t`` with the atoms as they are.
+        settle: ``settle(t)`` makes every change that is due up to ``t``, in order.
+        before: ``before(t)`` makes those due before ``t``; true if something is due at ``t`` itself.
+        handlers: the functions of ``extra``, by name.
+        read: all variables by name.
+        write: sets variables by name.
+        values: ``values()`` are the roots' values.
+        changed: roots whose value changed since the list was last cleared.
+        heap: instants of changes to come, with their causes; ends with ``NEVER``.
+        source: the Python text.
+    """
+
+    step: Callable[[int], None]
+    settle: Callable[[int], None]
+    before: Callable[[int], bool]
+    handlers: dict[str, Callable[..., Any]]
+    read: Callable[[], dict[str, Any]]
+    write: Callable[[dict[str, Any]], None]
+    values: Callable[[], tuple[bool, ...]]
+    changed: list[int]
+    heap: list[tuple[int, int]]
+    source: str
+
+
+def mode(node: Node) -> str:
+    """Which of the update rules a remembering node follows."""
+    lower, upper = node.interval.lower, node.interval.upper
+    if node.kind == "once":
+        if upper is None:
+            return "lower" if lower else "ever"
+        return "both" if lower else "upper"
+    if upper is None:
+        return "since_lower" if lower else "since"
+    return "since_both" if lower else "since_upper"
+
+
+def state_names(index: int, node: Node) -> tuple[str, ...]:
+    """The variables of a remembering node."""
+    return tuple(f"{letter}{index}" for letter in _STATE[mode(node)])
+
+
+def compile_network(
+    network: Network,
+    pulses: Sequence[int] = (),
+    groups: Mapping[str, Sequence[int]] | None = None,
+    extra: str = "",
+    extra_variables: Sequence[str] = (),
+    environment: dict[str, Any] | None = None,
+) -> Program:
+    """Compile ``network``.
+
+    Args:
+        network: what to compute.
+        pulses: atoms (node indices) that hold for one tick only and end by themselves.
+        groups: functions ``name(t)`` to write: each brings what depends on its atoms to ``t``.
+        extra: source of further functions at the closure's level (the channels' handlers).
+        extra_variables: the variables that ``extra`` keeps, all starting as None.
+        environment: names that ``extra`` uses.
+    """
+    writer = _Writer(network, pulses, groups or {})
+    source = writer.module(extra, extra_variables)
+    scope: dict[str, Any] = {
+        **{"deque": deque, "heappush": heappush, "heappop": heappop, "heapify": heapify},
+        **(environment or {}),
+    }
+    exec(compile(source, "<monitor>", "exec"), scope)
+    made: Program = scope["build"](Program, source)
+    return made
+
+
+class _Writer:
+    """Writes the module's text."""
+
+    def __init__(
+        self, network: Network, pulses: Sequence[int], groups: Mapping[str, Sequence[int]]
+    ) -> None:
+        self._network = network
+        self._nodes = network.nodes
+        self._pulses = tuple(pulses)
+        self._groups = groups
+        uses = [0] * len(self._nodes)
+        for node in self._nodes:
+            for item in node.inputs:
+                uses[item] += 1 + (node.kind == "since")
+        for root in network.roots:
+            uses[root] += 1
+        self._shared = {
+            index
+            for index, node in enumerate(self._nodes)
+            if node.kind == "and" and uses[index] > 1
+        }
+        self._roots_of: dict[int, list[int]] = {}
+        for number, root in enumerate(network.roots):
+            self._roots_of.setdefault(root, []).append(number)
+
+    def module(self, extra: str, extra_variables: Sequence[str]) -> str:
+        """The whole text: ``build(Program)`` returns the compiled program."""
+        variables: dict[str, str] = {"now": "-1"}
+        for index, node in enumerate(self._nodes):
+            if node.kind == "atom":
+                variables[f"p{index}"] = "False"
+            elif node.kind in ("once", "since"):
+                for name in state_names(index, node):
+                    variables[name] = _INITIAL[name[0]]
+                if mode(node) != "ever":
+                    variables[f"v{index}"] = "False"
+        for number in range(len(self._network.roots)):
+            variables[f"r{number}"] = "None"
+        variables.update(dict.fromkeys(extra_variables, "None"))
+        every = range(len(self._nodes))
+        parts = ["def build(Program, source):"]
+        parts += [f"    {name} = {value}" for name, value in variables.items()]
+        parts += [f"    heap = [({NEVER}, {NEVER})]", "    changed = []"]
+        parts += self._function("step", every, variables)
+        parts += self._causes(variables)
+        parts += _TIME.splitlines()
+        parts += [f"    {line}".rstrip() for line in extra.splitlines()]
+        names = list(variables)
+        parts.append("    def read():")
+        parts.append(f"        return {{{', '.join(f'{name!r}: {name}' for name in names)}}}")
+        parts.append("    def write(values):")
+        for start in range(0, len(names), 200):
+            parts.append(f"        nonlocal {', '.join(names[start : start + 200])}")
+        parts += [f"        {name} = values.get({name!r}, {name})" for name in names]
+        parts.append("    def values():")
+        roots = "".join(f"r{number}, " for number in range(len(self._network.roots)))
+        parts.append(f"        return ({roots})")
+        handlers = [line[4 : line.index("(")] for line in extra.splitlines() if line[:4] == "def "]
+        named = ", ".join(f"{name!r}: {name}" for name in handlers)
+        parts.append(
+            f"    return Program(step, settle, before, {{{named}}}, read, write, values,"
+            " changed, heap, source)"
+        )
+        return "\n".join(parts) + "\n"
+
+    def _causes(self, variables: dict[str, str]) -> list[str]:
+        """``CAUSES``: what to run when a node is due alone; ``ENDS``: how a pulse ends."""
+        lines: list[str] = []
+        small = len(self._nodes) <= CONES_FROM
+        causes: dict[int, str] = {}
+        for index, node in enumerate(self._nodes):
+            if node.kind not in ("atom", "once", "since"):
+                continue
+            if small:
+                causes[index] = "step"
+                continue
+            causes[index] = f"cone{index}"
+            start = [index] if node.kind != "atom" else []
+            cone = [item for item in self._network.cone([index]) if item != index]
+            lines += self._function(f"cone{index}", start + cone, variables)
+        lines.append(
+            f"    causes = {{{', '.join(f'{key}: {name}' for key, name in causes.items())}}}"
+        )
+        for index in self._pulses:
+            lines += [
+                f"    def end{index}(t):",
+                f"        nonlocal p{index}",
+                f"        p{index} = False",
+                f"        log{index}((t, False, None))",
+            ]
+        for name, atoms in self._groups.items():
+            if small:
+                lines.append(f"    {name} = step")
+            else:
+                lines += self._function(name, self._network.cone(atoms), variables)
+        ends = ", ".join(f"{index}: end{index}" for index in self._pulses)
+        lines.append(f"    ends = {{{ends}}}")
+        return lines
+
+    def _function(self, name: str, indices: Sequence[int], variables: dict[str, str]) -> list[str]:
+        body: list[str] = []
+        inside = set(indices)
+        available = self._shared & inside
+        for index in indices:
+            node = self._nodes[index]
+            if node.kind in ("once", "since"):
+                body += self._update(index, node, available)
+            elif index in available:
+                body.append(f"b{index} = {self._and(index, available)}")
+            for number in self._roots_of.get(index, ()):
+                body += [
+                    f"r = {self._value(index, available)}",
+                    f"if r is not r{number}:",
+                    f"    r{number} = r",
+                    f"    changed.append({number})",
+                ]
+        assigned = sorted(
+            {
+                line.split(" = ")[0].strip()
+                for line in body
+                if " = " in line and line.split(" = ")[0].strip() in variables
+            }
+        )
+        lines = [f"    def {name}(t):"]
+        if assigned:
+            lines.append(f"        nonlocal {', '.join(assigned)}")
+        lines += [f"        {line}" for line in body or ["pass"]]
+        return lines
+
+    def _value(self, index: int, available: set[int]) -> str:
+        node = self._nodes[index]
+        match node.kind:
+            case "constant":
+                return "True" if node.text == "true" else "False"
+            case "atom":
+                return f"p{index}"
+            case "not":
+                inner = self._nodes[node.inputs[0]]
+                if inner.kind == "once" and mode(inner) == "ever":
+                    return f"(l{node.inputs[0]} == {NEVER})"
+                return f"(not {self._value(node.inputs[0], available)})"
+            case "and":
+                return f"b{index}" if index in available else f"({self._and(index, available)})"
+            case _:
+                return f"(l{index} < {NEVER})" if mode(node) == "ever" else f"v{index}"
+
+    def _and(self, index: int, available: set[int]) -> str:
+        return " and ".join(self._value(item, available) for item in self._nodes[index].inputs)
+
+    def _update(self, index: int, node: Node, available: set[int]) -> list[str]:
+        inputs = [self._value(item, available) for item in node.inputs]
+        lower, upper = node.interval.lower, node.interval.upper
+        template = _UPDATES[mode(node)]
+        text = (
+            template.replace("#", str(index)).replace("<A>", str(lower)).replace("<B>", str(upper))
+        )
+        text = text.replace("<NEVER>", str(NEVER)).replace("<P>", inputs[0])
+        return text.replace("<Q>", inputs[-1]).strip("\n").splitlines()
+
+
+_TIME = """    def due(t):
+        found = set()
+        while heap[0][0] == t:
+            cause = heappop(heap)[1]
+            found.add(cause)
+            if cause in ends:
+                ends[cause](t)
+        return found
+    def settle(t):
+        nonlocal now
+        while heap[0][0] <= t:
+            d = heap[0][0]
+            found = due(d)
+            if len(found) == 1:
+                causes[found.pop()](d)
+            else:
+                step(d)
+            now = d
+        if t > now:
+            now = t
+    def before(t):
+        if heap[0][0] < t:
+            settle(t - 1)
+        if heap[0][0] == t:
+            due(t)
+            return True
+        return False"""
+
+_UPDATES = {
+    "ever": """
+if l# == <NEVER> and <P>:
+    l# = t
+""",
+    "lower": """
+if l# == <NEVER> and <P>:
+    l# = t
+    heappush(heap, (t + <A>, #))
+v# = t >= l# + <A>
+""",
+    "upper": """
+if <P>:
+    if not c#:
+        c# = True
+        l# = t
+    v# = True
+else:
+    if c#:
+        c# = False
+        e# = (t if t > l# else t + 1) + <B>
+        if e# > t:
+            heappush(heap, (e#, #))
+    v# = t < e#
+""",
+    "both": """
+if <P>:
+    if not c#:
+        c# = True
+        l# = t
+        if q# and q#[-1][1] >= t + <A>:
+            s# = q#.pop()[0]
+        else:
+            s# = t + <A>
+            heappush(heap, (s#, #))
+elif c#:
+    c# = False
+    q#.append((s#, (t if t > l# else t + 1) + <B>))
+    heappush(heap, (q#[-1][1], #))
+while q# and q#[0][1] <= t:
+    q#.popleft()
+v# = q#[0][0] <= t if q# else c# and s# <= t
+""",
+    "since": """
+h = <P>
+s# = <Q> or (h and s#)
+v# = h and s#
+""",
+    "since_lower": """
+if <P>:
+    if l# == <NEVER> and (z# or <Q>):
+        l# = t
+        heappush(heap, (t + <A>, #))
+    z# = False
+    v# = t >= l# + <A>
+else:
+    l# = <NEVER>
+    z# = <Q>
+    v# = False
+""",
+    "since_upper": """
+if <P>:
+    if <Q>:
+        if not c#:
+            c# = True
+            l# = t
+        v# = True
+    else:
+        if c#:
+            c# = False
+            e# = (t if t > l# else t + 1) + <B>
+            if e# > t:
+                heappush(heap, (e#, #))
+        elif z#:
+            e# = t + <B>
+            if e# > t:
+                heappush(heap, (e#, #))
+        v# = t < e#
+    z# = False
+else:
+    c# = False
+    z# = <Q>
+    e# = -1
+    v# = False
+""",
+    "since_both": """
+if <P>:
+    if <Q>:
+        if not c#:
+            c# = True
+            l# = t
+            if q# and q#[-1][1] >= t + <A>:
+                s# = q#.pop()[0]
+            else:
+                s# = t + <A>
+                heappush(heap, (s#, #))
+    elif c#:
+        c# = False
+        q#.append((s#, (t if t > l# else t + 1) + <B>))
+        heappush(heap, (q#[-1][1], #))
+    elif z# and <A> < <B>:
+        q#.append((t + <A>, t + <B>))
+        heappush(heap, (t + <A>, #))
+        heappush(heap, (t + <B>, #))
+    z# = False
+    while q# and q#[0][1] <= t:
+        q#.popleft()
+    v# = q#[0][0] <= t if q# else c# and s# <= t
+else:
+    q#.clear()
+    c# = False
+    z# = <Q>
+    v# = False
+""",
+}

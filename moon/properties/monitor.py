@@ -1,0 +1,244 @@
+"""Monitors: properties in, observations in, verdicts out.
+
+Time only moves forward. :meth:`PropertySet.observe` and :meth:`PropertySet.advance` raise
+:class:`TimeOrderError` for an instant that has passed, and nothing changes. Observations with equal
+stamps are taken in the order given, each with effect; an event and anything else of the same stamp
+are simultaneous. ``advance(t)`` says that everything stamped up to ``t`` has been given: what was due
+by then is decided, so that a response that never comes is reported at its deadline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import msgspec
+
+from moon.properties.binding import ANY_CHANNEL, Group
+from moon.properties.cell import Cell, TimeOrderError, UnknownAtom
+from moon.properties.compiler import NEVER
+from moon.properties.formula import Formula, predicates
+from moon.properties.predicates import PredicateError, variables_of
+from moon.properties.property import Port, Property
+from moon.properties.syntax import parse_formula
+from moon.properties.verdict import Verdict
+from transports.interface import Observation, ObservationKind
+
+__all__ = ["PredicateError", "PropertyMonitor", "PropertySet", "TimeOrderError"]
+
+
+class PropertySet:
+    """Monitors many properties at once, sharing what they have in common.
+
+    Properties that wait for the same states share one network; each begins when the states that it
+    uses are known.
+
+    Args:
+        properties: what to monitor; names must differ.
+
+    Raises:
+        ValueError: two properties have one name, or two ports of one name differ.
+        PredicateError: a predicate that cannot be evaluated.
+    """
+
+    def __init__(self, properties: Iterable[Property]) -> None:
+        self.properties = tuple(properties)
+        names = [item.name for item in self.properties]
+        if len(set(names)) != len(names):
+            raise ValueError("two properties have the same name")
+        together: dict[frozenset[tuple[str, str]], list[Property]] = {}
+        for item in self.properties:
+            together.setdefault(_waits_for(item), []).append(item)
+        self._cells = [Cell(members, _ports(members)) for members in together.values()]
+        self._tables: dict[str, dict[ObservationKind, list[tuple[Cell, Any, Group]]]] = {}
+        self._sealed = -1
+
+    def observe(self, observation: Observation) -> Sequence[tuple[str, Verdict]]:
+        """Take ``observation`` in; returns the properties whose verdict changed, with the verdict.
+
+        Raises:
+            TimeOrderError: its stamp lies before the last one, or not after the last ``advance``.
+        """
+        try:
+            entries = self._tables[observation.channel][observation.kind]
+        except KeyError:
+            entries = self._route(observation.channel, observation.kind)
+        found: list[tuple[str, Verdict]] = []
+        for cell, handler, group in entries:
+            if cell.plain:
+                try:
+                    handler(observation.stamp_ns, observation.data, observation)
+                except UnknownAtom:
+                    cell.observe(handler, group, observation)
+                    found += cell.report()
+                else:
+                    if cell.changed:
+                        found += cell.report()
+            else:
+                cell.observe(handler, group, observation)
+                found += cell.report()
+        return found
+
+    def advance(self, now_ns: int) -> Sequence[tuple[str, Verdict]]:
+        """Nothing more with a stamp up to ``now_ns`` will come; returns the changed verdicts.
+
+        Properties that wait for no state begin here, if nothing was observed before.
+
+        Raises:
+            TimeOrderError: ``now_ns`` has passed.
+        """
+        if now_ns.__class__ is not int or now_ns < self.now_ns or now_ns < self._sealed:
+            raise TimeOrderError(f"cannot advance to {now_ns!r}: it is already {self.now_ns} ns")
+        self._sealed = now_ns
+        found: list[tuple[str, Verdict]] = []
+        for cell in self._cells:
+            cell.advance(now_ns)
+            found += cell.report()
+        return found
+
+    def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
+        """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost.
+
+        Whatever depends on them is inconclusive until it no longer matters. Returns the changed
+        verdicts.
+
+        Raises:
+            TimeOrderError: ``until_ns`` has passed.
+        """
+        if until_ns < self.now_ns or from_ns > until_ns:
+            raise TimeOrderError(
+                f"a loss in [{from_ns}, {until_ns}) cannot be told at {self.now_ns} ns"
+            )
+        found: list[tuple[str, Verdict]] = []
+        for cell in self._cells:
+            cell.lose(channel, from_ns, until_ns)
+            found += cell.report()
+        return found
+
+    def next_deadline(self) -> int | None:
+        """The earliest instant (ns) at which a verdict can change with no further observation.
+
+        No verdict changes by itself before it; at it, call ``advance``.
+        """
+        instant = min((cell.next_deadline() for cell in self._cells), default=NEVER)
+        return instant if instant < NEVER else None
+
+    @property
+    def now_ns(self) -> int:
+        """The latest instant that anything was told about; -1 before the first."""
+        return max((cell.now for cell in self._cells), default=-1)
+
+    def verdicts(self) -> dict[str, Verdict]:
+        """The verdict of every property."""
+        pairs = [
+            pair for cell in self._cells for pair in zip(cell.names, cell.verdicts, strict=True)
+        ]
+        order = {item.name: place for place, item in enumerate(self.properties)}
+        return dict(sorted(pairs, key=lambda pair: order[pair[0]]))
+
+    def channels(self) -> frozenset[str]:
+        """The channels that matter; ``*`` if any may."""
+        return frozenset(group.channel for cell in self._cells for group in cell.binding.groups)
+
+    def _route(self, channel: str, kind: ObservationKind) -> list[tuple[Cell, Any, Group]]:
+        """Who takes observations of this channel and kind from now on.
+
+        A call is heard at up to two ends; the end that is heard first counts from then on.
+        """
+        table = self._tables.setdefault(channel, {})
+        entries = []
+        for cell in self._cells:
+            for group in cell.binding.groups:
+                if group.channel == ANY_CHANNEL:
+                    entries.append((cell, cell.handlers[group.name], group))
+                elif group.channel == channel and kind in group.kinds:
+                    rivals = [other for other in group.kinds if other != kind and table.get(other)]
+                    if not rivals:
+                        entries.append((cell, cell.handlers[group.name], group))
+        table[kind] = entries
+        return entries
+
+
+class PropertyMonitor:
+    """Monitors one property, or one formula over fields of messages on any channel.
+
+    Args:
+        formula: a property, a formula or a formula's text (``historically {level > 30}``, where
+            ``level`` is a field of some message).
+
+    Raises:
+        FormulaError: the text is not a formula.
+        PredicateError: a predicate that cannot be evaluated.
+    """
+
+    def __init__(self, formula: Property | Formula | str) -> None:
+        if isinstance(formula, str):
+            formula = parse_formula(formula)
+        self.property = formula if isinstance(formula, Property) else Property("property", formula)
+        self._set = PropertySet([self.property])
+        self._cell = self._set._cells[0]
+        self._tables = self._set._tables
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict now."""
+        return self._cell.verdicts[0]
+
+    def observe(self, observation: Observation) -> Verdict:
+        """Take ``observation`` in; the verdict after it.
+
+        Raises:
+            TimeOrderError: its stamp lies before the last one, or not after the last ``advance``.
+        """
+        self._set.observe(observation)
+        return self._cell.verdicts[0]
+
+    def advance(self, now_ns: int) -> Verdict:
+        """Nothing more with a stamp up to ``now_ns`` will come; the verdict then.
+
+        Raises:
+            TimeOrderError: ``now_ns`` has passed.
+        """
+        self._set.advance(now_ns)
+        return self._cell.verdicts[0]
+
+    def lose(self, channel: str, from_ns: int, until_ns: int) -> Verdict:
+        """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost.
+
+        Raises:
+            TimeOrderError: ``until_ns`` has passed.
+        """
+        self._set.lose(channel, from_ns, until_ns)
+        return self._cell.verdicts[0]
+
+    def next_deadline(self) -> int | None:
+        """The earliest instant (ns) at which the verdict can change with no further observation."""
+        return self._set.next_deadline()
+
+
+def _ports(properties: Sequence[Property]) -> list[Port]:
+    known: dict[str, Port] = {}
+    for item in properties:
+        for port in item.ports:
+            before = known.setdefault(port.name, port)
+            if _placeless(before) != _placeless(port):
+                raise ValueError(f"`{port.name}` means two things in these properties")
+    return list(known.values())
+
+
+def _placeless(port: Port) -> Port:
+    from m2c.model.diagnostics import Position
+
+    return msgspec.structs.replace(port, position=Position(""))
+
+
+def _waits_for(item: Property) -> frozenset[tuple[str, str]]:
+    """The states that must be known before ``item`` can begin."""
+    ports = {port.name: port for port in item.ports}
+    waits = set()
+    for atom in predicates(item.formula).values():
+        for name in variables_of(atom.expression):
+            port = ports.get(name) or Port(name, ANY_CHANNEL, (), (name,))
+            if not port.event and port.initial is msgspec.UNSET:
+                waits.add((port.channel, name))
+    return frozenset(waits)

@@ -1,0 +1,236 @@
+"""Why a formula is false: the observations and the spans of time that make it so.
+
+From the remembered changes of the predicates the signals of all sub-formulas are computed again
+(:mod:`moon.properties.signals`); then the reasons are followed downwards from the instant at which
+the formula became false, one reason where one is enough: one false operand of an ``and``, one instant
+for a ``once``, the whole window for its absence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from moon.properties.formula import (
+    And,
+    Constant,
+    Formula,
+    Historically,
+    Implies,
+    Interval,
+    Not,
+    Once,
+    Or,
+    Predicate,
+    Since,
+    predicates,
+)
+from moon.properties.signals import Signal, Signals, complement, intersect, union
+from moon.properties.verdict import Fact, Witness
+from transports.interface import Observation
+
+Change = tuple[int, bool, Observation | None]
+"""(instant, new value, the observation that brought it)."""
+
+
+def explain(
+    formula: Formula, logs: Mapping[str, Iterable[Change]], start: int, now: int
+) -> Witness:
+    """The witness of ``formula`` being false at ``now``.
+
+    Args:
+        formula: what is false.
+        logs: the predicates' changes, oldest first.
+        start: when monitoring began.
+        now: the instant (ns).
+    """
+    changes = {text: _settled(logs.get(text, ()), now) for text in predicates(formula)}
+    begins = max(
+        [start, *(found[0][0] for found in changes.values() if found and found[0][0] > start)]
+    )
+    complete = all(
+        not found or found[0][0] <= start or not found[0][1] for found in changes.values()
+    )
+    begin = start if complete else min(begins, now)
+    atoms = {text: _signal(found, begin, now + 1) for text, found in changes.items()}
+    signals = Signals(atoms, begin, now + 1)
+    wrong = signals.where(formula, False)
+    if not wrong or wrong[-1][1] != now + 1:
+        return Witness(now, _last(changes, atoms, now), complete=False)
+    at = wrong[-1][0]
+    spans: dict[tuple[str, bool], Signal] = {}
+    _Reasons(signals, spans).collect(formula, False, [(at, at + 1)])
+    facts = [
+        fact
+        for (text, value), signal in spans.items()
+        for fact in _facts(text, value, signal, changes[text])
+    ]
+    facts.sort(key=lambda fact: (fact.start_ns, fact.end_ns, fact.predicate))
+    return Witness(at, tuple(facts), complete)
+
+
+def _settled(changes: Iterable[Change], now: int) -> Sequence[Change]:
+    """The changes up to ``now`` of which each lasted: at one instant the last one counts, except that
+    a truth of no duration is kept for its one tick.
+    """
+    return [change for change in changes if change[0] <= now]
+
+
+def _signal(changes: Sequence[Change], start: int, end: int) -> Signal:
+    signal: Signal = []
+    since: int | None = None
+    for instant, value, _ in changes:
+        if value and since is None:
+            since = max(instant, start)
+        elif not value and since is not None:
+            signal.append((since, max(instant, since + 1)))
+            since = None
+    if since is not None:
+        signal.append((since, end))
+    return union([], [(first, min(last, end)) for first, last in signal])
+
+
+def _last(
+    changes: Mapping[str, Sequence[Change]], atoms: Mapping[str, Signal], now: int
+) -> tuple[Fact, ...]:
+    """What is remembered when the reasons no longer are: each predicate's last change."""
+    facts = [
+        Fact(text, found[-1][1], found[-1][0], now, found[-1][2])
+        for text, found in changes.items()
+        if found
+    ]
+    return tuple(sorted(facts, key=lambda fact: (fact.start_ns, fact.predicate)))
+
+
+def _facts(text: str, value: bool, signal: Signal, changes: Sequence[Change]) -> Iterable[Fact]:
+    """Facts of one predicate over ``signal``, cut where an observation set the value anew."""
+    for first, end in signal:
+        source = None
+        for instant, new, observation in changes:
+            if instant > first:
+                break
+            if new is value:
+                source = observation
+        yield Fact(text, value, first, end - 1, source)
+
+
+class _Reasons:
+    """Follows reasons downwards; ``spans`` gathers which predicate must have which value when."""
+
+    def __init__(self, signals: Signals, spans: dict[tuple[str, bool], Signal]) -> None:
+        self._signals = signals
+        self._spans = spans
+
+    def collect(self, formula: Formula, value: bool, where: Signal) -> None:
+        """Why ``formula`` has ``value`` throughout ``where`` (it does)."""
+        if not where:
+            return
+        match formula:
+            case Constant():
+                return
+            case Predicate(text=text):
+                self._spans[text, value] = union(self._spans.get((text, value), []), where)
+            case Not(operand=inner):
+                self.collect(inner, not value, where)
+            case And(operands=operands):
+                self._joined(operands, value, where, all_needed=value)
+            case Or(operands=operands):
+                self._joined(operands, value, where, all_needed=not value)
+            case Implies(left=left, right=right):
+                self._joined((Not(left), right), value, where, all_needed=not value)
+            case Once(operand=inner, interval=interval):
+                self._once(inner, interval, value, True, where)
+            case Historically(operand=inner, interval=interval):
+                self._once(inner, interval, not value, False, where)
+            case Since():
+                self._since(formula, value, where)
+
+    def _joined(
+        self, operands: Sequence[Formula], value: bool, where: Signal, all_needed: bool
+    ) -> None:
+        rest = where
+        for item in operands:
+            if all_needed:
+                self.collect(item, value, where)
+                continue
+            part = intersect(rest, self._signals.where(item, value))
+            self.collect(item, value, part)
+            rest = _without(rest, part)
+
+    def _once(
+        self, inner: Formula, interval: Interval, happened: bool, wanted: bool, where: Signal
+    ) -> None:
+        """``inner`` having value ``wanted`` at some distance in ``interval`` has ``happened``."""
+        low, high = interval.lower, interval.upper
+        if not happened:
+            window = [
+                (self._signals.start if high is None else first - high, end - low)
+                for first, end in where
+            ]
+            inside = intersect(union([], window), [(self._signals.start, self._signals.end)])
+            self.collect(inner, not wanted, inside)
+            return
+        self.collect(
+            inner, wanted, self._instants(self._signals.where(inner, wanted), low, high, where)
+        )
+
+    def _instants(self, signal: Signal, low: int, high: int | None, where: Signal) -> Signal:
+        """Few instants of ``signal`` that every instant of ``where`` sees at its distance."""
+        chosen: Signal = []
+        for first, end in where:
+            at = first
+            while at < end:
+                seen = [pair for pair in signal if pair[0] <= at - low]
+                if not seen:
+                    break
+                instant = min(seen[-1][1] - 1, at - low)
+                sees_to = end - 1 if high is None else instant + high
+                if (
+                    sees_to - at < end - 1 - at
+                    and instant == at - low
+                    and seen[-1][1] > instant + 1
+                ):
+                    # the signal goes on: take it as a span, not instant by instant
+                    last = min(seen[-1][1], end - low)
+                    chosen.append((instant, last))
+                    sees_to = last - 1 + (high or 0)
+                else:
+                    chosen.append((instant, instant + 1))
+                at = max(sees_to, at) + 1
+        return union([], chosen)
+
+    def _since(self, formula: Since, value: bool, where: Signal) -> None:
+        left, right = self._signals.of(formula.left), self._signals.of(formula.right)
+        low, high = formula.interval.lower, formula.interval.upper
+        if not value:
+            gone = intersect(where, complement(left, self._signals.start, self._signals.end))
+            self.collect(formula.left, False, gone)
+            where = _without(where, gone)
+        for start, stop in left:
+            for first, end in intersect(where, [(start, stop)]):
+                if value:
+                    self._held(formula, right, start, (first, end))
+                    continue
+                begin = self._signals.start if high is None else first - high
+                blocked = start - 1 >= self._signals.start and start > begin
+                if blocked:
+                    self.collect(formula.left, False, [(start - 1, start)])
+                begin = max(begin, start - 1 if blocked else start, self._signals.start)
+                if begin < end - low:
+                    self.collect(formula.right, False, [(begin, end - low)])
+
+    def _held(self, formula: Since, right: Signal, start: int, piece: tuple[int, int]) -> None:
+        """``right`` at one instant not long enough ago, ``left`` from then on."""
+        low, high = formula.interval.lower, formula.interval.upper
+        usable = intersect(right, [(max(start - 1, self._signals.start), piece[1])])
+        instants = self._instants(usable, low, high, [piece])
+        if instants:
+            self.collect(formula.right, True, instants)
+            self.collect(formula.left, True, [(max(instants[0][0] + 1, start), piece[1])])
+            if instants[0][0] >= start:
+                self.collect(formula.left, True, [(instants[0][0], piece[1])])
+
+
+def _without(signal: Signal, part: Signal) -> Signal:
+    if not signal:
+        return []
+    return intersect(signal, complement(part, signal[0][0], signal[-1][1]))
