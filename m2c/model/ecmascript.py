@@ -58,9 +58,25 @@ _BINARY = {"+", "-", "*", "/", "%", "**", "==", "!=", "===", "!==", "<", "<=", "
 _NAMED = {"undefined": None, "True": True, "False": False}
 _BT_STATUSES = ("SUCCESS", "FAILURE", "RUNNING")
 
+_LARGEST_INTEGER = 2**64
+"""Literals beyond what an integer of ROS holds are numbers in floating point."""
+
 _SIMPLE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _SIMPLE_INTEGER = re.compile(r"-?(0|[1-9][0-9]{0,14})\Z")
-_RESERVED = {"true", "false", "null", "this", "typeof", "new", "delete", "void", "in", "Math"}
+_RESERVED = {
+    "true",
+    "false",
+    "null",
+    "this",
+    "typeof",
+    "new",
+    "delete",
+    "void",
+    "in",
+    "Math",
+    "Infinity",
+    "NaN",
+}
 
 
 class _Outside(Exception):
@@ -166,7 +182,10 @@ def _parse_text(text: str) -> Any:
         raise _Outside(f"not an expression: {reason}", offset=offset) from error
     if len(tree.body) != 1 or tree.body[0].type != "ExpressionStatement":
         raise _Outside("not an expression", "one expression, without `;`")
-    return tree.body[0].expression
+    expression = tree.body[0].expression
+    if expression.range[0] == 0:  # `a) + (b` closed the bracket that was put around it
+        raise _Outside("not an expression: Unexpected token )", offset=text.index(")"))
+    return expression
 
 
 def _shift(position: Position, columns: int) -> Position:
@@ -201,11 +220,12 @@ class _Converter:
 
     def _Literal(self, node: Any) -> Expression:
         value = node.value
-        if node.regex is not None or getattr(node, "bigint", None) is not None:
+        big = isinstance(value, int | float) and node.raw.endswith("n")  # 1n; no hex digit is an n
+        if node.regex is not None or big:
             raise self._unsupported(node)
-        whole = isinstance(value, float) and value.is_integer() and abs(value) <= 2**53
-        if whole and not re.search(r"[.eE]", node.raw):
-            value = int(value)
+        # esprima gives every whole number as an int, 1e300 with its 301 digits
+        if isinstance(value, int) and not isinstance(value, bool) and abs(value) > _LARGEST_INTEGER:
+            value = float(value)
         return Literal(value=value, position=self._at(node))
 
     def _Identifier(self, node: Any) -> Expression:

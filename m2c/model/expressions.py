@@ -24,7 +24,7 @@ class Node(msgspec.Struct, frozen=True, tag=True, kw_only=True):
 class Literal(Node, frozen=True):
     """``1``, ``0.5``, ``'text'``, ``true``, ``null``/``undefined`` (value None).
 
-    An integer literal is an int, any other number a float; the Python spellings ``True`` and
+    A whole number (``1``, ``1.0``, ``1e3``) is an int, any other a float; the Python spellings ``True`` and
     ``False`` that real models use are read as booleans.
     """
 

@@ -110,7 +110,10 @@ def test_billion_laughs_is_refused(tmp_path: Path) -> None:
 def test_an_external_entity_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.scxml"
     path.write_text('<!DOCTYPE l SYSTEM "file:///etc/passwd"><scxml/>')
-    assert "a document type declaration" in findings(path)[0]
+    assert findings(path) == [
+        "1:40: error: a document type declaration (<!DOCTYPE l…>) is refused; models need no entities; "
+        "remove it [hostile-xml]"
+    ]
 
 
 def test_fifty_megabytes_are_refused_unread(tmp_path: Path) -> None:
@@ -125,7 +128,9 @@ def test_fifty_megabytes_are_refused_unread(tmp_path: Path) -> None:
 def test_ten_thousand_levels_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.scxml"
     path.write_text("<scxml>" + "<state>" * 10_000)
-    assert "nested more than 64 deep" in findings(path)[0]
+    assert findings(path) == [
+        "1:449: error: elements are nested more than 64 deep; a model is a few levels deep [hostile-xml]"
+    ]
 
 
 def test_an_empty_file_is_one_message(tmp_path: Path) -> None:
@@ -150,3 +155,92 @@ def test_a_placeholder_namespace_is_accepted_with_a_warning(tmp_path: Path) -> N
         '1:1: warning: <scxml>: the namespace is "..."; xmlns="http://www.w3.org/2005/07/scxml" is the '
         "standard's [xml-namespace]"
     ]
+
+
+def test_ten_thousand_levels_of_executable_content_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    inside = "<if cond='true'>" * 10_000 + "</if>" * 10_000
+    path.write_text(f'{HEAD}<state id="a"><onentry>{inside}</onentry></state></scxml>')
+    assert findings(path) == [
+        "2:1000: error: elements are nested more than 64 deep; a model is a few levels deep [hostile-xml]"
+    ]
+
+
+def test_elements_without_number_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    path.write_text(HEAD + "<state/>" * 50_001)
+    assert findings(path) == [
+        "2:399993: error: more than 50000 elements; a model has a few hundred elements [hostile-xml]"
+    ]
+
+
+def test_attributes_without_number_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    attributes = " ".join(f'a{i}="1"' for i in range(101))
+    path.write_text(f"{HEAD}<state {attributes}/></scxml>")
+    assert findings(path) == [
+        "2:1: error: more than 100 attributes in an element; a model has a few hundred elements "
+        "[hostile-xml]"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b'<?xml version="1.0" encoding="none-8"?><scxml/>', "1:1: error: unknown encoding: none-8; write the file in UTF-8 [malformed-xml]"),
+        (b'<scxml name="\xff"/>', "1:14: error: malformed XML: not well-formed (invalid token) [malformed-xml]"),
+        (b'<scxml name="a\0"/>', "1:15: error: malformed XML: not well-formed (invalid token) [malformed-xml]"),
+        (b"\x7fELF\x02\x01", "1:1: error: malformed XML: not well-formed (invalid token) [malformed-xml]"),
+        (b"<scxml/><scxml/>", "1:9: error: malformed XML: junk after document element [malformed-xml]"),
+        (b'<scxml a="1" a="2"/>', "1:14: error: malformed XML: duplicate attribute [malformed-xml]"),
+        (b"<scxml>&lol;</scxml>", "1:8: error: malformed XML: undefined entity; <scxml> is open [malformed-xml]"),
+        (b"<html/>", "1:1: error: <html>: not a state machine; the root of a model is <scxml> or <ascxml> [unknown-tag]"),
+    ],
+)  # fmt: skip
+def test_what_is_no_model_is_one_message(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "model.scxml"
+    path.write_bytes(content)
+    assert findings(path) == [message]
+
+
+def test_a_model_in_another_encoding_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    text = f'<?xml version="1.0" encoding="iso-8859-1"?>{HEAD}<state id="\u00e4"/></scxml>'
+    path.write_bytes(text.encode("latin-1"))
+    assert findings(path) == [
+        "1:123: error: <scxml>: the initial state `a` does not exist; known: \u00e4 [unknown-target]"
+    ]
+
+
+def test_a_quote_inside_an_attribute_does_not_move_the_next_ones(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    body = (
+        '<state id="a"><onentry><log label="it\'s > 1" expr="x"/>\n'
+        '<log label=\'a "b\' expr="y"/></onentry></state></scxml>'
+    )
+    path.write_text(HEAD + body)
+    assert findings(path) == [
+        "2:52: error: <log>: `x` is not declared; declare it with <data> [undeclared-variable]",
+        "3:25: error: <log>: `y` is not declared; declare it with <data> [undeclared-variable]",
+    ]
+
+
+@pytest.mark.parametrize("rate", ["nan", "inf", "1e999", "-1", "fast"])
+def test_a_rate_is_a_finite_number(tmp_path: Path, rate: str) -> None:
+    path = tmp_path / "model.scxml"
+    path.write_text(f'{HEAD}<ros_time_rate name="t" rate_hz="{rate}"/><state id="a"/></scxml>')
+    assert (
+        f"2:34: error: <ros_time_rate>: `{rate}` is not a rate; rate_hz is a number of callbacks a "
+        "second, greater than 0 [bad-rate]"
+    ) in findings(path)
+
+
+@pytest.mark.parametrize("size", ["-1", "x", "9" * 30, "<="])
+def test_an_array_has_a_length_that_is_one(tmp_path: Path, size: str) -> None:
+    path = tmp_path / "model.scxml"
+    shown = size.replace("<", "&lt;")
+    path.write_text(
+        f'{HEAD}<datamodel><data id="n" type="int8[{shown}]"/></datamodel><state id="a"/></scxml>'
+    )
+    (found,) = findings(path)
+    assert found.startswith(f"2:31: error: <data>: unknown type `int8[{size}]`")
