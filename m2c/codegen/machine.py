@@ -273,7 +273,7 @@ class MachineWriter:
 _SAYS_WHETHER_TAKEN = frozenset(
     {
         *(EventKind.REQUEST, EventKind.GOAL, EventKind.CALL_ERROR),
-        *(EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED),
+        *(EventKind.BT_HALT, EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED),
     }
 )
 """Events whose sender waits for something: the node must know of one that is discarded."""

@@ -269,11 +269,13 @@ class NodeWriter:
                 handled = any(event.kind is kind for event in self._handled)
                 lines += ["", f"{INDENT}def {method}(self) -> None:"]
                 lines.append(f'{INDENT * 2}"""The behaviour tree {method}s this node."""')
-                lines.append(
-                    f"{INDENT * 2}self.machine.on_{method}()"
-                    if handled
-                    else f"{INDENT * 2}self._tree.return_halted()"
-                )
+                if kind is EventKind.BT_TICK:
+                    lines += [f"{INDENT * 2}self.machine.on_tick()"] if handled else []
+                elif handled:
+                    lines.append(f"{INDENT * 2}if not self.machine.on_halt():")
+                    lines.append(f"{INDENT * 3}self._tree.return_halted()  # nothing to halt")
+                else:
+                    lines.append(f"{INDENT * 2}self._tree.return_halted()")
             lines += self._child_method("child_status", EventKind.BT_CHILD_STATUS, ("status",))
             lines += self._child_method("child_halted", EventKind.BT_CHILD_HALTED, ())
         for interface in self._machine.interfaces:

@@ -174,7 +174,8 @@ class RunningSystem:
             self._screen.line("stopped before all nodes were up; all nodes have ended")
             return 0
         if self._died is None:
-            self._screen.line(f"stopped after {self._ticks} ticks; all nodes have ended")
+            ticks = "1 tick" if self._ticks == 1 else f"{self._ticks} ticks"
+            self._screen.line(f"stopped after {ticks}; all nodes have ended")
             return 0
         name, code = self._died
         last_lines = self._processes[name].last_lines

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import os
+import subprocess
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -15,9 +17,11 @@ import pytest
 from m2c.check import check_system
 from m2c.codegen.package import system_files
 from m2c.codegen.writer import write_files
+from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, System, load
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.runner import PolicyRunner
+from transports.simulated import SimulatedWorld
 
 HEAD = '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="{name}" initial="{initial}">'
 
@@ -107,6 +111,19 @@ SCRIPTED = (
 </scxml>"""
 )
 
+DEAF = (
+    HEAD.format(name="Deaf", initial="wait")
+    + """
+<state id="wait">
+  <bt_tick target="running"><bt_return_status status="RUNNING"/></bt_tick>
+  <bt_halt target="wait"><bt_return_halted/></bt_halt>
+</state>
+<state id="running">
+  <bt_tick target="wait"><bt_return_status status="SUCCESS"/></bt_tick>
+</state>
+</scxml>"""
+)
+
 FAR = (
     HEAD.format(name="Far", initial="wait")
     + """
@@ -115,7 +132,14 @@ FAR = (
 </scxml>"""
 )
 
-PLUGINS = {"Invert": INVERT, "InTurn": IN_TURN, "Add": ADD, "Once": SCRIPTED, "Far": FAR}
+PLUGINS = {
+    "Invert": INVERT,
+    "InTurn": IN_TURN,
+    "Add": ADD,
+    "Once": SCRIPTED,
+    "Far": FAR,
+    "Deaf": DEAF,
+}
 
 
 class OneThread:
@@ -203,6 +227,7 @@ def run(
                 ("Add", "add"),
                 ("Once", "once"),
                 ("Far", "far"),
+                ("Deaf", "deaf"),
             )
             if name in used
         }
@@ -250,6 +275,12 @@ def test_a_halted_plugin_halts_its_running_child(run: Any, caplog: Any) -> None:
     runner, _ = run("<Invert><Once/></Invert>")
     assert runner.run(1.0, 1) == 1
     assert "halted: Once" in caplog.text
+
+
+def test_a_halt_that_the_state_does_not_take_is_answered_at_once(run: Any) -> None:
+    runner, transport = run("<Deaf/>")
+    runner.run(1.0, 1)
+    assert transport.clock_ns == 0  # waiting in vain would have moved the clock
 
 
 def test_each_place_of_a_plugin_has_a_machine_of_its_own(run: Any) -> None:
@@ -359,3 +390,45 @@ def test_a_plugin_that_is_used_wrongly_is_reported_with_its_place(
     (fault,) = faults
     assert fault.startswith("policy.xml:1:")
     assert fault.endswith(f"error: {expected}")
+
+
+def test_a_system_with_plugins_repeats_itself_in_virtual_time(tmp_path: Path) -> None:
+    system, _, _ = loaded(
+        tmp_path,
+        "<Sequence><Invert><AlwaysFailure/></Invert><Delay delay_msec='2500'><Once/></Delay>"
+        "<Timeout msec='1500'><Sleep msec='5000'/></Timeout></Sequence>",
+    )
+    program = compile_system(system)
+    runs = []
+    for _ in range(2):
+        made = SimulatedRun(program, SimulatedWorld(seed=1))
+        made.run(12.0)
+        runs.append(made.ticks)
+    assert runs[0] == runs[1]
+    assert [tick.status for tick in runs[0][:7]] == [*["RUNNING"] * 6, "FAILURE"]
+
+
+def test_generated_plugins_are_formatted_and_strictly_typed(tmp_path: Path) -> None:
+    system, _, _ = loaded(tmp_path, "<Invert><Add to='1' step='2' sum='{b}'/></Invert>")
+    output = tmp_path / "generated"
+    write_files(system_files(system), output)
+    (package,) = output.glob("*_policy")
+    configuration = tmp_path / "mypy.ini"
+    configuration.write_text(
+        "[mypy]\ncache_dir = " + str(tmp_path / "cache") + "\n"
+        "[mypy-esprima.*]\nignore_missing_imports = True\n"
+        "[mypy-behaviortreepy.*]\nignore_missing_imports = True\n"
+    )
+    path = os.pathsep.join([str(Path(__file__).parents[2]), str(package)])
+    for command in (
+        ["ruff", "format", "--isolated", "--line-length", "100", "--check", str(output)],
+        ["mypy", "--strict", "--config-file", str(configuration), "-p", package.name],
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", *command],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "MYPYPATH": path},
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
