@@ -1,0 +1,256 @@
+"""When a trace conforms to a machine, decided by trying everything. For tests, and small traces.
+
+What is asked is whether the machine *can* have done what was heard (design, section 6):
+
+* The machine takes inputs one at a time, and each take is a run to completion. The **inputs** are
+  the messages on topics it subscribes to, the requests it received, the responses (or errors) it
+  received, and the ticks of its timers.
+* An input is taken at one moment. What the machine heard with its own ears (requests and responses)
+  is taken when it is stamped; a message is taken at its stamp or up to ``latency_ns`` later; tick
+  ``k`` of a timer at ``start_ns + k * period``, give or take ``tolerance_ns``. An order of takes is
+  possible if such moments exist in that order: no input comes after one that it must precede.
+* Messages of one channel and source are taken in the order of their stamps; so is all that the
+  machine heard with its own ears, whatever the channel.
+* Inputs whose last moment is before ``end_ns`` have been taken. Later ones may have been.
+* Each take owes outputs, in order. The **outputs** are what the machine itself published, called
+  and answered. The n-th output heard is the n-th one owed: same kind, channel and data.
+* An output stamped ``t`` is owed by a take all of whose predecessors, and itself, are stamped
+  before ``t``. It is heard no later than ``deadline_ns`` after the stamp of the input that it is
+  owed to; one that is not heard is not overdue at ``end_ns``.
+* Where chance decides, every outcome is possible.
+
+Fields that the model does not set are zero. Channels are reliable. Nothing is cut short: all orders,
+all choices. Read it with the theory at hand; it is slow on purpose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+
+from m2c.model.machine import Event, EventKind, InterfaceKind, Machine, OutputKind
+from tests.oracle.steps import Call, Configuration, Output, Stepper
+from transports.interface import Observation, ObservationKind
+
+SECOND_NS = 1_000_000_000
+
+_SENT_AS = {
+    OutputKind.PUBLISH: ObservationKind.MESSAGE,
+    OutputKind.REQUEST: ObservationKind.REQUEST_SENT,
+    OutputKind.RESPONSE: ObservationKind.RESPONSE_SENT,
+}
+
+
+class Input(msgspec.Struct, frozen=True, eq=False):
+    """Something to take. Inputs of one ``line`` are taken in the order of ``number``."""
+
+    event: Event
+    data: Any
+    call: Call | None
+    line: str
+    number: int
+    earliest_ns: int
+    latest_ns: int
+
+
+class Owed(msgspec.Struct, frozen=True):
+    """An output that must be heard after ``after_ns`` and no later than ``due_ns``."""
+
+    output: Output
+    after_ns: int
+    due_ns: int
+
+
+def conforms(
+    machine: Machine,
+    trace: Sequence[Observation],
+    latency_ns: int,
+    deadline_ns: int,
+    end_ns: int,
+    *,
+    start_ns: int = 0,
+    tolerance_ns: int = 0,
+    check_calls: bool = False,
+) -> bool:
+    """Whether ``machine`` can have done what ``trace`` says.
+
+    Args:
+        machine: a flat machine with topics, services and timers. Its name is its node's.
+        trace: what was heard until ``end_ns``, in any order; own observations have distinct stamps.
+        latency_ns: how long after its stamp a message is taken at the latest.
+        deadline_ns: how long after the input an output is heard at the latest.
+        end_ns: the moment of judging.
+        start_ns: when the machine entered its initial state.
+        tolerance_ns: how much earlier or later than its period a timer may tick.
+        check_calls: whether a response must answer the call that decision 2 says.
+
+    Raises:
+        UnsupportedError: the machine has something that the reference does not know.
+    """
+    stepper = Stepper(machine)
+    ordered = sorted(trace, key=lambda item: item.stamp_ns)
+    inputs = inputs_of(machine, ordered, latency_ns, end_ns, start_ns, tolerance_ns)
+    heard = outputs_of(machine, ordered)
+
+    def fits(owed: Sequence[Owed]) -> bool:
+        """Whether what is owed so far agrees with what was heard."""
+        for index, item in enumerate(owed):
+            if index >= len(heard):
+                if item.due_ns < end_ns:
+                    return False
+            elif not (
+                is_output(item.output, heard[index], check_calls)
+                and item.after_ns < heard[index].stamp_ns <= item.due_ns
+            ):
+                return False
+        return True
+
+    seen: set[tuple[str, frozenset[Input], int]] = set()
+
+    def possible(at: Configuration, taken: frozenset[Input], owed: tuple[Owed, ...]) -> bool:
+        if not fits(owed):
+            return False
+        here = (repr(at), taken, len(owed))  # what follows depends on nothing else
+        if here in seen:
+            return False
+        seen.add(here)
+        left = [item for item in inputs if item not in taken]
+        if len(owed) >= len(heard) and all(item.latest_ns >= end_ns for item in left):
+            return True
+        for item in left:
+            if any(precedes(other, item) for other in left):
+                continue
+            now = frozenset({*taken, item})
+            after_ns = max(other.earliest_ns for other in now)
+            due_ns = item.earliest_ns + deadline_ns
+            for then, sent in stepper.take(at, item.event, item.data, item.call):
+                more = tuple(Owed(output, after_ns, due_ns) for output in sent)
+                if possible(then, now, owed + more):
+                    return True
+        return False
+
+    return any(
+        possible(
+            at,
+            frozenset(),
+            tuple(Owed(output, start_ns - 1, start_ns + deadline_ns) for output in sent),
+        )
+        for at, sent in stepper.start()
+    )
+
+
+def precedes(first: Input, second: Input) -> bool:
+    """Whether ``first`` is certainly taken before ``second``."""
+    if first.line == second.line:
+        return first.number < second.number
+    return first.latest_ns < second.earliest_ns
+
+
+def inputs_of(
+    machine: Machine,
+    ordered: Sequence[Observation],
+    latency_ns: int,
+    end_ns: int,
+    start_ns: int,
+    tolerance_ns: int,
+) -> list[Input]:
+    """The inputs that were heard, and the timers' ticks, which nobody hears."""
+    found: list[Input] = []
+    for number, item in enumerate(ordered):
+        event = _event(machine, item)
+        if event is None:
+            continue
+        own = event.kind is not EventKind.MESSAGE
+        found.append(
+            Input(
+                event=event,
+                data=item.data,
+                call=Call(item.client, item.call) if event.kind is EventKind.REQUEST else None,
+                line="own" if own else f"message {item.channel} {item.source}",
+                number=number,
+                earliest_ns=item.stamp_ns,
+                latest_ns=item.stamp_ns if own else item.stamp_ns + latency_ns,
+            )
+        )
+    for timer in machine.interfaces:
+        if timer.kind is not InterfaceKind.TIMER:
+            continue
+        period_ns = round(SECOND_NS / timer.rate_hz)
+        number = 1
+        while start_ns + number * period_ns - tolerance_ns < end_ns:
+            nominal_ns = start_ns + number * period_ns
+            found.append(
+                Input(
+                    event=Event(EventKind.TIMER, timer.name),
+                    data=None,
+                    call=None,
+                    line=f"timer {timer.name}",
+                    number=number,
+                    earliest_ns=nominal_ns - tolerance_ns,
+                    latest_ns=nominal_ns + tolerance_ns,
+                )
+            )
+            number += 1
+    return found
+
+
+def _event(machine: Machine, item: Observation) -> Event | None:
+    """What ``item`` is to ``machine``; None if it is not an input of it."""
+    own = item.source == machine.name
+    match item.kind:
+        case ObservationKind.MESSAGE:
+            kind, interface = EventKind.MESSAGE, InterfaceKind.SUBSCRIBER
+        case ObservationKind.REQUEST_RECEIVED if own:
+            kind, interface = EventKind.REQUEST, InterfaceKind.SERVER
+        case ObservationKind.RESPONSE_RECEIVED if own:
+            failed = EventKind.CALL_ERROR if item.error else EventKind.RESPONSE
+            kind, interface = failed, InterfaceKind.CLIENT
+        case _:
+            return None
+    for declared in machine.interfaces:
+        if declared.kind is interface and declared.channel == item.channel:
+            return Event(kind, declared.name)
+    return None
+
+
+def outputs_of(machine: Machine, ordered: Sequence[Observation]) -> list[Observation]:
+    """What the machine itself was heard to send, on whatever channel."""
+    return [
+        item for item in ordered if item.source == machine.name and item.kind in _SENT_AS.values()
+    ]
+
+
+def is_output(owed: Output, heard: Observation, check_calls: bool) -> bool:
+    """Whether ``heard`` is the output ``owed``."""
+    if heard.kind is not _SENT_AS[owed.kind] or heard.channel != owed.channel or heard.error:
+        return False
+    if check_calls and owed.call is not None and owed.call != Call(heard.client, heard.call):
+        return False
+    return heard.data is None or same(owed.data, heard.data)
+
+
+def same(owed: Any, heard: Any) -> bool:
+    """Whether two values are the same message content; a field that is not owed is zero."""
+    if isinstance(owed, dict) and isinstance(heard, dict):
+        return owed.keys() <= heard.keys() and all(
+            same(owed[name], value) if name in owed else _is_zero(value)
+            for name, value in heard.items()
+        )
+    if isinstance(owed, list) and isinstance(heard, list):
+        return len(owed) == len(heard) and all(map(same, owed, heard))
+    if isinstance(owed, bool) or isinstance(heard, bool):
+        return owed is heard
+    if isinstance(owed, int | float) and isinstance(heard, int | float):
+        return owed == heard or (math.isnan(owed) and math.isnan(heard))
+    return type(owed) is type(heard) and bool(owed == heard)
+
+
+def _is_zero(value: Any) -> bool:
+    if isinstance(value, dict):
+        return all(map(_is_zero, value.values()))
+    if isinstance(value, list):
+        return all(map(_is_zero, value))
+    return not value
