@@ -81,7 +81,7 @@ class Story:
         if channel.endswith("/tick") and line.get("round_trip_us"):
             self.trips_us.append(line["round_trip_us"])
         self._notice(channel, line["kind"], data, line["stamp_ns"])
-        text = ", ".join(f"{key}: {value}" for key, value in plain(data).items())
+        text = ", ".join(f"{key}: {json.dumps(value)}" for key, value in plain(data).items())
         if not channel.endswith(QUIET) and self._is_news(channel, line["kind"], text):
             arrow = {"message": "•", "request": "→", "response": "←"}.get(line["kind"], "✗")
             print(f"    tap  {channel:<50} {arrow} {text}".rstrip(), flush=True)
