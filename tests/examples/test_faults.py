@@ -11,11 +11,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import msgspec
 import pytest
 
 from m2c.check import check_flow, check_types
 from m2c.model import DiagnosticLog, Machine, System, load
+from m2c.model.machine import State
 from m2c.model.system import read_with_reference
+from moon.mutation import mutants
 from moon.mutation.shape import Shapes
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
@@ -86,6 +89,40 @@ def test_the_check_warns_of_the_models_that_never_answer(inject: Any, name: str)
     log = DiagnosticLog()
     check_flow(_faulty(chosen.path, chosen.node, log), log)
     assert "request-unanswered" in {found.rule for found in log.diagnostics}
+
+
+@pytest.mark.parametrize("name", ["T1", "T2"])
+def test_the_unresponsive_skills_differ_from_the_right_ones_in_one_target(
+    inject: Any, name: str
+) -> None:
+    chosen = inject.fault(name)
+    right = _system().node(chosen.node)
+    assert right is not None
+    shapes = Shapes()
+    faulty = shapes.of(_faulty(chosen.path, chosen.node, DiagnosticLog()))
+    made = [item.operator for item in mutants(right) if shapes.of(item.machine) == faulty]
+    assert made == ["redirected transition"]
+
+
+@pytest.mark.parametrize(("name", "state"), [("T3", "idle"), ("T4", "notifying")])
+def test_the_random_skills_are_otherwise_as_the_right_ones(
+    inject: Any, name: str, state: str
+) -> None:
+    chosen = inject.fault(name)
+    right = _system().node(chosen.node)
+    assert right is not None
+    faulty = _faulty(chosen.path, chosen.node, DiagnosticLog())
+    shapes = Shapes()
+    one, other = (
+        msgspec.structs.replace(machine, states=(_only(machine, state),), data=())
+        for machine in (right, faulty)
+    )
+    assert shapes.of(one) == shapes.of(other)
+    assert {item.name for item in right.data} < {item.name for item in faulty.data}
+
+
+def _only(machine: Machine, state: str) -> State:
+    return msgspec.structs.replace(machine.state(state), on_entry=())
 
 
 @pytest.mark.parametrize(
