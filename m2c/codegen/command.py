@@ -73,6 +73,8 @@ def generate(
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
+    except OSError as error:
+        _fail(f"cannot write {error.filename}: {error.strerror}")
     policy = ", 1 policy" if system.policy is not None else ""
     click.echo(
         f"{system.name}: {counted(len(system.nodes), 'node')}{policy} in {output} "

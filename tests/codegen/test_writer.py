@@ -18,6 +18,7 @@ from m2c.codegen.command import generate
 ROOT = Path(__file__).parents[2]
 MODEL = ROOT / "examples" / "lab_tour" / "skills" / "BatteryLevelSkill.scxml"
 SYSTEM = ROOT / "examples" / "lab_tour" / "system.xml"
+INTERFACES = ROOT / "examples" / "lab_tour" / "interfaces"
 
 
 def run(output: Path, *options: str) -> Result:
@@ -80,6 +81,71 @@ def test_a_file_of_somebody_elses_in_the_same_place_is_kept(output: Path) -> Non
     assert of(output, "machine.py").read_text() == "print('mine')\n"
 
 
+def test_a_launch_description_that_was_edited_is_not_overwritten(output: Path) -> None:
+    edited = of(output, "launch.json")
+    edited.write_text(edited.read_text().replace('"system": "', '"system": "my '))
+    (output.parent / "other.scxml").write_text(MODEL.read_text().replace("BatteryLevel", "Other"))
+    other = CliRunner().invoke(
+        generate,
+        [str(output.parent / "other.scxml"), "-o", str(output), "--interfaces", str(INTERFACES)],
+    )
+    for done in (run(output), other):
+        assert done.exit_code == 2
+        assert f"  {edited}\n" in done.stderr
+
+
+def test_another_system_may_be_generated_into_the_same_folder(output: Path) -> None:
+    for _ in range(2):
+        done = CliRunner().invoke(generate, [str(SYSTEM), "-o", str(output)])
+        assert done.exit_code == 0, done.output
+        assert run(output).exit_code == 0
+    policy = of(output, "policy.xml")
+    policy.write_text(policy.read_text() + "<!-- mine -->")
+    done = CliRunner().invoke(generate, [str(SYSTEM), "-o", str(output)])
+    assert done.exit_code == 2
+    assert f"  {policy}\n" in done.stderr
+
+
+def test_the_list_of_hashes_can_be_checked_with_sha256sum(output: Path) -> None:
+    subprocess.run(["sha256sum", "--check", "generated.sha256"], cwd=output, check=True)
+
+
+@pytest.mark.parametrize("text", ["no list", "0  launch.json\n", "\x00\n  \n"])
+def test_a_broken_list_of_hashes_overwrites_nothing_of_somebody_elses(
+    output: Path, text: str
+) -> None:
+    (output / "generated.sha256").write_text(text)
+    of(output, "launch.json").write_text("{}")
+    assert run(output).exit_code == 2
+    assert of(output, "launch.json").read_text() == "{}"
+
+
+def test_a_file_with_other_bytes_than_text_is_an_edited_file(output: Path) -> None:
+    edited = of(output, "machine.py")
+    edited.write_bytes(edited.read_bytes() + b"# caf\xe9\n")
+    done = run(output)
+    assert done.exit_code == 2
+    assert f"  {edited}\n" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "place", ["battery_level_skill", "launch.json/more", "battery_level_skill/battery_level_skill"]
+)
+def test_a_place_where_nothing_can_be_written_is_one_line(tmp_path: Path, place: str) -> None:
+    folder = tmp_path / "generated"
+    folder.mkdir()
+    blocked = folder / place
+    if "more" in place:
+        blocked.mkdir(parents=True)
+    else:
+        blocked.parent.mkdir(exist_ok=True)
+        blocked.write_text("")
+    done = run(folder)
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"error: cannot write {folder}")
+    assert done.stderr.count("\n") == 1
+
+
 def test_force_overwrites_it_and_nothing_else(output: Path) -> None:
     before = contents(output)
     edited = of(output, "machine.py")
@@ -96,7 +162,8 @@ def test_unchanged_files_are_not_written_again(output: Path) -> None:
     before = times(output)
     done = run(output)
     assert done.exit_code == 0, done.output
-    assert f"(0 files written, {len(before)} unchanged)" in done.output
+    counted = len(before) - 1  # the list of hashes
+    assert f"(0 files written, {counted} unchanged)" in done.output
     assert times(output) == before
 
 
