@@ -1,4 +1,4 @@
-"""What the documents show is what happens: commands give the output shown."""
+"""What the documents show is what happens: commands give the output shown, links lead somewhere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES += sorted((ROOT / "examples").rglob("*.md"))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 REPEATABLE = ("mkdir ", "sed ", "echo ", "m2c check ", "m2c generate ")
 """Commands without a running system, whose output is the same each time."""
 
@@ -76,3 +79,9 @@ def test_the_python_of_a_page_is_in_the_generated_code(name: str, tmp_path: Path
     shown = [line.strip() for block in blocks(ROOT / name, "python") for line in block.splitlines()]
     assert shown
     assert [line for line in shown if line not in {*written, "...", ""}] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_links_of_a_page_lead_to_files(page: Path) -> None:
+    links = [link for link in LINK.findall(page.read_text()) if "://" not in link]
+    assert [link for link in links if not (page.parent / link).exists()] == []
