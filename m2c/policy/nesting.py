@@ -8,10 +8,12 @@ import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.typing import nearest
-from m2c.policy.tree import SubTreeNode, Tree, TreeNode
+from m2c.policy.tree import LeafNode, SubTreeNode, Tree, TreeNode
 
 MAX_DEPTH = 256
 """Nodes nested in one another, sub-trees unfolded: every level is a few frames of the C++ stack."""
+PLUGIN_LEVELS = 4
+"""A plugin with children counts as so many levels: each is some ten frames of Python's stack too."""
 MAX_NODES = 100_000
 """Nodes of the whole policy, sub-trees unfolded: a few trees that each use the next one twice
 would otherwise fill the memory."""
@@ -96,5 +98,6 @@ def _nodes(node: TreeNode, level: int = 1) -> Iterator[tuple[TreeNode, int]]:
     """Every node of one tree and its level; an XML file is read only so deep."""
     yield node, level
     if not isinstance(node, SubTreeNode):
+        below = level + (PLUGIN_LEVELS if isinstance(node, LeafNode) else 1)
         for child in node.children:
-            yield from _nodes(child, level + 1)
+            yield from _nodes(child, below)

@@ -180,7 +180,7 @@ class _Place:
             for what in said:
                 match what:
                     case _Answer(status=status):
-                        answer = status
+                        answer = answer or status  # the first one counts
                     case _Output(key=key, value=value):
                         write_port(self._outputs[key], value, self.node)
                     case _TickChild(child=child):

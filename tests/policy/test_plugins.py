@@ -124,6 +124,30 @@ DEAF = (
 </scxml>"""
 )
 
+HASTY = (
+    HEAD.format(name="Hasty", initial="wait")
+    + """
+<state id="wait">
+  <bt_tick target="wait"><bt_tick_child id="0"/></bt_tick>
+  <bt_child_status id="0" target="wait"><bt_return_status status="SUCCESS"/></bt_child_status>
+</state>
+</scxml>"""
+)
+
+TWICE = (
+    HEAD.format(name="Twice", initial="wait")
+    + """
+<state id="wait">
+  <bt_tick target="wait">
+    <bt_return_status status="RUNNING"/>
+    <bt_return_status status="SUCCESS"/>
+    <send event="later"/>
+  </bt_tick>
+  <transition event="later" target="wait"><bt_return_status status="FAILURE"/></transition>
+</state>
+</scxml>"""
+)
+
 FAR = (
     HEAD.format(name="Far", initial="wait")
     + """
@@ -139,6 +163,8 @@ PLUGINS = {
     "Once": SCRIPTED,
     "Far": FAR,
     "Deaf": DEAF,
+    "Hasty": HASTY,
+    "Twice": TWICE,
 }
 
 
@@ -228,6 +254,8 @@ def run(
                 ("Once", "once"),
                 ("Far", "far"),
                 ("Deaf", "deaf"),
+                ("Hasty", "hasty"),
+                ("Twice", "twice"),
             )
             if name in used
         }
@@ -283,6 +311,20 @@ def test_a_halt_that_the_state_does_not_take_is_answered_at_once(run: Any) -> No
     assert transport.clock_ns == 0  # waiting in vain would have moved the clock
 
 
+def test_a_plugin_that_ends_leaves_no_child_running(run: Any, caplog: Any) -> None:
+    caplog.set_level("INFO")
+    runner, _ = run("<Hasty><Once/></Hasty>")
+    tick = runner.tick()
+    assert tick.status == "SUCCESS"
+    assert "halted: Once" in caplog.text
+    assert [(leaf.name, leaf.status) for leaf in tick.leaves][-1] == ("Once", "HALTED")
+
+
+def test_only_the_first_answer_to_a_tick_counts(run: Any) -> None:
+    runner, _ = run("<Twice/>")
+    assert [runner.tick().status for _ in range(3)] == ["RUNNING"] * 3
+
+
 def test_each_place_of_a_plugin_has_a_machine_of_its_own(run: Any) -> None:
     body = "<Parallel success_count='2' failure_count='1'><Once/><Sequence><Once/></Sequence></Parallel>"
     runner, _ = run(body)
@@ -300,6 +342,29 @@ def test_ports_are_read_from_and_written_to_the_blackboard_of_the_sub_tree(run: 
     tick = runner.tick()
     assert tick.status == "SUCCESS"
     assert [leaf.name for leaf in tick.leaves] == ["Add", "Invert", "Invert_2", "Add_2"]
+
+
+def chain(count: int) -> str:
+    trees = "".join(
+        f'<BehaviorTree ID="T{i}"><Invert><SubTree ID="T{i + 1}"/></Invert></BehaviorTree>'
+        for i in range(count)
+    )
+    return (
+        f'<BehaviorTree ID="M"><SubTree ID="T0"/></BehaviorTree>{trees}'
+        f'<BehaviorTree ID="T{count}"><AlwaysFailure/></BehaviorTree>'
+    )
+
+
+def test_plugins_nested_as_deep_as_is_allowed_can_be_ticked(run: Any) -> None:
+    runner, _ = run(chain(50))
+    assert runner.tick().status == "FAILURE"
+    assert runner.tick().status == "FAILURE"
+
+
+def test_plugins_nested_deeper_are_an_error(tmp_path: Path) -> None:
+    _, policy, faults = loaded(tmp_path, chain(52))
+    assert policy is None
+    assert "[deep-tree]" in faults[0]
 
 
 def test_an_entry_that_is_not_on_the_blackboard_fails_the_leaf_and_is_named(
