@@ -1,0 +1,1 @@
+"""The model oracle: whether what was observed is what the model does, in some possible order."""

@@ -1,0 +1,118 @@
+"""Explanations of violations, in the words of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from m2c.model.machine import EventKind, OutputKind
+from moon.oracle.channels import Fact, Role
+from moon.oracle.hypothesis import Hypothesis, Owed
+from moon.oracle.search import Search, TooManyError
+from moon.oracle.steps import TooOpenError
+from moon.verdict import Evidence, Explanation
+
+SHOWN = 4
+"""So many possibilities are told; more would hide the point."""
+
+
+def told(fact: Fact) -> str:
+    """An observation in one line."""
+    observation = fact.observation
+    data = "" if fact.data is None else f" {_short(fact.data)}"
+    channel = observation.channel
+    match fact.role:
+        case Role.MESSAGE:
+            return f"message on {channel}:{data}"
+        case Role.INPUT:
+            assert fact.event is not None
+            what = {
+                EventKind.REQUEST: f"request {fact.call[1]} of {fact.call[0]} to",
+                EventKind.RESPONSE: "response from",
+                EventKind.CALL_ERROR: f"failed call ({observation.error}) of",
+            }.get(fact.event[0], f"{fact.event[0]} on")
+            return f"{what} {channel}{data}"
+        case Role.STRANGE:
+            return (
+                f"{observation.kind.replace('_', ' ')} on {channel}, which its model does not name"
+            )
+        case _ if fact.output is not None:
+            return f"{_OUTPUTS[fact.output]} {channel}{data}"
+        case _:
+            return f"{observation.kind} on {channel}"
+
+
+_OUTPUTS = {
+    OutputKind.PUBLISH: "message on",
+    OutputKind.REQUEST: "call of",
+    OutputKind.RESPONSE: "response on",
+    OutputKind.SEND_GOAL: "goal sent to",
+    OutputKind.SEND_CANCEL: "cancel request to",
+    OutputKind.ACCEPT_GOAL: "acceptance of a goal on",
+    OutputKind.REJECT_GOAL: "rejection of a goal on",
+    OutputKind.FEEDBACK: "feedback on",
+    OutputKind.SUCCEED: "success of a goal on",
+    OutputKind.ABORT: "abortion of a goal on",
+    OutputKind.CANCEL: "cancellation of a goal on",
+}
+
+
+def explanation_of(
+    search: Search, before: list[Hypothesis], fact: Fact | None, history: Iterable[Fact]
+) -> Explanation:
+    """Why ``fact`` (None: that nothing came) cannot be after ``before``."""
+    survivors = before
+    if fact is not None:
+        try:
+            survivors = search.reachable(before, fact.stamp, 0)
+        except (TooManyError, TooOpenError):
+            survivors = before
+    owed = [(h, h.owed[0]) for h in survivors if h.owed]
+    expected: dict[str, None] = {}
+    places: dict[str, None] = {}
+    for _, item in owed:
+        expected[owed_text(search, item)] = None
+        places[str(item.transition)] = None
+    if not owed:
+        expected["nothing to be sent"] = None
+    states = {state_text(search, h): None for h in (h for h, _ in owed)} or {
+        state_text(search, h): None for h in survivors
+    }
+    observed = "nothing in time" if fact is None else told(fact)
+    return Explanation(
+        tuple(expected)[:SHOWN],
+        observed,
+        tuple(states)[:SHOWN],
+        tuple(Evidence(item.stamp, told(item)) for item in history),
+        tuple(places)[:SHOWN],
+    )
+
+
+def owed_text(search: Search, owed: Owed) -> str:
+    """What a machine owes, in one line."""
+    channel = search.channel_of_output(owed.kind, owed.interface)
+    data = "" if owed.data is None else f" {_short(owed.data)}"
+    to = f" to {owed.call[0]}" if owed.call and owed.call[0] else ""
+    return f"{_OUTPUTS[owed.kind]} {channel}{data}{to}"
+
+
+def state_text(search: Search, hypothesis: Hypothesis) -> str:
+    """State and data of a hypothesis, in one line."""
+    texts = []
+    for program, (state, data) in zip(search.programs, hypothesis.instances, strict=True):
+        values = ", ".join(
+            f"{name}={_short(value)}"
+            for name, value in zip(program.names, data, strict=True)
+            if name in program.assigned
+        )
+        texts.append(f"{program.states[state].name}{f' ({values})' if values else ''}")
+    return " | ".join(texts)
+
+
+def _short(value: Any) -> str:
+    text = repr(value) if not isinstance(value, dict) else _fields(value)
+    return text if len(text) <= 160 else text[:157] + "..."
+
+
+def _fields(value: dict[str, Any]) -> str:
+    return "{" + ", ".join(f"{name}: {item!r}" for name, item in value.items()) + "}"

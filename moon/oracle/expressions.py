@@ -1,0 +1,340 @@
+"""Expressions as closures over the step that is being taken.
+
+An interpretation of its own, beside the generated code: the tree is walked once, when the oracle is
+made, and every node becomes a Python function. Two variants exist: one for steps in which all values
+are known, and one that also takes :class:`~moon.oracle.unknowns.Unknown` values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
+from m2c.model.expressions import (
+    ArrayLiteral,
+    Binary,
+    Conditional,
+    EventData,
+    Expression,
+    Index,
+    Literal,
+    Logical,
+    MathCall,
+    MathConstant,
+    Member,
+    ObjectLiteral,
+    PortInput,
+    Unary,
+    Variable,
+)
+from m2c.model.typing import Scope, type_of
+from m2c.model.vocabulary import STATUSES
+from m2c.runtime import ecmascript
+from moon.oracle import unknowns
+from moon.oracle.unknowns import Unknown
+
+if TYPE_CHECKING:
+    from moon.oracle.steps import Step
+
+Evaluate = Callable[["Step"], Any]
+
+_EXACT: dict[str, Callable[[Any, Any], Any]] = {
+    "+": ecmascript.add,
+    "-": ecmascript.subtract,
+    "*": ecmascript.multiply,
+    "/": ecmascript.divide,
+    "%": ecmascript.remainder,
+    "**": ecmascript.power,
+    "==": ecmascript.equals,
+    "===": ecmascript.strict_equals,
+    "!=": lambda left, right: not ecmascript.equals(left, right),
+    "!==": lambda left, right: not ecmascript.strict_equals(left, right),
+    "<": ecmascript.less,
+    "<=": ecmascript.less_or_equal,
+    ">": lambda left, right: ecmascript.less(right, left),
+    ">=": lambda left, right: ecmascript.less_or_equal(right, left),
+}
+_SYMBOLIC = {
+    operator: unknowns.arithmetic(operator, _EXACT[operator])
+    for operator in ("+", "-", "*", "/", "%", "**")
+}
+
+
+class Closures:
+    """Turns the expressions of one machine into closures.
+
+    Args:
+        variables: place of each variable in the step's data.
+        scope: types, for constants of interface definitions.
+        symbolic: whether values may be unknown.
+    """
+
+    def __init__(self, variables: Mapping[str, int], scope: Scope, symbolic: bool) -> None:
+        self._variables = variables
+        self._scope = scope
+        self._symbolic = symbolic
+
+    def value(self, node: Expression, target: DataType | None = None) -> Evaluate:
+        """A closure for ``node`` as a value for a place of type ``target``."""
+        evaluate = self._compile(node)
+        convert = None if target is None else coercion(target)
+        if convert is None:
+            return evaluate
+        return lambda step: convert(evaluate(step))
+
+    def condition(self, node: Expression) -> Callable[[Step], bool]:
+        """A closure for ``node`` as a condition."""
+        evaluate = self._compile(node)
+        truthy = ecmascript.truthy
+        if not self._symbolic:
+
+            def holds(step: Step) -> bool:
+                value = evaluate(step)
+                return value if value is True or value is False else truthy(value)
+
+            return holds
+
+        def may_hold(step: Step) -> bool:
+            value = evaluate(step)
+            if value is True or value is False:
+                return value
+            if value.__class__ is Unknown:
+                return step.either()
+            return truthy(value)
+
+        return may_hold
+
+    def _compile(self, node: Expression) -> Evaluate:
+        match node:
+            case Literal(value=value):
+                return lambda step: value
+            case Variable(name=name):
+                place = self._variables.get(name)
+                if place is None:
+                    if name in STATUSES:
+                        return lambda step: name
+                    return _undefined(name)
+                return lambda step: step.data[place]
+            case EventData(part="data"):
+                return lambda step: step.message
+            case EventData(part=part):
+                return lambda step: step.parts.get(part)
+            case PortInput(key=key):
+                return lambda step: step.parts.get(f"port:{key}")
+            case Member(object=inner, name=name):
+                return self._member(inner, name)
+            case Index(object=inner, index=index):
+                holder, place_of = self._compile(inner), self._compile(index)
+                return lambda step: _element(holder(step), place_of(step))
+            case Unary(operator="!", operand=operand):
+                test = self.condition(operand)
+                return lambda step: not test(step)
+            case Unary(operator="-", operand=operand):
+                minus = self._compile(operand)
+                return lambda step: unknowns.negate(minus(step))
+            case Unary(operator="+", operand=operand):
+                plus = self._compile(operand)
+                return lambda step: unknowns.to_number(plus(step))
+            case Unary(operand=operand):
+                named = self._compile(operand)
+                return lambda step: ecmascript.type_name(named(step))
+            case Binary():
+                return self._binary(node)
+            case Logical(operator=operator, left=left, right=right):
+                return self._logical(operator, left, right)
+            case Conditional(test=test_node, then=then, otherwise=otherwise):
+                chosen, first, second = (
+                    self.condition(test_node),
+                    self._compile(then),
+                    self._compile(otherwise),
+                )
+                return lambda step: first(step) if chosen(step) else second(step)
+            case MathCall(function="random"):
+                return lambda step: unknowns.draw()
+            case MathCall(function=function, arguments=arguments):
+                call = unknowns.mathematics(function, ecmascript.MATH[function])
+                values = [self._compile(argument) for argument in arguments]
+                return lambda step: call(*(value(step) for value in values))
+            case MathConstant(name=name):
+                constant = ecmascript.CONSTANTS[name]
+                return lambda step: constant
+            case ArrayLiteral(elements=elements):
+                items = [self._compile(element) for element in elements]
+                return lambda step: [item(step) for item in items]
+            case ObjectLiteral(entries=entries):
+                pairs = [(key, self._compile(value)) for key, value in entries]
+                return lambda step: {key: value(step) for key, value in pairs}
+
+    def _member(self, inner: Expression, name: str) -> Evaluate:
+        kind = type_of(inner, self._scope)
+        if isinstance(kind, Structure) and kind.field(name) is None:
+            for constant, _, value in kind.constants:
+                if constant == name:
+                    return lambda step: value
+        holder = self._compile(inner)
+        return lambda step: _member(holder(step), name)
+
+    def _binary(self, node: Binary) -> Evaluate:
+        left, right = self._compile(node.left), self._compile(node.right)
+        operator = node.operator
+        exact = _EXACT[operator]
+        if not self._symbolic:
+            return lambda step: exact(left(step), right(step))
+        if operator in _SYMBOLIC:
+            operate = _SYMBOLIC[operator]
+            return lambda step: operate(left(step), right(step))
+
+        def related(step: Step) -> bool:
+            first, second = left(step), right(step)
+            if first.__class__ is not Unknown and second.__class__ is not Unknown:
+                return bool(exact(first, second))
+            return relate(step, operator, first, second)
+
+        return related
+
+    def _logical(self, operator: str, left: Expression, right: Expression) -> Evaluate:
+        first, second = self._compile(left), self._compile(right)
+        keeps = operator == "||"
+        truthy = ecmascript.truthy
+
+        def choose(step: Step) -> Any:
+            value = first(step)
+            if value.__class__ is Unknown:
+                holds = step.either()
+                if holds == keeps:
+                    return holds if value.anything else value
+                return second(step)
+            return value if truthy(value) == keeps else second(step)
+
+        return choose
+
+
+def relate(step: Step, operator: str, left: Any, right: Any) -> bool:
+    """A comparison with an unknown side: what is certain, else both, each remembered."""
+    if operator in ("==", "===", "!=", "!=="):
+        equal = _may_equal(step, left, right)
+        return equal if operator[0] == "=" else not equal
+    certain = unknowns.compare(operator, left, right)
+    if certain is not None:
+        return certain
+    holds = step.either()
+    if isinstance(left, Unknown) and isinstance(right, int | float) and not left.anything:
+        step.replace(left, unknowns.narrowed(left, operator, right, holds))
+    elif isinstance(right, Unknown) and isinstance(left, int | float) and not right.anything:
+        mirrored = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}[operator]
+        step.replace(right, unknowns.narrowed(right, mirrored, left, holds))
+    return holds
+
+
+def _may_equal(step: Step, left: Any, right: Any) -> bool:
+    if left is right:
+        return True
+    unknown, other = (left, right) if isinstance(left, Unknown) else (right, left)
+    if not isinstance(other, Unknown) and not unknown.allows(other):
+        return False
+    equal = step.either()
+    if equal and not isinstance(other, Unknown):
+        step.replace(unknown, other)
+    return equal
+
+
+def _undefined(name: str) -> Evaluate:
+    def fail(step: Step) -> Any:
+        raise ecmascript.ExecutionError(f"`{name}` is not defined")
+
+    return fail
+
+
+def _member(value: Any, name: str) -> Any:
+    if value.__class__ is dict and name in value:
+        return value[name]
+    if value.__class__ is Unknown:
+        return unknowns.anything()
+    return ecmascript.member(value, name)
+
+
+def _element(value: Any, index: Any) -> Any:
+    if value.__class__ is Unknown or index.__class__ is Unknown:
+        return unknowns.anything()
+    return ecmascript.element(value, index)
+
+
+# --- values of a type ------------------------------------------------------------------------------
+
+
+def zero(kind: DataType) -> Any:
+    """The zero value of ``kind`` as plain data (ROS 2's initial value of a field)."""
+    match kind:
+        case Primitive("bool"):
+            return False
+        case Primitive("string"):
+            return ""
+        case Primitive() if is_integer(kind):
+            return 0
+        case Primitive(name) if name in ("any", "null"):
+            return None
+        case Primitive():
+            return 0.0
+        case Structure():
+            declared = dict(kind.defaults)
+            return {
+                name: _plain(declared[name]) if name in declared else zero(inner)
+                for name, inner in kind.fields
+            }
+        case Array(element, length, True):
+            return [zero(element) for _ in range(length or 0)]
+        case Array():
+            return []
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def coercion(kind: DataType) -> Callable[[Any], Any] | None:
+    """What a value becomes in a place of type ``kind``; None if it stays as it is."""
+    match kind:
+        case Primitive() if is_integer(kind):
+            return _to_integer
+        case Primitive("float32") | Primitive("float64"):
+            return _to_float
+        case Structure() if kind.name:
+            return _structured(kind)
+        case Array(element, _, _):
+            convert = coercion(element)
+            if convert is None:
+                return None
+            return lambda value: (
+                [convert(item) for item in value] if isinstance(value, list) else value
+            )
+        case _:
+            return None
+
+
+def _to_integer(value: Any) -> Any:
+    if value.__class__ is int:
+        return value
+    if value.__class__ is Unknown:
+        return value
+    return ecmascript.integer(value)
+
+
+def _to_float(value: Any) -> Any:
+    return value if value.__class__ is Unknown else float(ecmascript.to_number(value))
+
+
+def _structured(kind: Structure) -> Callable[[Any], Any]:
+    conversions = {name: coercion(inner) for name, inner in kind.fields}
+    template = zero(kind)
+
+    def convert(value: Any) -> Any:
+        if not isinstance(value, dict):
+            return value
+        made = dict(template)
+        for name, item in value.items():
+            inner = conversions.get(name)
+            made[name] = item if inner is None else inner(item)
+        return made
+
+    return convert

@@ -1,0 +1,435 @@
+"""What a machine may be doing: one hypothesis, and what it owes.
+
+A hypothesis is (configuration, datamodel, inputs not yet taken, outputs still owed); design, section 6.
+Hypotheses are values: nothing in them changes once they are made.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any, TypeVar
+
+from m2c.model.datatypes import Array, DataType, Primitive, Structure
+from m2c.model.diagnostics import Position
+from m2c.model.machine import EventKind, OutputKind
+from moon.oracle.channels import Fact
+from moon.oracle.unknowns import Unknown, is_unknown
+
+EventKey = tuple[EventKind, str]
+
+ANY_CALL = ("", -1)
+"""Whose response is owed when the request came before the oracle looked."""
+
+
+class Owed:
+    """An output that must be seen next.
+
+    Attributes:
+        low, high: the step that owes it was taken between these times (ns).
+        call: whose response it is.
+        goal: hex id of its goal, a goal's number where the id is not known yet, or Unknown.
+        optional: whether it may not have been sent at all.
+        alarm: the timer that caused the step, whose phase the output tells.
+    """
+
+    __slots__ = (
+        "alarm",
+        "call",
+        "data",
+        "goal",
+        "high",
+        "interface",
+        "kind",
+        "low",
+        "optional",
+        "position",
+        "transition",
+    )
+
+    def __init__(
+        self,
+        kind: OutputKind,
+        interface: str,
+        data: Any,
+        low: int,
+        high: int,
+        position: Position,
+        transition: Position,
+        call: tuple[str, int] | None = None,
+        goal: Any = None,
+        optional: bool = False,
+        alarm: AlarmKey | None = None,
+    ) -> None:
+        self.kind = kind
+        self.interface = interface
+        self.data = data
+        self.low = low
+        self.high = high
+        self.position = position
+        self.transition = transition
+        self.call = call
+        self.goal = goal
+        self.optional = optional
+        self.alarm = alarm
+
+    def key(self) -> tuple[Any, ...]:
+        """What two owed outputs must share to be the same."""
+        return (self.kind, self.interface, frozen(self.data), self.call, frozen(self.goal))
+
+
+AlarmKey = tuple[int, EventKey]
+
+
+class Alarm:
+    """A timer that runs: a periodic one, an ``after`` transition or a delayed event.
+
+    Attributes:
+        instance: whose it is (0: the machine; 1…: its action threads).
+        event: what happens when it is due.
+        low, high: it is due between these times (ns).
+        period: ns; 0 for once.
+        data: of a delayed event.
+        id: by which it is cancelled.
+    """
+
+    __slots__ = ("data", "event", "high", "id", "instance", "low", "period")
+
+    def __init__(
+        self,
+        instance: int,
+        event: EventKey,
+        low: int,
+        high: int,
+        period: int = 0,
+        data: Any = None,
+        identifier: str = "",
+    ) -> None:
+        self.instance = instance
+        self.event = event
+        self.low = low
+        self.high = high
+        self.period = period
+        self.data = data
+        self.id = identifier
+
+
+class Posted:
+    """An event that the machine sent itself, on its executor's queue."""
+
+    __slots__ = ("event", "high", "instance", "low", "message", "parts")
+
+    def __init__(
+        self,
+        instance: int,
+        event: EventKey,
+        message: Any,
+        parts: dict[str, Any],
+        low: int,
+        high: int,
+    ) -> None:
+        self.instance = instance
+        self.event = event
+        self.message = message
+        self.parts = parts
+        self.low = low
+        self.high = high
+
+
+class Goal:
+    """A goal that the machine serves or sent.
+
+    Attributes:
+        number: as the model counts them.
+        id: hex id; "" where it is not known yet.
+        phase: served: ``new``, ``running``, ``canceling``, ``ended``; sent: ``sent``, ``running``.
+        seen: whether its end was observed.
+        result: (kind, message) of its end.
+        cancel: whether it is to be cancelled once it is accepted.
+    """
+
+    __slots__ = ("cancel", "id", "interface", "number", "phase", "result", "seen", "served")
+
+    def __init__(
+        self,
+        interface: str,
+        served: bool,
+        number: int,
+        identifier: str,
+        phase: str,
+        result: tuple[OutputKind, Any] | None = None,
+        seen: bool = False,
+        cancel: bool = False,
+    ) -> None:
+        self.interface = interface
+        self.served = served
+        self.number = number
+        self.id = identifier
+        self.phase = phase
+        self.result = result
+        self.seen = seen
+        self.cancel = cancel
+
+    def but(self, **changes: Any) -> Goal:
+        """The same goal with ``changes``."""
+        fields = {
+            "identifier": self.id,
+            "phase": self.phase,
+            "result": self.result,
+            "seen": self.seen,
+            "cancel": self.cancel,
+            **changes,
+        }
+        return Goal(self.interface, self.served, self.number, **fields)
+
+    def key(self) -> tuple[Any, ...]:
+        """What two goals must share to be the same."""
+        return (
+            self.interface,
+            self.served,
+            self.number,
+            self.id,
+            self.phase,
+            self.seen,
+            self.cancel,
+        )
+
+
+class Hypothesis:
+    """One thing that the machine may be doing.
+
+    Attributes:
+        instances: (state, datamodel) of the machine and of each of its action threads.
+        owed: outputs that must come next, in order.
+        pending: messages that may not have been taken yet, in order of their stamps.
+        posted: events it sent itself, not yet taken, in order.
+        alarms: timers that run.
+        waiting: (interface, call) of requests not answered, in order.
+        goals: goals served or sent, not forgotten.
+        counts: how many goals each action interface has had: ((served, interface), number)…
+        free: whether requests and goals from before the oracle looked may be under way.
+    """
+
+    __slots__ = (
+        "_key",
+        "alarms",
+        "counts",
+        "free",
+        "goals",
+        "instances",
+        "owed",
+        "pending",
+        "posted",
+        "waiting",
+    )
+
+    def __init__(
+        self,
+        instances: tuple[tuple[int, tuple[Any, ...]], ...],
+        owed: tuple[Owed, ...] = (),
+        pending: tuple[Fact, ...] = (),
+        posted: tuple[Posted, ...] = (),
+        alarms: tuple[Alarm, ...] = (),
+        waiting: tuple[tuple[str, tuple[str, int]], ...] = (),
+        goals: tuple[Goal, ...] = (),
+        counts: tuple[tuple[tuple[bool, str], int], ...] = (),
+        free: bool = False,
+    ) -> None:
+        self.instances = instances
+        self.owed = owed
+        self.pending = pending
+        self.posted = posted
+        self.alarms = alarms
+        self.waiting = waiting
+        self.goals = goals
+        self.counts = counts
+        self.free = free
+        self._key: Any = None
+
+    def key(self) -> Any:
+        """What two hypotheses must share to be one; times of timers are left out."""
+        if self._key is None:
+            self._key = (
+                _data_key(self.instances),
+                tuple(owed.key() for owed in self.owed) if self.owed else (),
+                tuple(map(id, self.pending)) if self.pending else (),
+                tuple(
+                    (p.instance, p.event, frozen(p.message), frozen(p.parts)) for p in self.posted
+                )
+                if self.posted
+                else (),
+                tuple((a.instance, a.event, a.id, frozen(a.data)) for a in self.alarms)
+                if self.alarms
+                else (),
+                self.waiting,
+                tuple(goal.key() for goal in self.goals) if self.goals else (),
+                self.free,
+            )
+        return self._key
+
+    def with_pending(self, pending: tuple[Fact, ...]) -> Hypothesis:
+        """The same, with other messages under way."""
+        return Hypothesis(
+            self.instances,
+            self.owed,
+            pending,
+            self.posted,
+            self.alarms,
+            self.waiting,
+            self.goals,
+            self.counts,
+            self.free,
+        )
+
+    def with_owed(self, owed: tuple[Owed, ...]) -> Hypothesis:
+        """The same, owing something else."""
+        return Hypothesis(
+            self.instances,
+            owed,
+            self.pending,
+            self.posted,
+            self.alarms,
+            self.waiting,
+            self.goals,
+            self.counts,
+            self.free,
+        )
+
+    def with_alarms(self, alarms: tuple[Alarm, ...]) -> Hypothesis:
+        """The same, with other timers."""
+        return Hypothesis(
+            self.instances,
+            self.owed,
+            self.pending,
+            self.posted,
+            alarms,
+            self.waiting,
+            self.goals,
+            self.counts,
+            self.free,
+        )
+
+    def merged(self, other: Hypothesis) -> Hypothesis | None:
+        """One hypothesis for both of one key: whichever times either allows. None: self has all."""
+        if not self.alarms and not self.posted and not self.owed:
+            return None
+        alarms = _spans(self.alarms, other.alarms)
+        posted = _spans(self.posted, other.posted)
+        owed = _spans(self.owed, other.owed)
+        if alarms is self.alarms and posted is self.posted and owed is self.owed:
+            return None
+        return Hypothesis(
+            self.instances,
+            owed,
+            self.pending,
+            posted,
+            alarms,
+            self.waiting,
+            self.goals,
+            self.counts,
+            self.free,
+        )
+
+
+Timed = TypeVar("Timed", Owed, Alarm, Posted)
+
+
+def _spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, ...]:
+    """``mine``, each with all the times that its like in ``theirs`` allows; ``mine`` if it has."""
+    if all(a.low <= b.low and a.high >= b.high for a, b in zip(mine, theirs, strict=True)):
+        return mine
+    made = []
+    for first, second in zip(mine, theirs, strict=True):
+        wide = copy.copy(first)
+        wide.low, wide.high = min(first.low, second.low), max(first.high, second.high)
+        made.append(wide)
+    return tuple(made)
+
+
+def _data_key(instances: tuple[tuple[int, tuple[Any, ...]], ...]) -> Any:
+    try:
+        hash(instances)
+    except TypeError:  # arrays, structures or unknown values in the data
+        return _numbered(instances)
+    for _, data in instances:
+        for value in data:
+            if value.__class__ is Unknown:
+                return _numbered(instances)
+    return instances
+
+
+def _numbered(instances: tuple[tuple[int, tuple[Any, ...]], ...]) -> Any:
+    """Unknown values by their shape and by which of them are the same."""
+    numbers: dict[int, int] = {}
+
+    def freeze(value: Any) -> Any:
+        if isinstance(value, Unknown):
+            return (*value.shape(), numbers.setdefault(id(value), len(numbers)))
+        if isinstance(value, list | tuple):
+            return tuple(freeze(item) for item in value)
+        if isinstance(value, dict):
+            return tuple((name, freeze(item)) for name, item in value.items())
+        return value
+
+    return tuple((state, tuple(freeze(value) for value in data)) for state, data in instances)
+
+
+def frozen(value: Any) -> Any:
+    """``value`` as something that can be compared and hashed."""
+    if value.__class__ is dict:
+        return tuple((name, frozen(item)) for name, item in value.items())
+    if isinstance(value, list | tuple):
+        return tuple(frozen(item) for item in value)
+    if isinstance(value, Unknown):
+        return (*value.shape(), id(value))
+    return value
+
+
+def agree(expected: Any, observed: Any, kind: DataType | None) -> bool:
+    """Whether ``observed`` is what was ``expected``; unknown parts agree with all they allow."""
+    if expected == observed and expected.__class__ is not Unknown:
+        return True
+    if isinstance(expected, Unknown):
+        return expected.allows(observed)
+    match kind:
+        case Structure() if isinstance(expected, dict) and isinstance(observed, dict):
+            return all(
+                agree(expected.get(name), observed[name], inner)
+                for name, inner in kind.fields
+                if name in observed or is_unknown(expected.get(name))
+            )
+        case Array(element, _, _) if isinstance(expected, list):
+            items = list(observed) if isinstance(observed, list | tuple | bytes) else None
+            if items is None or len(items) != len(expected):
+                return False
+            return all(agree(e, o, element) for e, o in zip(expected, items, strict=True))
+        case Primitive(name) if isinstance(expected, int | float) and isinstance(
+            observed, int | float
+        ):
+            if expected != expected or observed != observed:  # noqa: PLR0124 - NaN
+                return expected != expected and observed != observed  # noqa: PLR0124
+            if name == "float32":
+                return _single(expected) == _single(observed)
+    return False
+
+
+def _single(value: float) -> float:
+    """``value`` as a 32-bit float holds it."""
+    import struct
+
+    try:
+        return float(struct.unpack("<f", struct.pack("<f", value))[0])
+    except OverflowError:
+        return float("inf") if value > 0 else float("-inf")
+
+
+def learned(expected: Any, observed: Any, found: dict[int, tuple[Unknown, Any]]) -> None:
+    """Collect into ``found`` what ``observed`` says of unknown values in ``expected``."""
+    if isinstance(expected, Unknown):
+        found[id(expected)] = (expected, observed)
+    elif isinstance(expected, dict) and isinstance(observed, dict):
+        for name, item in expected.items():
+            if name in observed:
+                learned(item, observed[name], found)
+    elif isinstance(expected, list) and isinstance(observed, list):
+        for item, seen in zip(expected, observed, strict=False):
+            learned(item, seen, found)

@@ -1,0 +1,489 @@
+"""The oracle of one machine: observations in, verdicts out.
+
+Observations of different channels do not come in the order in which things happened, so the newest
+``latency`` of them are kept: a late one is put in its place and what came after is considered again.
+A violation is therefore only said when nothing that could still come would explain it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import EventKind, Machine
+from m2c.model.system import library_for
+from moon.oracle.channels import Channels, Fact, Role
+from moon.oracle.explain import explanation_of, told
+from moon.oracle.hypothesis import Hypothesis
+from moon.oracle.search import FOREVER, Bounds, Search, TooManyError
+from moon.oracle.steps import TooOpenError
+from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from transports.interface import Observation, ObservationKind
+
+KEPT_CALLS = 256
+"""Requests received whose sending was not heard yet."""
+
+EVIDENCE = 12
+"""So many observations are kept for explanations."""
+
+
+class _Entry:
+    """A fact within the latency bound, and what can be so after it."""
+
+    __slots__ = ("after", "fact", "last")
+
+    def __init__(self, fact: Fact) -> None:
+        self.fact = fact
+        self.after: list[Hypothesis] = []
+        self.last = 0
+
+
+class Oracle:
+    """Checks one running machine against its model.
+
+    Args:
+        machine: the model.
+        library: message types; found beside the model if not given.
+        node: the node that runs it; by default called as the machine.
+        bounds: what is assumed of the middleware.
+        synchronised: whether the first observation comes from a machine that has just started.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        library: InterfaceLibrary | None = None,
+        node: str = "",
+        bounds: Bounds | None = None,
+        synchronised: bool = True,
+    ) -> None:
+        if library is None:
+            library = library_for([Path(machine.position.file)], [], DiagnosticLog())
+        self.machine = machine
+        self.node = node or machine.name
+        self.bounds = bounds or Bounds()
+        self.channels = Channels(machine, library, self.node)
+        self.search = Search(machine, library, self.channels, self.bounds)
+        self.outcome = Outcome.CONFORMING
+        self.violations = 0
+        self.inputs = 0
+        self.outputs = 0
+        self.late = 0
+        """Observations that came after their time, and others that could not be used."""
+        self._base: list[Hypothesis] | None = None
+        self._base_last = 0
+        self._window: list[_Entry] = []
+        self._history: deque[Fact] = deque(maxlen=EVIDENCE)
+        self._finished = 0
+        self._synchronised = synchronised
+        self._listening_since: int | None = None
+        self._last_output = 0
+        self._recent: deque[Fact] = deque()
+        self._numbers: dict[tuple[str, str, bool], int] = {}
+        self._asked: dict[tuple[str, str, int], Fact] = {}
+        self._taken_up: dict[tuple[str, str, int], int] = {}
+        self._reason = ""
+        self._next_due = FOREVER
+        self._droppable_until = 0
+
+    # --- what a user calls -------------------------------------------------------------------------
+
+    def start(self, stamp_ns: int) -> None:
+        """The machine starts now: it is in its initial state; what it hears at first may be lost."""
+        self._synchronised = True
+        self._window.clear()
+        self._asked.clear()
+        self._begin(stamp_ns)
+        self._droppable_until = stamp_ns + self.bounds.latency
+        self._finished = max(self._finished, stamp_ns - self.bounds.latency)
+        self.outcome, self._reason = Outcome.CONFORMING, ""
+
+    def observe(self, observation: Observation) -> Verdict:
+        """Take one observation; the verdict as it stands then."""
+        verdicts = self.feed(observation)
+        return verdicts[-1] if verdicts else self.verdict(observation.stamp_ns)
+
+    def verdict(self, stamp_ns: int = 0) -> Verdict:
+        """The verdict as it stands."""
+        return Verdict(self.machine.name, self.node, self.outcome, stamp_ns, self._reason)
+
+    def feed(self, observation: Observation) -> list[Verdict]:
+        """Take one observation; verdicts that it, and the time that has passed, bring about."""
+        try:
+            facts = self.channels.facts(observation)
+        except (KeyError, TypeError, ValueError, AttributeError):
+            self.late += 1
+            text = f"an observation on {observation.channel} cannot be read"
+            return [*self._lose(observation.stamp_ns, text), *self.advance(observation.received_ns)]
+        verdicts: list[Verdict] = []
+        if observation.source == self.node or facts:
+            if not self._is_next(observation):
+                verdicts += self._lose(
+                    observation.stamp_ns,
+                    f"observations on {observation.channel} from {observation.source} were lost",
+                )
+            for fact in facts:
+                verdicts += self._take(fact)
+        verdicts += self.advance(observation.received_ns)
+        return verdicts
+
+    def advance(self, now_ns: int) -> list[Verdict]:
+        """Time has passed: what can no longer change is settled, what is overdue is said.
+
+        Args:
+            now_ns: on the clock of ``Observation.received_ns``.
+        """
+        settled = now_ns - self.bounds.latency
+        if settled <= self._finished:
+            return []
+        verdicts: list[Verdict] = []
+        window = self._window
+        taken = 0
+        while taken < len(window) and window[taken].fact.stamp <= settled:
+            entry = window[taken]
+            taken += 1
+            if not entry.after and self._base is not None and entry.fact.role is not Role.MESSAGE:
+                del window[:taken]
+                self._finished = max(self._finished, entry.fact.stamp)
+                verdicts.append(self._violation(entry.fact))
+                self._replay(0)
+                taken = 0
+                continue
+            self._settle(entry)
+        del window[:taken]
+        self._finished = settled
+        if self._base is not None and self._next_due <= settled:
+            verdicts += self._time_passed(settled)
+        if self._asked:
+            verdicts += self._not_taken_up(settled)
+        if self._base is None and self._listening_since is not None:
+            verdicts += self._try_to_anchor(settled)
+        return verdicts
+
+    @property
+    def hypotheses(self) -> list[Hypothesis]:
+        """What the machine may be doing, as far as is known."""
+        if self._window:
+            return self._window[-1].after
+        return self._base or []
+
+    def states(self) -> list[str]:
+        """Names of the states in which the machine may be."""
+        program = self.search.programs[0]
+        found = {program.states[h.instances[0][0]].name for h in self.hypotheses}
+        return sorted(found)
+
+    # --- taking facts ------------------------------------------------------------------------------
+
+    def _is_next(self, observation: Observation) -> bool:
+        """Whether nothing before it on its channel from its source was lost."""
+        message = observation.kind is ObservationKind.MESSAGE
+        if observation.sequence < 0 or not (message or observation.source == self.node):
+            return True  # what others tell of their calls only adds to what the machine tells
+        place = (observation.source, observation.channel, message)
+        last = self._numbers.get(place)
+        if last is not None and observation.sequence <= last < observation.sequence + 1024:
+            # heard twice, or a node that was restarted (then its numbers begin anew)
+            return observation.sequence == 0 or observation.sequence <= last
+        self._numbers[place] = observation.sequence
+        return last is None or observation.sequence == last + 1
+
+    def _take(self, fact: Fact) -> list[Verdict]:
+        role = fact.role
+        if role is Role.ASKED:
+            asked = (fact.interface, *fact.call)
+            if self._taken_up.pop(asked, None) is None:
+                self._asked[asked] = fact
+            return []
+        if role is Role.OUTPUT or role is Role.STRANGE:
+            self.outputs += 1
+        elif role in (Role.MESSAGE, Role.INPUT):
+            self.inputs += 1
+        if fact.event is not None and fact.event[0] is EventKind.REQUEST:
+            self._note_taken_up(fact)
+        if fact.stamp <= self._finished and self._base is not None:
+            self.late += 1
+            return self._lose(
+                fact.stamp, f"an observation on {fact.observation.channel} came too late"
+            )
+        if self._listening_since is None:
+            self._listening_since = fact.stamp
+            if self._synchronised:
+                self._begin(fact.stamp)
+            else:
+                self.outcome = Outcome.INCONCLUSIVE
+                self._reason = "started in the middle: waiting for a moment that is certain"
+        if self._base is None:
+            self._remember(fact)
+            return []
+        if fact.stamp < self._droppable_until:
+            fact.droppable = True
+        window = self._window
+        place = len(window)
+        while place and window[place - 1].fact.stamp > fact.stamp:
+            place -= 1
+        window.insert(place, _Entry(fact))
+        return self._replay(place)
+
+    def _note_taken_up(self, fact: Fact) -> None:
+        """A request was received; who sent it may be heard before or after."""
+        place = (fact.interface, *fact.call)
+        if self._asked.pop(place, None) is None:
+            self._taken_up[place] = fact.stamp
+            if len(self._taken_up) > KEPT_CALLS:
+                del self._taken_up[next(iter(self._taken_up))]
+
+    def _begin(self, stamp: int) -> None:
+        self._listening_since = stamp
+        self._base = self.search.started(stamp)
+        self._base_last = 0
+        self.search.last = 0
+        self._note_due()
+
+    def _replay(self, place: int) -> list[Verdict]:
+        """Consider the window again from ``place``."""
+        window = self._window
+        try:
+            if place:
+                before, self.search.last = window[place - 1].after, window[place - 1].last
+            else:
+                before, self.search.last = self._base or [], self._base_last
+            for entry in window[place:]:
+                before = entry.after = self._after(before, entry.fact)
+                entry.last = self.search.last
+        except (TooManyError, TooOpenError) as error:
+            text = str(error) or "too many possibilities to follow"
+            return self._lose(window[place].fact.stamp, text)
+        return []
+
+    def _after(self, before: list[Hypothesis], fact: Fact) -> list[Hypothesis]:
+        """What can be so after ``fact``; empty if it cannot be."""
+        search, stamp = self.search, fact.stamp
+        if fact.role is Role.MESSAGE:
+            return [h.with_pending((*h.pending, fact)) for h in before]
+        if fact.role is Role.STRANGE:
+            return []
+        if fact.role is Role.RESULT and fact.output is None:
+            return before  # somebody asks for a result: between transports
+        if fact.role is Role.INPUT:
+            candidates = [
+                h
+                for h in search.reachable(before, stamp, stamp)
+                if all(owed.optional for owed in h.owed)
+            ]
+            found = search.take_input(candidates, fact)
+        else:
+            candidates = search.reachable(before, stamp, stamp - self.bounds.latency)
+            if fact.role is Role.OUTPUT:
+                found = search.take_output(candidates, fact)
+            elif fact.role is Role.STATUS:
+                found = search.take_status(candidates, fact)
+            else:
+                found = search.take_result(candidates, fact)
+        search.last = stamp
+        return found
+
+    def _settle(self, entry: _Entry) -> None:
+        """Nothing before ``entry`` can change any more."""
+        if self._base is None:
+            return
+        self._base, self._base_last = entry.after, entry.last
+        self._history.append(entry.fact)
+        self._note_due()
+        self._note_knowledge()
+
+    def _note_due(self) -> None:
+        due = FOREVER
+        for hypothesis in self._base or ():
+            due = min(due, self.search.next_due(hypothesis))
+        self._next_due = due
+
+    def _note_knowledge(self) -> None:
+        """Say so once it is known again what the machine does."""
+        if self.outcome is not Outcome.INCONCLUSIVE or not self._base:
+            return
+        states = {tuple(state for state, _ in h.instances) for h in self._base}
+        if len(states) == 1:
+            self.outcome, self._reason = Outcome.CONFORMING, ""
+
+    def _time_passed(self, settled: int) -> list[Verdict]:
+        """Inputs that must have been taken, outputs that should have come."""
+        search = self.search
+        base = self._base or []
+        last, search.last = search.last, self._base_last
+        try:
+            alive = [h for h in base if not self._owes_since(h, settled)]
+            grown = search.reachable(alive, settled, settled)
+            owing = [*(h for h in base if h.owed), *(h for h in grown if h.owed)]
+            grown = [
+                search.normalised(h, settled) for h in grown if not self._owes_since(h, settled)
+            ]
+        except (TooManyError, TooOpenError) as error:
+            return self._lose(settled, str(error) or "too many possibilities to follow")
+        finally:
+            search.last = last
+        if not grown and base:
+            return [self._overdue(settled, owing or base)]
+        self._base = grown
+        self._note_due()
+        self._replay(0)
+        return []
+
+    def _owes_since(self, hypothesis: Hypothesis, now: int) -> bool:
+        """Whether it owes an output whose deadline was before ``now``."""
+        owed = hypothesis.owed
+        return bool(owed) and not owed[0].optional and owed[0].high + self.bounds.deadline <= now
+
+    def _not_taken_up(self, settled: int) -> list[Verdict]:
+        """Requests that others sent and the machine's node never received."""
+        verdicts = []
+        limit = settled - self.bounds.deadline
+        for place, fact in tuple(self._asked.items()):
+            if fact.stamp > limit:
+                break
+            del self._asked[place]
+            if self._base is None or not self.inputs:
+                continue  # perhaps its end is not instrumented
+            observed = "nothing: the request was not taken up"
+            expected = (f"request {fact.call[1]} of {fact.call[0]} to be received",)
+            verdicts.append(self._say(fact.stamp, observed, expected, "unresponsive: "))
+        return verdicts
+
+    # --- verdicts ----------------------------------------------------------------------------------
+
+    def _violation(self, fact: Fact) -> Verdict:
+        """``fact`` cannot be: say so, and go on from what is still certain."""
+        before = self._base or []
+        self.search.last = self._base_last
+        explanation = explanation_of(self.search, before, fact, self._history)
+        verdict = self._verdict_of(fact.stamp, explanation)
+        self._history.append(fact)
+        self._recover(before, fact)
+        return verdict
+
+    def _overdue(self, settled: int, base: list[Hypothesis]) -> Verdict:
+        explanation = explanation_of(self.search, base, None, self._history)
+        verdict = self._verdict_of(settled, explanation, "unresponsive: ")
+        self._recover(base, None)
+        return verdict
+
+    def _recover(self, before: list[Hypothesis], fact: Fact | None) -> None:
+        """After a violation: as if what was owed had come, else from any state."""
+        search = self.search
+        stamp = self._finished if fact is None else fact.stamp
+        found: list[Hypothesis] = []
+        try:
+            if fact is not None and fact.role is Role.STRANGE:
+                found = before
+            elif fact is None or fact.role is Role.INPUT:
+                settled = [h.with_owed(()) for h in search.reachable(before, stamp, stamp)]
+                found = settled if fact is None else search.take_input(settled, fact)
+            if not found:
+                found = search.anything(stamp, self._unsettled(stamp))
+        except (TooManyError, TooOpenError):
+            self._forget(stamp)
+            return
+        self._base, self._base_last = found, stamp
+        self._note_due()
+
+    def _unsettled(self, stamp: int) -> tuple[Fact, ...]:
+        """Messages that may or may not have been taken by ``stamp``."""
+        kept = {id(f): f for h in self._base or () for f in h.pending}
+        facts = sorted(kept.values(), key=lambda f: f.stamp)
+        recent = [f for f in facts if f.stamp > stamp - self.bounds.latency]
+        for fact in recent:
+            fact.droppable = True
+        return tuple(recent)
+
+    def _say(
+        self, stamp: int, observed: str, expected: tuple[str, ...], prefix: str = ""
+    ) -> Verdict:
+        evidence = tuple(Evidence(f.stamp, told(f)) for f in self._history)
+        return self._verdict_of(stamp, Explanation(expected, observed, (), evidence), prefix)
+
+    def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
+        self.violations += 1
+        self.outcome = Outcome.VIOLATED
+        expected = " or ".join(explanation.expected) or "nothing"
+        self._reason = f"{prefix}expected {expected}, observed {explanation.observed}"
+        return Verdict(self.machine.name, self.node, self.outcome, stamp, self._reason, explanation)
+
+    # --- losing and finding the thread -------------------------------------------------------------
+
+    def _lose(self, stamp: int, text: str) -> list[Verdict]:
+        """Something is missing: nothing is said until the machine's doing is certain again."""
+        self._forget(stamp)
+        if self.outcome is Outcome.INCONCLUSIVE:
+            return []
+        self.outcome = Outcome.INCONCLUSIVE
+        self._reason = text
+        return [self.verdict(stamp)]
+
+    def _forget(self, stamp: int) -> None:
+        self._synchronised = False
+        self._base = None
+        self._window.clear()
+        self._asked.clear()
+        self._recent.clear()
+        self._listening_since = stamp
+        self._last_output = stamp
+
+    def _remember(self, fact: Fact) -> None:
+        """A fact from before the oracle knows anything."""
+        self._recent.append(fact)
+        while self._recent[0].stamp < fact.stamp - 4 * self.bounds.latency:
+            self._recent.popleft()
+
+    def _try_to_anchor(self, settled: int) -> list[Verdict]:
+        """Begin anew where the machine was certainly between two steps.
+
+        That is so when it takes an input (everything it owed is out by then), or when it has sent
+        nothing for as long as the latency bound. Messages from before the oracle listened have been
+        taken one latency bound later.
+        """
+        assert self._listening_since is not None
+        earliest = self._listening_since + self.bounds.latency
+        facts = sorted((f for f in self._recent if f.stamp <= settled), key=lambda f: f.stamp)
+        anchor = None
+        quiet_since = self._last_output
+        for fact in facts:
+            calm = fact.stamp - quiet_since > self.bounds.latency
+            if fact.stamp >= earliest and (fact.role is Role.INPUT or calm):
+                anchor = fact.stamp - 1
+                break
+            if fact.role in (Role.OUTPUT, Role.STATUS, Role.RESULT, Role.STRANGE):
+                quiet_since = self._last_output = fact.stamp
+        if anchor is None:
+            if settled < earliest or settled - quiet_since <= self.bounds.latency:
+                return []
+            anchor = settled
+        pending = [
+            f
+            for f in facts
+            if f.role is Role.MESSAGE and anchor - self.bounds.latency < f.stamp <= anchor
+        ]
+        for fact in pending:
+            fact.droppable = True
+        try:
+            self._base = self.search.anything(anchor, tuple(pending))
+        except TooManyError:
+            return []
+        self._base_last = self.search.last = anchor
+        self._note_due()
+        for fact in sorted(self._recent, key=lambda f: f.stamp):
+            if fact.stamp > anchor:
+                self._window.append(_Entry(fact))
+        self._recent.clear()
+        if self._window:
+            self._replay(0)
+        verdicts: list[Verdict] = []
+        while self._window and self._window[0].fact.stamp <= settled and self._base is not None:
+            entry = self._window.pop(0)
+            if not entry.after:
+                verdicts.append(self._violation(entry.fact))
+                self._replay(0)
+            else:
+                self._settle(entry)
+        return verdicts

@@ -1,0 +1,200 @@
+"""Values of which only a range is known: random draws, and data from before the oracle looked.
+
+A condition on such a value can go either way, and the oracle follows both (design, section 6:
+"random choice: every outcome"). Ranges are intervals; what interval arithmetic cannot express is
+``ANYTHING``, which over-approximates: it can hide a fault, never invent one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from m2c.runtime import ecmascript
+
+
+class Unknown:
+    """A number between ``low`` and ``high`` (both included), or anything at all.
+
+    Compared by identity: the same object is the same unknown value.
+    """
+
+    __slots__ = ("anything", "high", "integer", "low")
+
+    def __init__(
+        self,
+        low: float = -math.inf,
+        high: float = math.inf,
+        integer: bool = False,
+        anything: bool = False,
+    ) -> None:
+        self.low = low
+        self.high = high
+        self.integer = integer
+        self.anything = anything
+
+    def __repr__(self) -> str:
+        if self.anything:
+            return "?"
+        return f"{self.low:g}…{self.high:g}"
+
+    def shape(self) -> tuple[Any, ...]:
+        """What two unknown values must share to be treated alike."""
+        return ("?", self.low, self.high, self.integer, self.anything)
+
+    def allows(self, value: Any) -> bool:
+        """Whether this value may turn out to be ``value``."""
+        if self.anything:
+            return True
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        whole = not self.integer or float(value).is_integer()
+        return self.low <= value <= self.high and whole
+
+
+def anything() -> Unknown:
+    """A fresh value of which nothing is known."""
+    return Unknown(anything=True)
+
+
+def is_unknown(value: Any) -> bool:
+    """Whether ``value`` is, or contains, something unknown."""
+    if isinstance(value, Unknown):
+        return True
+    if isinstance(value, list | tuple):
+        return any(is_unknown(item) for item in value)
+    if isinstance(value, dict):
+        return any(is_unknown(item) for item in value.values())
+    return False
+
+
+def _bounds(value: Any) -> tuple[float, float, bool] | None:
+    """Least, most, whole; None if ``value`` may be no number."""
+    if isinstance(value, Unknown):
+        return None if value.anything else (value.low, value.high, value.integer)
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:  # noqa: PLR0124
+        return None
+    return value, value, isinstance(value, int)
+
+
+def arithmetic(operator: str, exact: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """``exact``, extended to unknown operands."""
+
+    def operate(left: Any, right: Any) -> Any:
+        if left.__class__ is not Unknown and right.__class__ is not Unknown:
+            return exact(left, right)
+        first, second = _bounds(left), _bounds(right)
+        if first is None or second is None:
+            return anything()
+        whole = first[2] and second[2]
+        match operator:
+            case "+":
+                return Unknown(first[0] + second[0], first[1] + second[1], whole)
+            case "-":
+                return Unknown(first[0] - second[1], first[1] - second[0], whole)
+            case "*":
+                products = [a * b for a in first[:2] for b in second[:2]]
+                if any(product != product for product in products):  # noqa: PLR0124 - 0 * infinity
+                    return Unknown(integer=whole)
+                return Unknown(min(products), max(products), whole)
+            case "/" if second[0] == second[1] != 0:
+                quotients = [first[0] / second[0], first[1] / second[0]]
+                return Unknown(min(quotients), max(quotients))
+            case "%" if second[0] == second[1] and math.isfinite(second[0]) and second[0] != 0:
+                limit = abs(second[0])
+                most = limit - 1 if whole else limit
+                return Unknown(0 if first[0] >= 0 else -most, most if first[1] > 0 else 0, whole)
+            case _:
+                return anything()
+
+    return operate
+
+
+def negate(value: Any) -> Any:
+    """Unary minus."""
+    if value.__class__ is not Unknown:
+        return ecmascript.negate(value)
+    if value.anything:
+        return anything()
+    return Unknown(-value.high, -value.low, value.integer)
+
+
+def to_number(value: Any) -> Any:
+    """Unary plus."""
+    return value if value.__class__ is Unknown else ecmascript.to_number(value)
+
+
+def mathematics(name: str, exact: Callable[..., Any]) -> Callable[..., Any]:
+    """The function ``Math.<name>``, extended to unknown arguments."""
+    rounding: dict[str, Callable[[float], float]] = {
+        "floor": math.floor,
+        "ceil": math.ceil,
+        "trunc": math.trunc,
+    }
+
+    def rounded(number: float) -> float:
+        if not math.isfinite(number):
+            return number
+        return rounding[name](number) if name in rounding else math.floor(number + 0.5)
+
+    def call(*arguments: Any) -> Any:
+        if not any(argument.__class__ is Unknown for argument in arguments):
+            return exact(*arguments)
+        bounds = [_bounds(argument) for argument in arguments]
+        known = [bound for bound in bounds if bound is not None]
+        if len(known) < len(bounds) or not known:
+            return anything()
+        if name in ("floor", "ceil", "trunc", "round"):
+            low, high = rounded(known[0][0]), rounded(known[0][1])
+            if name == "floor" and known[0] == (0, 1, False):
+                high = 0  # a draw is below 1
+            return Unknown(low, high, True)
+        whole = all(bound[2] for bound in known)
+        if name == "min":
+            return Unknown(min(b[0] for b in known), min(b[1] for b in known), whole)
+        if name == "max":
+            return Unknown(max(b[0] for b in known), max(b[1] for b in known), whole)
+        if name == "abs":
+            low, high, _ = known[0]
+            least = 0 if low <= 0 <= high else min(abs(low), abs(high))
+            return Unknown(least, max(abs(low), abs(high)), whole)
+        return anything()
+
+    return call
+
+
+def draw() -> Unknown:
+    """``Math.random()``: 0 ≤ x < 1 (the upper bound counted in: a safe enlargement)."""
+    return Unknown(0.0, 1.0)
+
+
+def compare(operator: str, left: Any, right: Any) -> bool | None:
+    """``left operator right`` for ``< <= > >=``; None if it can go either way."""
+    first, second = _bounds(left), _bounds(right)
+    if first is None or second is None:
+        return None
+    if operator in (">", ">="):
+        first, second = second, first
+        operator = "<" if operator == ">" else "<="
+    if operator == "<":
+        if first[1] < second[0]:
+            return True
+        return False if first[0] >= second[1] else None
+    if first[1] <= second[0]:
+        return True
+    return False if first[0] > second[1] else None
+
+
+def narrowed(value: Unknown, operator: str, bound: float, holds: bool) -> Unknown:
+    """``value`` once ``value operator bound`` is known to hold, or not to hold."""
+    if not holds:
+        operator = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}[operator]
+    low, high = value.low, value.high
+    if operator in ("<", "<="):
+        most = math.ceil(bound) - 1 if value.integer and operator == "<" else bound
+        high = min(high, most)
+    else:
+        least = math.floor(bound) + 1 if value.integer and operator == ">" else bound
+        low = max(low, least)
+    return Unknown(low, high, value.integer)
