@@ -24,14 +24,23 @@ def policy_package(system: System, package: str) -> dict[str, str]:
         raise ModelError(log.diagnostics)
     used = sorted({leaf.plugin for leaf in policy.leaves if leaf.plugin})
     imports = "".join(
-        f"from {package}.plugins.{snake(name)}.node import {camel(name)}Node\n" for name in used
+        f"{line}\n"
+        for line in sorted(
+            [
+                "from m2c.policy.main import main",
+                *(
+                    f"from {package}.plugins.{snake(name)}.node import {camel(name)}Node"
+                    for name in used
+                ),
+            ]
+        )
     )
     entries = "".join(f'    "{name}": {camel(name)}Node,\n' for name in used)
     plugins = f"PLUGINS = {{\n{entries}}}\n\n" if used else ""
     main = (
         f'"""Runs the policy of ``{system.name}`` as a process."""\n\n'
         "from pathlib import Path\n\n"
-        f"{imports}from m2c.policy.main import main\n\n"
+        f"{imports}\n"
         f'{plugins}if __name__ == "__main__":\n'
         f"    main(Path(__file__).parent, {'PLUGINS' if used else '{}'})\n"
     )

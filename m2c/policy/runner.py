@@ -152,7 +152,9 @@ class PolicyRunner:
         return record
 
     def run(self, rate_hz: float, ticks: int | None = None) -> int:
-        """Tick at ``rate_hz`` until :meth:`stop` or for ``ticks`` ticks, then halt the tree.
+        """Tick at ``rate_hz`` until :meth:`stop`, for ``ticks`` ticks or until a tick raises.
+
+        However it ends, the tree is halted, so that no skill goes on without its policy.
 
         A tick that takes longer than the period delays the next one; no tick is made up for.
 
@@ -161,15 +163,17 @@ class PolicyRunner:
         """
         period_ns = round(1e9 / rate_hz)
         due = self._transport.now_ns()
-        while ticks is None or self._count < ticks:
-            self.tick()
-            due = max(due + period_ns, self._transport.now_ns())
-            if ticks is not None and self._count >= ticks:
-                break
-            remaining = (due - self._transport.now_ns()) / 1e9
-            if self._stopped.wait(max(remaining, 0.0)) is not None:
-                break
-        self._tree.halt_tree()
+        try:
+            while ticks is None or self._count < ticks:
+                self.tick()
+                due = max(due + period_ns, self._transport.now_ns())
+                if ticks is not None and self._count >= ticks:
+                    break
+                remaining = (due - self._transport.now_ns()) / 1e9
+                if self._stopped.wait(max(remaining, 0.0)) is not None:
+                    break
+        finally:
+            self._tree.halt_tree()
         return self._count
 
     def stop(self) -> None:

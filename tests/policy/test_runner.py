@@ -11,6 +11,7 @@ import pytest
 from m2c.model.datatypes import Primitive, Structure
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.runner import PolicyRunner
+from m2c.policy.ticking import PolicyError
 from transports.interface import CallOutcome, CallResult, TransportError
 
 REQUEST = Structure("t/srv/TickAction_Request", ())
@@ -157,6 +158,14 @@ def test_a_running_action_that_loses_its_turn_is_halted_by_its_halt_service() ->
 def test_the_tree_is_halted_after_its_last_tick() -> None:
     tree, transport = runner("<A/>", {"/A/tick": 2, "/A/halt": 0}, leaf("A", halt=True))
     assert tree.run(1.0, 1) == 1
+    assert transport.calls == ["/A/tick", "/A/halt"]
+
+
+def test_a_tree_that_cannot_go_on_is_halted() -> None:
+    body = '<Parallel success_count="2"><A/><Script code="m:=nothing*2"/></Parallel>'
+    tree, transport = runner(body, {"/A/tick": 2, "/A/halt": 0}, leaf("A", halt=True))
+    with pytest.raises(PolicyError, match="the tree cannot be ticked: .*nothing"):
+        tree.run(1.0)
     assert transport.calls == ["/A/tick", "/A/halt"]
 
 
