@@ -35,7 +35,7 @@ def check_interfaces(machine: Machine, log: DiagnosticLog) -> None:
     for interface in machine.interfaces:
         if (interface.kind, interface.name) not in used:
             shown = interface.channel or interface.name
-            what = f"the {interface.kind} {shown} is declared and never used"
+            what = f"the {interface.kind.noun} {shown} is declared and never used"
             hint = "use it, or remove the declaration"
             if interface.kind in _INPUTS:
                 _warn_unread(interface, log)
@@ -50,13 +50,14 @@ def check_interfaces(machine: Machine, log: DiagnosticLog) -> None:
             and Event(EventKind.RESPONSE, interface.name) not in events
         ):
             what = f"the client {interface.channel}: its responses are never read"
-            log.warning("unread-input", interface.position, "", what)
+            hint = "handle it with <ros_service_handle_response>"
+            log.warning("unread-input", interface.position, "", what, hint)
 
 
 def _warn_unread(interface: Interface, log: DiagnosticLog) -> None:
     reason = _INPUTS[interface.kind][1]
     shown = interface.channel or interface.name
-    what = f"the {interface.kind} {shown}: {reason}"
+    what = f"the {interface.kind.noun} {shown}: {reason}"
     log.warning(
         "unread-input", interface.position, "", what, "handle it, or remove the declaration"
     )

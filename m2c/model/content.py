@@ -60,12 +60,12 @@ class ContentReader:
                 return known.name
         other = next((known for known in self._interfaces if known.name == written), None)
         if other is not None:
-            what = f"`{written}` is declared as a {other.kind}, not as a {kind}"
+            what = f"`{written}` is declared as {_a(other.kind)}, not as {_a(kind)}"
             hint = "declare it with the matching element"
         else:
-            what = f"no {kind} called `{written}` is declared"
+            what = f"no {kind.noun} called `{written}` is declared"
             names = [known.name for known in same_kind]
-            hint = nearest(written, names) or f"declare a {kind} at the top of the machine"
+            hint = nearest(written, names) or f"declare {_a(kind)} at the top of the machine"
         self._log.error("undeclared-interface", element.at(attribute), element.tag, what, hint)
         return ""
 
@@ -263,3 +263,7 @@ class ContentReader:
             goal_id=self.expression_of(element, "goal_id", optional=True),
             thread_id=self.expression_of(element, "thread_id", optional=True),
         )
+
+
+def _a(kind: InterfaceKind) -> str:
+    return f"{'an' if kind.noun.startswith('a') else 'a'} {kind.noun}"

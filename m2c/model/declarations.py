@@ -100,7 +100,7 @@ class DeclarationReader:
                     "duplicate-interface",
                     interface.position,
                     "",
-                    f"a second {interface.kind} is called `{interface.name}`",
+                    f"a second {interface.kind.noun} is called `{interface.name}`",
                     f"the first is at {known.position}",
                 )
         self.interfaces.append(interface)

@@ -36,6 +36,11 @@ class InterfaceKind(StrEnum):
     ACTION_CLIENT = "action_client"
     TIMER = "timer"
 
+    @property
+    def noun(self) -> str:
+        """As messages say it: ``action client``."""
+        return self.value.replace("_", " ")
+
 
 class Interface(msgspec.Struct, frozen=True, kw_only=True):
     """One declared end of a channel (or a timer).

@@ -37,5 +37,6 @@ def _parse(text: str, library: InterfaceLibrary) -> DataType | str:
         try:
             return library.message(text)
         except KeyError as error:
-            return str(error.args[0])
+            near = str(error.args[0]).partition("; ")[2]
+            return near or "give the folder of its definition with --interfaces"
     return nearest(text, _PRIMITIVES)
