@@ -164,7 +164,7 @@ def test_the_tree_is_halted_after_its_last_tick() -> None:
 def test_a_tree_that_cannot_go_on_is_halted() -> None:
     body = '<Parallel success_count="2"><A/><Script code="m:=nothing*2"/></Parallel>'
     tree, transport = runner(body, {"/A/tick": 2, "/A/halt": 0}, leaf("A", halt=True))
-    with pytest.raises(PolicyError, match="the tree cannot be ticked: .*nothing"):
+    with pytest.raises(PolicyError, match=r"the tree cannot be ticked: .*nothing"):
         tree.run(1.0)
     assert transport.calls == ["/A/tick", "/A/halt"]
 
