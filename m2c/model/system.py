@@ -188,34 +188,35 @@ class _SystemReader:
 
     def _tree(self, element: Element) -> None:
         policies = self._inputs(element, ("bt.cpp-xml",), others=_PLUGIN_TYPES)
-        self._plugins += self._inputs(element, _PLUGIN_TYPES, others=("bt.cpp-xml",))
+        self._plugins += self._inputs(element, _PLUGIN_TYPES, others=None)  # reported above
         if len(policies) > 1:
             what = f"{len(policies)} behaviour trees"
             self._log.error("duplicate-policy", element.position, element.tag, what, "give one")
         self._policy = policies[0] if policies else self._policy
 
     def _inputs(
-        self, element: Element, types: Sequence[str], others: Sequence[str] = ()
+        self, element: Element, types: Sequence[str], others: Sequence[str] | None = ()
     ) -> list[Path]:
+        """The files of one of ``types``; ``others`` may stand there too (None: anything may)."""
         found = []
         for child in element.children:
             kind = child.get("type")
-            if child.tag != "input" or kind not in (*types, *others):
-                what = (
-                    f"not an element of <{element.tag}>"
-                    if child.tag != "input"
-                    else (f"unknown input type `{kind}`")
-                )
-                hint = nearest(kind, (*types, *others)) if child.tag == "input" else "use <input>"
-                if not others or kind not in others:
-                    self._log.error("unknown-tag", child.position, child.tag, what, hint)
-                continue
-            if kind in others:
+            if child.tag != "input" or kind not in types:
+                if others is not None and (child.tag != "input" or kind not in others):
+                    self._report_input(child, element.tag, (*types, *others))
                 continue
             path = resolve(self._path.parent, child.get("src"), child, self._log)
             if path is not None:
                 found.append(path)
         return found
+
+    def _report_input(self, child: Element, parent: str, types: Sequence[str]) -> None:
+        if child.tag != "input":
+            what, hint = f"not an element of <{parent}>", "use <input>"
+        else:
+            kind = child.get("type")
+            what, hint = f"unknown input type `{kind}`", nearest(kind, types)
+        self._log.error("unknown-tag", child.position, child.tag, what, hint)
 
 
 def resolve(folder: Path, source: str, element: Element, log: DiagnosticLog) -> Path | None:
@@ -273,9 +274,9 @@ def library_for(
     unique = list(dict.fromkeys(folder.resolve() for folder in folders))
     for folder in unique:
         if not folder.is_dir():
-            log.error(
-                "missing-file", Position(str(folder)), "", "this interface folder does not exist"
-            )
+            missing = "is not a folder" if folder.exists() else "does not exist"
+            what = f"this interface folder {missing}"
+            log.error("missing-file", Position(str(folder)), "", what)
     return InterfaceLibrary.load([folder for folder in unique if folder.is_dir()], log)
 
 

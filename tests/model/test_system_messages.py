@@ -1,0 +1,41 @@
+"""Faults of a system file: each is one message, with its place and what would be right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from m2c.model import DiagnosticLog, load
+
+MODEL = '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="A"><state id="a"/></scxml>'
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('<html/>', ['system.xml:1:1: error: <html>: neither a model nor a system file; the root of a system file is one of convince_mc_tc, roaml, specification [unknown-tag]']),
+        ('<roaml><nodes/></roaml>', ['system.xml:1:8: error: <nodes>: not an element of <roaml>; did you mean node_models? [unknown-tag]']),
+        ('<roaml><parameters><bt_tick_rate value="nan"/></parameters></roaml>', ['system.xml:1:41: error: <bt_tick_rate>: `nan` is not a rate; ticks a second, greater than 0 [bad-rate]']),
+        ('<roaml><node_models><input type="ros-scml" src="a.scxml"/></node_models></roaml>', ['system.xml:1:21: error: <input>: unknown input type `ros-scml`; did you mean ros-scxml? [unknown-tag]']),
+        ('<roaml><node_models><file/></node_models></roaml>', ['system.xml:1:21: error: <file>: not an element of <node_models>; use <input> [unknown-tag]']),
+        ('<roaml><node_models><input type="ros-scxml"/></node_models></roaml>', ['system.xml:1:21: error: <input>: the attribute `src` is missing [missing-attribute]']),
+        ('<roaml><node_models><input type="ros-scxml" src="b.scxml"/></node_models></roaml>', ['system.xml:1:50: error: <input>: b.scxml does not exist; did you mean a.scxml? [missing-file]']),
+        ('<roaml><behavior_tree><input type="bt-xml" src="b.xml"/></behavior_tree></roaml>', ['system.xml:1:23: error: <input>: unknown input type `bt-xml`; did you mean bt.cpp-xml? [unknown-tag]']),
+        ('<roaml><interfaces><input type="ros-interfaces" src="types"/></interfaces></roaml>', ['system.xml:1:54: error: <input>: types does not exist; known: a.scxml, system.xml [missing-file]']),
+        ('<roaml><interfaces><input type="ros-interfaces" src="a.scxml"/></interfaces></roaml>', ['a.scxml:0:0: error: this interface folder is not a folder [missing-file]']),
+        ('<roaml><node_models><input type="ros-scxml" src="."/></node_models></roaml>', ['.:0:0: error: cannot read the file: Is a directory [unreadable-file]']),
+        ('<roaml><node_models><input type="ros-scxml" src="a.scxml"/><input type="ros-scxml" src="a.scxml"/></node_models></roaml>', ['a.scxml:0:0: warning: this model is listed twice [duplicate-input]']),
+        ('<specification><model><skills><skill moc="fsm" path="b.scxml"/></skills></model></specification>', ['system.xml:1:54: error: <skill>: b.scxml does not exist; did you mean a.scxml? [missing-file]']),
+    ],
+)  # fmt: skip
+def test_a_fault_of_a_system_file_is_reported_once(
+    tmp_path: Path, text: str, expected: list[str]
+) -> None:
+    (tmp_path / "a.scxml").write_text(MODEL)
+    path = tmp_path / "system.xml"
+    path.write_text(text)
+    log = DiagnosticLog()
+    load([path], log)
+    found = [str(item).replace(f"{tmp_path}/", "") for item in log.diagnostics]
+    assert [item.replace(str(tmp_path), ".") for item in found] == expected
