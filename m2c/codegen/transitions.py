@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 from m2c.codegen.context import MachineContext
 from m2c.codegen.layout import INDENT, indent
-from m2c.codegen.ports import EventPort
+from m2c.codegen.ports import EventPort, statements_of
 from m2c.codegen.statements import StatementWriter
 from m2c.model.datatypes import DataType
-from m2c.model.machine import Event, EventKind, State, Target, Transition
+from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
 from m2c.model.scopes import event_parts
 
 MAX_EVENTLESS_STEPS = 1000
@@ -60,7 +62,7 @@ class TransitionWriter:
         tests: list[str] = []
         event = transition.event
         if event is not None and port is None:
-            tests.append(_event_test(event))
+            tests.append(_event_test(event, self._event_names()))
         if transition.cond is not None:
             test = compiler.condition(transition.cond)
             if compiler.may_fail:
@@ -94,6 +96,13 @@ class TransitionWriter:
             if not transition.targets:
                 lines += self.settle_call(state)
         return [*lines, "return"]
+
+    def _event_names(self) -> Set[str]:
+        """Names of the events that the machine can send to itself, errors included."""
+        sent = {
+            item.event for item in statements_of(self._context.machine) if isinstance(item, Raise)
+        }
+        return sent | {"error.execution"}
 
     def _choice(
         self, state: State, targets: tuple[Target, ...], parts: dict[str, DataType], data_name: str
@@ -206,16 +215,16 @@ class TransitionWriter:
         return ["", f"{INDENT}def _leave_{name}(self) -> None:", *indent(body, 2)]
 
 
-def _event_test(event: Event) -> str:
+def _event_test(event: Event, names: Set[str]) -> str:
+    """The condition under which one of the events ``names`` is ``event``."""
     if event.kind is EventKind.AFTER:
         return f'delay == "{event.name}"'
     name = event.name
     if name == "*":
         return "True"
     prefix = name.removesuffix("*").removesuffix(".")
-    return (
-        f'matches(name, "{prefix}")' if "." in prefix or name.endswith("*") else f'name == "{name}"'
-    )
+    longer = any(other.startswith(f"{prefix}.") for other in names)
+    return f'matches(name, "{prefix}")' if longer or not prefix else f'name == "{prefix}"'
 
 
 def _continue_instead(line: str) -> str:

@@ -186,6 +186,20 @@ class Channels:
         """The name under which the channel of ``interface`` is known: one per channel and kind."""
         return self.aliases.get((kind, interface), interface)
 
+    def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
+        """Whether observations like this can mean anything to the machine."""
+        ports = self.ports.get(channel)
+        if source == self.node:
+            return True
+        if ports is None:
+            return False
+        if kind is ObservationKind.MESSAGE:
+            return any(
+                port.kind is InterfaceKind.SUBSCRIBER or port.part == "feedback" for port in ports
+            )
+        serves = any(port.kind is InterfaceKind.SERVER for port in ports)
+        return serves and kind is ObservationKind.REQUEST_SENT
+
     def facts(self, observation: Observation) -> list[Fact]:
         """What ``observation`` is to the machine: usually one fact or none."""
         ports = self.ports.get(observation.channel)

@@ -346,15 +346,14 @@ def _spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, .
 
 
 def _data_key(instances: tuple[tuple[int, tuple[Any, ...]], ...]) -> Any:
-    try:
-        hash(instances)
-    except TypeError:  # arrays, structures or unknown values in the data
-        return _numbered(instances)
     for _, data in instances:
         for value in data:
-            if value.__class__ is Unknown:
+            if value.__class__ not in _SCALARS:  # arrays, structures, unknown values
                 return _numbered(instances)
     return instances
+
+
+_SCALARS = frozenset({int, float, str, bool, type(None)})
 
 
 def _numbered(instances: tuple[tuple[int, tuple[Any, ...]], ...]) -> Any:
@@ -375,6 +374,8 @@ def _numbered(instances: tuple[tuple[int, tuple[Any, ...]], ...]) -> Any:
 
 def frozen(value: Any) -> Any:
     """``value`` as something that can be compared and hashed."""
+    if value.__class__ in _SCALARS:
+        return value
     if value.__class__ is dict:
         return tuple((name, frozen(item)) for name, item in value.items())
     if isinstance(value, list | tuple):

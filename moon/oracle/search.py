@@ -93,6 +93,7 @@ class Search:
             for interface in machine.interfaces
             if interface.kind is InterfaceKind.TIMER and interface.rate_hz > 0
         }
+        self._draws = any(program.draws for program in self.programs)
         self._timers = [
             (instance, (EventKind.TIMER, name), period)
             for instance, program in enumerate(self.programs)
@@ -172,7 +173,7 @@ class Search:
 
     # --- between fixed points ----------------------------------------------------------------------
 
-    def reachable(self, hypotheses: Iterable[Hypothesis], now: int, due: int) -> list[Hypothesis]:
+    def reachable(self, hypotheses: list[Hypothesis], now: int, due: int) -> list[Hypothesis]:
         """All that can be so just before ``now``.
 
         Args:
@@ -180,6 +181,8 @@ class Search:
             now: stamp of the next fixed point.
             due: what had to be taken by then has been taken.
         """
+        if all(self._is_still(hypothesis, now) for hypothesis in hypotheses):
+            return hypotheses
         known: dict[Any, Hypothesis] = {}
         todo = list(hypotheses)
         while todo:
@@ -202,6 +205,17 @@ class Search:
         if len(found) > self.bounds.hypotheses:
             raise TooManyError
         return found
+
+    def _is_still(self, hypothesis: Hypothesis, now: int) -> bool:
+        """Whether nothing can have been taken before ``now``."""
+        if hypothesis.owed and not hypothesis.owed[0].optional:
+            return True
+        if hypothesis.posted or hypothesis.pending:
+            return False
+        return all(
+            not (alarm.low <= now and self._matters(hypothesis, alarm))
+            for alarm in hypothesis.alarms
+        )
 
     def _moves(self, hypothesis: Hypothesis, now: int) -> Iterator[Hypothesis]:
         """What one more input, taken before ``now``, makes of ``hypothesis``."""
@@ -538,7 +552,7 @@ class Search:
         elif owed.kind in _ENDS:
             rest = self._end_seen(rest, owed, fact)
         found: dict[int, tuple[Unknown, Any]] = {}
-        if is_unknown(owed.data):
+        if (self._draws or rest.free) and is_unknown(owed.data):
             learned(owed.data, fact.data, found)
         if isinstance(owed.goal, Unknown) and fact.goal:
             known = _goal_called(rest, fact.goal, served=True)
@@ -644,9 +658,10 @@ class Search:
         event: EventKey,
         message: Any,
         parts: Mapping[str, Any],
-    ) -> Iterator[tuple[bool, Step]]:
+    ) -> Iterable[tuple[bool, Step]]:
         state, data = hypothesis.instances[instance]
-        return self.programs[instance].take(state, data, event, message, parts)
+        symbolic = self._draws or hypothesis.free
+        return self.programs[instance].take(state, data, event, message, parts, symbolic)
 
     def _absorb(
         self,

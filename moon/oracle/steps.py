@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from m2c.model.datatypes import Array, DataType, Structure
@@ -35,7 +35,7 @@ from m2c.model.scopes import event_parts, output_data_type
 from m2c.model.typing import Scope, type_of
 from m2c.runtime import ecmascript
 from moon.oracle.expressions import Closures, zero
-from moon.oracle.unknowns import Unknown, anything, is_unknown
+from moon.oracle.unknowns import Unknown, anything
 
 MAX_STEPS = 1000
 """Eventless transitions and internal events in one macrostep; more is an endless loop, which ends
@@ -200,6 +200,12 @@ class MachineProgram:
         self._symbolic = self._compile(symbolic=True)
         self.states = self._exact
         self.draws = "function='random'" in repr(machine)
+        """Whether values are drawn at random."""
+        self._chooses = any(
+            len(transition.targets) > 1
+            for state in machine.states
+            for transition in state.transitions
+        )
         self.assigned = frozenset(
             _root(item.location) for item in statements_of(machine) if isinstance(item, Assign)
         )
@@ -230,7 +236,7 @@ class MachineProgram:
 
     def start(self, data: tuple[Any, ...]) -> Iterator[tuple[bool, Step]]:
         """Enter the initial state: every outcome."""
-        return self._outcomes(self.initial, data, None, {}, None)
+        return self._outcomes(self.initial, data, None, {}, None, True)
 
     def take(
         self,
@@ -239,9 +245,17 @@ class MachineProgram:
         event: EventKey,
         message: Any,
         parts: Mapping[str, Any],
-    ) -> Iterator[tuple[bool, Step]]:
-        """Process ``event``: every outcome, as ``(whether a transition took it, the step)``."""
-        return self._outcomes(state, data, message, parts, event)
+        symbolic: bool = True,
+    ) -> Iterable[tuple[bool, Step]]:
+        """Process ``event``: every outcome, as ``(whether a transition took it, the step)``.
+
+        ``symbolic``: whether there may be unknown values; without any, there is one outcome
+        (unless the model chooses between targets).
+        """
+        if symbolic or self._chooses:
+            return self._outcomes(state, data, message, parts, event, symbolic)
+        step = Step(state, data, message, parts, None)
+        return ((self._deliver(step, self._exact, event), step),)
 
     def handles(self, state: int, event: EventKey) -> bool:
         """Whether ``state`` has a transition on ``event``."""
@@ -259,13 +273,8 @@ class MachineProgram:
         message: Any,
         parts: Mapping[str, Any],
         event: EventKey | None,
+        symbolic: bool,
     ) -> Iterator[tuple[bool, Step]]:
-        symbolic = (
-            self.draws
-            or is_unknown(data)
-            or is_unknown(message)
-            or bool(parts and is_unknown(tuple(parts.values())))
-        )
         states = self._symbolic if symbolic else self._exact
         tape: list[list[int]] = []
         for _ in range(MAX_OUTCOMES):

@@ -1,0 +1,1 @@
+"""Monitoring: oracles of a running system, their verdicts, and where those go."""

@@ -1,0 +1,84 @@
+"""The oracles of all machines of a system, each given what concerns it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import Machine
+from moon.oracle.oracle import Oracle
+from moon.oracle.search import Bounds
+from moon.verdict import Verdict
+from transports.interface import Observation, ObservationKind
+
+
+class ModelMonitor:
+    """Checks the nodes of one system against their models.
+
+    Args:
+        machines: the models; each runs on a node of its name.
+        library: their message types.
+        bounds: what is assumed of the middleware.
+        synchronised: whether the nodes are known to start after the monitor (else they are found in
+            the middle of a run).
+    """
+
+    def __init__(
+        self,
+        machines: Iterable[Machine],
+        library: InterfaceLibrary,
+        bounds: Bounds | None = None,
+        synchronised: bool = True,
+    ) -> None:
+        self.bounds = bounds or Bounds()
+        self.oracles = {
+            machine.name: Oracle(machine, library, machine.name, self.bounds, synchronised)
+            for machine in machines
+        }
+        self.unconcerned = 0
+        """Observations that concern no monitored machine."""
+        by_channel: dict[str, list[Oracle]] = {}
+        for oracle in self.oracles.values():
+            for channel in oracle.channels.ports:
+                by_channel.setdefault(channel, []).append(oracle)
+        self._by_channel = {channel: tuple(found) for channel, found in by_channel.items()}
+        self._targets: dict[tuple[str, str, ObservationKind], Sequence[Oracle]] = {}
+
+    def feed(self, observation: Observation) -> list[Verdict]:
+        """Take one observation; the verdicts it brings about."""
+        place = (observation.channel, observation.source, observation.kind)
+        targets = self._targets.get(place)
+        if targets is None:
+            targets = self._targets[place] = self._find_targets(*place)
+        if not targets:
+            self.unconcerned += 1
+            return []
+        if len(targets) == 1:
+            return targets[0].feed(observation)
+        return [verdict for oracle in targets for verdict in oracle.feed(observation)]
+
+    def _find_targets(self, channel: str, source: str, kind: ObservationKind) -> Sequence[Oracle]:
+        if len(self._targets) > _KEPT_TARGETS:
+            self._targets.clear()  # names come from the wire: there is no end of them
+        found = [
+            oracle
+            for oracle in self._by_channel.get(channel, ())
+            if oracle.channels.concerns(channel, source, kind)
+        ]
+        own = self.oracles.get(source)
+        if own is not None and own not in found:
+            found.append(own)
+        return tuple(found)
+
+    def advance(self, now_ns: int) -> list[Verdict]:
+        """Time has passed (ns, on the clock of ``Observation.received_ns``)."""
+        return [verdict for oracle in self.oracles.values() for verdict in oracle.advance(now_ns)]
+
+    def node_started(self, node: str, stamp_ns: int) -> None:
+        """``node`` has just come up: its machine is in its initial state."""
+        oracle = self.oracles.get(node)
+        if oracle is not None:
+            oracle.start(stamp_ns)
+
+
+_KEPT_TARGETS = 65_536
