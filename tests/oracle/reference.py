@@ -2,25 +2,26 @@
 
 What is asked is whether the machine *can* have done what was heard (design, section 6):
 
-* The machine takes inputs one at a time, and each take is a run to completion. The **inputs** are
-  the messages on topics it subscribes to, the requests it received, the responses (or errors) it
-  received, and the ticks of its timers.
-* An input is taken at one moment. What the machine heard with its own ears (requests and responses)
-  is taken when it is stamped; a message is taken at its stamp or up to ``latency_ns`` later; tick
-  ``k`` of a timer at ``start_ns + k * period``, give or take ``tolerance_ns``. An order of takes is
-  possible if such moments exist in that order: no input comes after one that it must precede.
+* The **inputs** of a machine are the messages on topics it subscribes to, the requests it received,
+  the responses (or errors) it received, and the ticks of its timers. It takes them one at a time;
+  each take is a run to completion, which owes outputs in order.
+* The **outputs** are what it published, called and answered itself. The n-th output heard is the
+  n-th one owed: same kind, channel and data. The outputs of one take are out before the next input
+  is taken; a machine that still owes something takes nothing.
+* Every take happens at one moment, and the moments go forward. What the machine heard with its own
+  ears (requests, responses) is taken when it is stamped. A message is taken at its stamp or up to
+  ``latency_ns`` later; tick ``k`` of a timer at ``start_ns + k * period``, give or take
+  ``tolerance_ns``; but a machine that was busy then, owing outputs, takes them as soon as these are
+  out. Whatever had to be taken before the moment of judging, ``end_ns``, has been taken.
+* An output is heard after the moment of its take, and no later than ``deadline_ns`` after it; one
+  that is never heard is not overdue at ``end_ns``.
 * Messages of one channel and source are taken in the order of their stamps; so is all that the
   machine heard with its own ears, whatever the channel.
-* Inputs whose last moment is before ``end_ns`` have been taken. Later ones may have been.
-* Each take owes outputs, in order. The **outputs** are what the machine itself published, called
-  and answered. The n-th output heard is the n-th one owed: same kind, channel and data.
-* An output stamped ``t`` is owed by a take all of whose predecessors, and itself, are stamped
-  before ``t``. It is heard no later than ``deadline_ns`` after the stamp of the input that it is
-  owed to; one that is not heard is not overdue at ``end_ns``.
 * Where chance decides, every outcome is possible.
 
 Fields that the model does not set are zero. Channels are reliable. Nothing is cut short: all orders,
-all choices. Read it with the theory at hand; it is slow on purpose.
+all choices; for each order the earliest moments, as nothing becomes possible by waiting. It is slow
+on purpose.
 """
 
 from __future__ import annotations
@@ -36,6 +37,9 @@ from tests.oracle.steps import Call, Configuration, Output, Stepper
 from transports.interface import Observation, ObservationKind
 
 SECOND_NS = 1_000_000_000
+
+OWN_EARS = "own ears"
+"""The line of what the machine heard itself: it stamps these when it takes them."""
 
 _SENT_AS = {
     OutputKind.PUBLISH: ObservationKind.MESSAGE,
@@ -54,14 +58,6 @@ class Input(msgspec.Struct, frozen=True, eq=False):
     number: int
     earliest_ns: int
     latest_ns: int
-
-
-class Owed(msgspec.Struct, frozen=True):
-    """An output that must be heard after ``after_ns`` and no later than ``due_ns``."""
-
-    output: Output
-    after_ns: int
-    due_ns: int
 
 
 def conforms(
@@ -95,58 +91,68 @@ def conforms(
     inputs = inputs_of(machine, ordered, latency_ns, end_ns, start_ns, tolerance_ns)
     heard = outputs_of(machine, ordered)
 
-    def fits(owed: Sequence[Owed]) -> bool:
-        """Whether what is owed so far agrees with what was heard."""
-        for index, item in enumerate(owed):
-            if index >= len(heard):
-                if item.due_ns < end_ns:
-                    return False
-            elif not (
-                is_output(item.output, heard[index], check_calls)
-                and item.after_ns < heard[index].stamp_ns <= item.due_ns
-            ):
-                return False
-        return True
+    seen: set[tuple[Any, ...]] = set()
 
-    seen: set[tuple[str, frozenset[Input], int]] = set()
+    def possible(
+        at: Configuration, taken: frozenset[Input], clock_ns: int, free_ns: int, count: int
+    ) -> bool:
+        """Whether the machine can go on from here so that all that was heard is explained.
 
-    def possible(at: Configuration, taken: frozenset[Input], owed: tuple[Owed, ...]) -> bool:
-        if not fits(owed):
-            return False
-        here = (repr(at), taken, len(owed))  # what follows depends on nothing else
+        Args:
+            at: the stable machine.
+            taken: inputs taken so far.
+            clock_ns: the moment of the last take, or of its last output.
+            free_ns: the last output so far: the machine was busy until then.
+            count: outputs heard so far.
+        """
+        here = (repr(at), taken, clock_ns, free_ns, count)
         if here in seen:
             return False
         seen.add(here)
         left = [item for item in inputs if item not in taken]
-        if len(owed) >= len(heard) and all(item.latest_ns >= end_ns for item in left):
+        if count == len(heard) and all(item.latest_ns >= end_ns for item in left):
             return True
         for item in left:
-            if any(precedes(other, item) for other in left):
+            if any(other.line == item.line and other.number < item.number for other in left):
                 continue
-            now = frozenset({*taken, item})
-            after_ns = max(other.earliest_ns for other in now)
-            due_ns = item.earliest_ns + deadline_ns
+            moment_ns = max(clock_ns, item.earliest_ns)
+            if item.line == OWN_EARS and moment_ns > item.latest_ns:
+                continue
+            was_busy = moment_ns == free_ns
+            if not was_busy and any(other.latest_ns < moment_ns for other in left):
+                continue
             for then, sent in stepper.take(at, item.event, item.data, item.call):
-                more = tuple(Owed(output, after_ns, due_ns) for output in sent)
-                if possible(then, now, owed + more):
+                if explained(then, frozenset({*taken, item}), moment_ns, free_ns, count, sent):
                     return True
         return False
 
+    def explained(
+        at: Configuration,
+        taken: frozenset[Input],
+        moment_ns: int,
+        free_ns: int,
+        count: int,
+        sent: tuple[Output, ...],
+    ) -> bool:
+        """Whether a take at ``moment_ns`` that sends ``sent``, and all after it, is possible."""
+        clock_ns = moment_ns
+        for output in sent:
+            if count == len(heard):  # still owed: nothing else is taken
+                overdue = moment_ns + deadline_ns < end_ns
+                return not overdue and all(
+                    item in taken or item.line != OWN_EARS for item in inputs
+                )
+            stamp_ns = heard[count].stamp_ns
+            in_time = moment_ns < stamp_ns <= moment_ns + deadline_ns
+            if not in_time or not is_output(output, heard[count], check_calls):
+                return False
+            clock_ns = free_ns = stamp_ns
+            count += 1
+        return possible(at, taken, clock_ns, free_ns, count)
+
     return any(
-        possible(
-            at,
-            frozenset(),
-            tuple(Owed(output, start_ns - 1, start_ns + deadline_ns) for output in sent),
-        )
-        for at, sent in stepper.start()
+        explained(at, frozenset(), start_ns, start_ns - 1, 0, sent) for at, sent in stepper.start()
     )
-
-
-def precedes(first: Input, second: Input) -> bool:
-    """Whether ``first`` is certainly taken before ``second``."""
-    if first.line == second.line:
-        return first.number < second.number
-    return first.latest_ns < second.earliest_ns
 
 
 def inputs_of(
@@ -169,7 +175,7 @@ def inputs_of(
                 event=event,
                 data=item.data,
                 call=Call(item.client, item.call) if event.kind is EventKind.REQUEST else None,
-                line="own" if own else f"message {item.channel} {item.source}",
+                line=OWN_EARS if own else f"message {item.channel} {item.source}",
                 number=number,
                 earliest_ns=item.stamp_ns,
                 latest_ns=item.stamp_ns if own else item.stamp_ns + latency_ns,

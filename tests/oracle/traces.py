@@ -324,7 +324,7 @@ def _altered(item: Observation, draw: Random) -> Observation:
 def _moved(heard: list[Observation], index: int, end_ns: int, draw: Random) -> list[Observation]:
     latest_ns = min(end_ns - 1, LAST_STAMP_NS)
     shift_ns = draw.choice((-260, -150, -30, -2, 2, 30, 150, 260)) * MS + draw.randint(1, 90)
-    stamp_ns = min(max(heard[index].stamp_ns + shift_ns, 1), latest_ns)
+    stamp_ns = min(max(heard[index].stamp_ns + shift_ns, MS), latest_ns)
     taken = {item.stamp_ns for item in heard}
     while stamp_ns in taken:
         stamp_ns -= 1
