@@ -347,6 +347,14 @@ class Transport(Protocol):
         """``handler(name, up)`` whenever a node announces itself or goes away."""
         ...
 
+    def up_since(self, name: str) -> int:
+        """When ``name`` began to connect: ns since the epoch, on its clock; 0 if that is not known.
+
+        Known from when ``watch_nodes`` has told that it is up. A node that is heard of late (its
+        link came up late, or again) began before; one that was restarted began anew.
+        """
+        ...
+
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
         ...

@@ -145,6 +145,7 @@ class SimulatedTransport:
         self._announced = False
         self._watching: list[Callable[[str, bool], None]] = []
         self._free_ns = 0
+        self._since_ns = world.now_ns
         world.nodes[node] = self
 
     @property
@@ -277,6 +278,11 @@ class SimulatedTransport:
         for name, node in self.world.nodes.items():
             if node.is_announced:
                 self.post(functools.partial(handler, name, True))
+
+    def up_since(self, name: str) -> int:
+        """When ``name`` joined the world (ns); 0 if it is not up."""
+        node = self.world.nodes.get(name)
+        return node._since_ns if node is not None and node.is_announced else 0
 
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""

@@ -63,8 +63,10 @@ def watch(session: zenoh.Session, pattern: str, receive: Callable[[zenoh.Sample]
 class Nodes:
     """The nodes that are up, by name; a restarted node may be there twice for a moment."""
 
-    def __init__(self) -> None:
+    def __init__(self, since: dict[str, int] | None = None) -> None:
         self.sessions: dict[str, set[str]] = {}
+        self.since = {} if since is None else since
+        """When the newest session of each began to connect, as it says itself (ns)."""
 
     def update(self, token: Token) -> tuple[str, bool] | None:
         """Take a token of NODE_KEYS in; ``(name, up)`` if that changed who is up."""
@@ -74,9 +76,12 @@ class Nodes:
         sessions = self.sessions.setdefault(name, set())
         was_up = bool(sessions)
         (sessions.add if token.up else sessions.discard)(token.zid)
+        if token.up and len(token.rest) > 1 and token.rest[1].isdecimal():
+            self.since[name] = max(self.since.get(name, 0), int(token.rest[1]))
         is_up = bool(sessions)
         if not is_up:
             del self.sessions[name]
+            self.since.pop(name, None)
         return (name, is_up) if was_up != is_up else None
 
 
@@ -100,10 +105,16 @@ def wait_for_nodes(session: zenoh.Session, names: Iterable[str], timeout_s: floa
 
 
 def watch_nodes(
-    session: zenoh.Session, executor: Executor, handler: Callable[[str, bool], None]
+    session: zenoh.Session,
+    executor: Executor,
+    since: dict[str, int],
+    handler: Callable[[str, bool], None],
 ) -> Any:
-    """``handler(name, up)`` on the executor; returns what must be undeclared."""
-    nodes = Nodes()
+    """``handler(name, up)`` on the executor; returns what must be undeclared.
+
+    ``since`` is kept up to date: when each node that is up began to connect.
+    """
+    nodes = Nodes(since)
 
     def receive(sample: zenoh.Sample) -> None:
         if change := nodes.update(read_token(NODE_KEYS, sample)):
@@ -114,9 +125,15 @@ def watch_nodes(
 
 
 class Announcement:
-    """A node's own token, the list of nodes it hears, and a watch for its name taken twice."""
+    """A node's own token, the list of nodes it hears, and a watch for its name taken twice.
 
-    def __init__(self, session: zenoh.Session, executor: Executor, node: str) -> None:
+    The token says when the node began to connect (``since_ns``), so that who learns of it late, over
+    a link that came up late or again, does not take it for one that has just started.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, executor: Executor, node: str, since_ns: int
+    ) -> None:
         self._session = session
         self._node = node
         self._zid = str(session.info.zid())
@@ -126,13 +143,13 @@ class Announcement:
         put, receive = executor.put, self._receive
         self._watch = watch(session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample)))
         self._token = session.liveliness().declare_token(
-            f"{NODE_KEYS}/{self._zid}/{node_chunk(node)}"
+            f"{NODE_KEYS}/{self._zid}/{node_chunk(node)}/{since_ns}"
         )
 
     def _receive(self, sample: zenoh.Sample) -> None:
         token = read_token(NODE_KEYS, sample)
         change = self._nodes.update(token)
-        if token.up and token.zid != self._zid and token.rest == (node_chunk(self._node),):
+        if token.up and token.zid != self._zid and token.rest[0] == node_chunk(self._node):
             LOG.error("two nodes are named %s: this one and session %s", self._node, token.zid)
         if change is None:
             return

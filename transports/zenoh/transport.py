@@ -40,14 +40,17 @@ def connect(node: str, options: Mapping[str, str]) -> ZenohTransport:
     """
     if not node:
         raise TransportError("a node needs a name")
-    return ZenohTransport(node, open_session(options))
+    since_ns = time.time_ns()  # before: whoever listens by then is linked when the session is open
+    return ZenohTransport(node, open_session(options), since_ns)
 
 
 class ZenohTransport:
     """A node on Zenoh; see ``transports.interface.Transport`` for every method."""
 
-    def __init__(self, node: str, session: zenoh.Session) -> None:
+    def __init__(self, node: str, session: zenoh.Session, since_ns: int = 0) -> None:
         self._node = node
+        self._since_ns = since_ns
+        self._up_since: dict[str, int] = {}
         self._node_bytes = node.encode()
         self._session = session
         self._executor = Executor()
@@ -137,12 +140,20 @@ class ZenohTransport:
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """``handler(name, up)`` whenever a node announces itself or goes away."""
-        self._declared.append(presence.watch_nodes(self._session, self._executor, handler))
+        self._declared.append(
+            presence.watch_nodes(self._session, self._executor, self._up_since, handler)
+        )
+
+    def up_since(self, name: str) -> int:
+        """When ``name``, which is being watched, began to connect (ns); 0 if not known."""
+        return self._up_since.get(name, 0)
 
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
         if self._announcement is None:
-            self._announcement = presence.Announcement(self._session, self._executor, self._node)
+            self._announcement = presence.Announcement(
+                self._session, self._executor, self._node, self._since_ns
+            )
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Hear everything on channels that match one of the globs (empty: all), passively."""
