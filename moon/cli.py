@@ -8,6 +8,10 @@ from m2c.lazy_group import LazyGroup
 
 _COMMANDS = {
     "tap": ("moon.tap.command:tap", "Watch everything that happens, live and decoded."),
+    "check-properties": (
+        "moon.properties.command:check_properties",
+        "Check property files and say what each property means.",
+    ),
 }
 
 

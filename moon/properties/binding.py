@@ -137,8 +137,6 @@ def value_of(port: Port, data: Any) -> Any:
             value = value[name]
     except UNKNOWN_ERRORS as error:
         raise UnknownValue(f"there is no field `{'.'.join(port.path)}`") from error
-    if port.codes is not None:
-        return port.codes.get(value, value) if value.__hash__ is not None else value
     return value
 
 
@@ -207,6 +205,4 @@ def _values(states: Sequence[Port], number: dict[str, int], persistent: bool) ->
             continue
         fields = "".join(f"[{part!r}]" for part in port.path)
         lines.append(f"{name} = data{fields}")
-        if port.codes is not None:
-            lines.append(f"{name} = codes{number[port.name]}.get({name}, {name})")
     return lines

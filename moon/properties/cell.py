@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from moon.properties.binding import ANY_CHANNEL, Group, bind, handler_source, value_of
-from moon.properties.compiler import NEVER, compile_network, mode
+from moon.properties.compiler import BEGINNING, NEVER, compile_network, mode
 from moon.properties.doubt import Doubt, read_state, write_state
 from moon.properties.network import Network, build_network
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
@@ -86,9 +86,6 @@ class Cell:
             **{"UNKNOWN": UNKNOWN_ERRORS, "Unknown": UnknownAtom, "check": self.check},
             **{f"log{index[text]}": self._logs[text].append for text in used},
         }
-        for place, port in enumerate(binding.ports.values()):
-            if port.codes is not None:
-                environment[f"codes{place}"] = port.codes
         return compile_network(
             self._network,
             [index[text] for text in used if text in binding.events],
@@ -111,7 +108,7 @@ class Cell:
         """The instant that the network is at; -1 before it began."""
         if self._doubt is not None:
             return self._doubt_now
-        now: int = self._program.read()["now"]
+        now: int = self._program.clock()
         return now
 
     def next_deadline(self) -> int:
@@ -231,7 +228,7 @@ class Cell:
         for text, value in values.items():
             self._program.write({f"p{self._index[text]}": value})
             self._logs[text].append((stamp, value, None))
-        heappush(self._program.heap, (stamp, -1))
+        heappush(self._program.heap, (stamp, BEGINNING))
 
     def can_begin(self) -> bool:
         """Whether every state is known, so that time itself may begin."""
@@ -324,6 +321,8 @@ class Cell:
             heappush(self._program.heap, (now + 1, self._index[text]))
         self._doubt = None
         self._program.step(now)
+        # what was last reported came from the doubt
+        self.changed.extend(range(len(self.names)))
 
     # -- verdicts -----------------------------------------------------------------------------
 

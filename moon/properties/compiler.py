@@ -18,10 +18,12 @@ from typing import Any
 
 import msgspec
 
-from moon.properties.network import Network, Node
+from moon.properties.network import IN_STEPS, Network, Node
 
 NEVER = 1 << 70
 """Later than every stamp; sums with bounds stay later."""
+BEGINNING = -1
+"""The cause, on the heap, of the first step."""
 CONES_FROM = 60
 """Networks with more nodes get a function per cause of change, smaller ones one for all."""
 
@@ -35,6 +37,7 @@ _STATE = {
     "since_upper": ("c", "z", "l", "e"),
     "since_both": ("c", "z", "l", "s", "q"),
 }
+_STATE |= {f"{name}_steps": _STATE[name] for name in _STATE if name.startswith("since")}
 _INITIAL = {
     **{"c": "False", "z": "False", "v": "False", "e": "-1", "q": "deque()"},
     "l": str(NEVER),
@@ -50,6 +53,7 @@ class Program(msgspec.Struct, frozen=True):
         settle: ``settle(t)`` makes every change that is due up to ``t``, in order.
         before: ``before(t)`` makes those due before ``t``; true if something is due at ``t`` itself.
         handlers: the functions of ``extra``, by name.
+        clock: the instant that the network is at; -1 before the first.
         read: all variables by name.
         write: sets variables by name.
         values: ``values()`` are the roots' values.
@@ -62,6 +66,7 @@ class Program(msgspec.Struct, frozen=True):
     settle: Callable[[int], None]
     before: Callable[[int], bool]
     handlers: dict[str, Callable[..., Any]]
+    clock: Callable[[], int]
     read: Callable[[], dict[str, Any]]
     write: Callable[[dict[str, Any]], None]
     values: Callable[[], tuple[bool, ...]]
@@ -77,9 +82,10 @@ def mode(node: Node) -> str:
         if upper is None:
             return "lower" if lower else "ever"
         return "both" if lower else "upper"
+    steps = "_steps" if node.text == IN_STEPS else ""
     if upper is None:
-        return "since_lower" if lower else "since"
-    return "since_both" if lower else "since_upper"
+        return ("since_lower" if lower else "since") + steps
+    return ("since_both" if lower else "since_upper") + steps
 
 
 def state_names(index: int, node: Node) -> tuple[str, ...]:
@@ -164,7 +170,7 @@ class _Writer:
         parts += _TIME.splitlines()
         parts += [f"    {line}".rstrip() for line in extra.splitlines()]
         names = list(variables)
-        parts.append("    def read():")
+        parts += ["    def clock():", "        return now", "    def read():"]
         parts.append(f"        return {{{', '.join(f'{name!r}: {name}' for name in names)}}}")
         parts.append("    def write(values):")
         for start in range(0, len(names), 200):
@@ -176,7 +182,7 @@ class _Writer:
         handlers = [line[4 : line.index("(")] for line in extra.splitlines() if line[:4] == "def "]
         named = ", ".join(f"{name!r}: {name}" for name in handlers)
         parts.append(
-            f"    return Program(step, settle, before, {{{named}}}, read, write, values,"
+            f"    return Program(step, settle, before, {{{named}}}, clock, read, write, values,"
             " changed, heap, source)"
         )
         return "\n".join(parts) + "\n"
@@ -185,7 +191,7 @@ class _Writer:
         """``CAUSES``: what to run when a node is due alone; ``ENDS``: how a pulse ends."""
         lines: list[str] = []
         small = len(self._nodes) <= CONES_FROM
-        causes: dict[int, str] = {}
+        causes: dict[int, str] = {BEGINNING: "step"}
         for index, node in enumerate(self._nodes):
             if node.kind not in ("atom", "once", "since"):
                 continue
@@ -418,4 +424,38 @@ else:
     z# = <Q>
     v# = False
 """,
+}
+
+# In discrete time ``since`` has its usual meaning: an instant of the right side counts itself, whether
+# or not the left side holds there.
+_UPDATES |= {
+    "since_steps": _UPDATES["since"].replace("v# = h and s#", "v# = s#"),
+    "since_lower_steps": """
+if <P>:
+    if l# == <NEVER> and (z# or <Q>):
+        l# = t - 1 if z# else t
+        heappush(heap, (l# + <A>, #))
+    z# = False
+    v# = t >= l# + <A>
+else:
+    l# = <NEVER>
+    z# = <Q>
+    v# = False
+""",
+    "since_upper_steps": _UPDATES["since_upper"].replace("v# = False", "v# = z#"),
+    "since_both_steps": _UPDATES["since_both"]
+    .replace(
+        """            else:
+                s# = t + <A>
+""",
+        """            else:
+                s# = t - 1 + <A> if z# else t + <A>
+""",
+    )
+    .replace("z# and <A> < <B>", "z#")
+    .replace("q#.append((t + <A>, t + <B>))", "q#.append((t - 1 + <A>, t + <B>))")
+    .replace(
+        "heappush(heap, (t + <A>, #))\n        heappush(heap, (t + <B>",
+        "heappush(heap, (t - 1 + <A>, #))\n        heappush(heap, (t + <B>",
+    ),
 }

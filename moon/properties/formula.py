@@ -200,9 +200,11 @@ def bounds(interval: Interval, ticks_per_unit: int = TICKS_PER_SECOND) -> str:
 
 
 def number(ticks: int, ticks_per_unit: int = TICKS_PER_SECOND) -> str:
-    """``ticks`` in units, exactly: ``0.5``."""
+    """``ticks`` in units, exactly: ``0.5``; in nanoseconds where seconds would hide them: ``1ns``."""
     whole, rest = divmod(ticks, ticks_per_unit)
     if not rest:
         return str(whole)
+    if ticks_per_unit == TICKS_PER_SECOND and rest % 1000:
+        return f"{ticks}ns"
     digits = len(str(ticks_per_unit)) - 1
     return f"{whole}.{rest:0{digits}d}".rstrip("0")

@@ -37,7 +37,7 @@ class PropertySet:
         properties: what to monitor; names must differ.
 
     Raises:
-        ValueError: two properties have one name, or two ports of one name differ.
+        ValueError: two properties have one name.
         PredicateError: a predicate that cannot be evaluated.
     """
 
@@ -46,10 +46,7 @@ class PropertySet:
         names = [item.name for item in self.properties]
         if len(set(names)) != len(names):
             raise ValueError("two properties have the same name")
-        together: dict[frozenset[tuple[str, str]], list[Property]] = {}
-        for item in self.properties:
-            together.setdefault(_waits_for(item), []).append(item)
-        self._cells = [Cell(members, _ports(members)) for members in together.values()]
+        self._cells = [Cell(members, ports) for members, ports in _together(self.properties)]
         self._tables: dict[str, dict[ObservationKind, list[tuple[Cell, Any, Group]]]] = {}
         self._sealed = -1
 
@@ -216,14 +213,22 @@ class PropertyMonitor:
         return self._set.next_deadline()
 
 
-def _ports(properties: Sequence[Property]) -> list[Port]:
-    known: dict[str, Port] = {}
+def _together(properties: Sequence[Property]) -> list[tuple[list[Property], list[Port]]]:
+    """The properties that can share a network: they wait for the same states, and a name means the
+    same to all of them (two files may use one name for two things).
+    """
+    groups: list[tuple[frozenset[tuple[str, str]], list[Property], dict[str, Port]]] = []
     for item in properties:
-        for port in item.ports:
-            before = known.setdefault(port.name, port)
-            if _placeless(before) != _placeless(port):
-                raise ValueError(f"`{port.name}` means two things in these properties")
-    return list(known.values())
+        waits = _waits_for(item)
+        own = {port.name: _placeless(port) for port in item.ports}
+        for known_waits, members, ports in groups:
+            if known_waits == waits and all(ports.get(n, port) == port for n, port in own.items()):
+                members.append(item)
+                ports.update(own)
+                break
+        else:
+            groups.append((waits, [item], dict(own)))
+    return [(members, list(ports.values())) for _, members, ports in groups]
 
 
 def _placeless(port: Port) -> Port:

@@ -25,6 +25,9 @@ from moon.properties.formula import (
     Since,
 )
 
+IN_STEPS = "steps"
+"""The text of ``since`` nodes that have their usual meaning in discrete time."""
+
 Kind = OneOf["constant", "atom", "not", "and", "once", "since"]
 
 
@@ -35,7 +38,7 @@ class Node(msgspec.Struct, frozen=True):
     inputs: tuple[int, ...] = ()
     interval: Interval = Interval()
     text: str = ""
-    """Of an atom: the predicate's text; of a constant: ``true`` or ``false``."""
+    """Of an atom: the predicate's text; of a constant: ``true`` or ``false``; of ``since``: the rule."""
 
 
 class Network(msgspec.Struct, frozen=True):
@@ -58,15 +61,18 @@ class Network(msgspec.Struct, frozen=True):
         return sorted(reached)
 
 
-def build_network(formulas: Iterable[Formula], by_polarity: bool = False) -> Network:
+def build_network(
+    formulas: Iterable[Formula], by_polarity: bool = False, in_steps: bool = False
+) -> Network:
     """The network of ``formulas``.
 
     Args:
         formulas: one root each.
         by_polarity: split every atom ``p`` into ``+p`` where its truth helps the formula and ``-p``
             where it harms, so that an unknown value can be taken at its best and at its worst.
+        in_steps: time is discrete: ``since`` has its usual meaning.
     """
-    builder = NetworkBuilder(by_polarity)
+    builder = NetworkBuilder(by_polarity, in_steps)
     roots = tuple(builder.node(formula, True) for formula in formulas)
     return Network(tuple(builder.nodes), roots)
 
@@ -74,7 +80,8 @@ def build_network(formulas: Iterable[Formula], by_polarity: bool = False) -> Net
 class NetworkBuilder:
     """Adds nodes, equal ones once."""
 
-    def __init__(self, by_polarity: bool) -> None:
+    def __init__(self, by_polarity: bool, in_steps: bool = False) -> None:
+        self._since_text = IN_STEPS if in_steps else ""
         self.nodes: list[Node] = []
         self._index: dict[Node, int] = {}
         self._known: dict[tuple[int, bool], tuple[Formula, int]] = {}
@@ -122,7 +129,7 @@ class NetworkBuilder:
                 return self.negate(self.add(Node("once", (never,), interval)))
             case Since(left=left, right=right, interval=interval):
                 pair = (self.node(left, positive), self.node(right, positive))
-                return self.add(Node("since", pair, interval))
+                return self.add(Node("since", pair, interval, self._since_text))
 
     def negate(self, index: int) -> int:
         """The node that is true where ``index`` is not."""

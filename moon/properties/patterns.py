@@ -23,6 +23,7 @@ import msgspec
 from moon.properties.formula import (
     EVER,
     TRUE,
+    Constant,
     Formula,
     Historically,
     Interval,
@@ -144,10 +145,14 @@ def _check(pattern: Pattern) -> None:
         raise PatternError("the time bound ends before it begins")
     if pattern.name is PatternName.RECURRENCE and (upper is None or lower):
         raise PatternError("recurrence needs a time `within` which it recurs, and no `after`")
-    if pattern.name is PatternName.RESPONSE_CHAIN and lower:
-        raise PatternError("a response chain takes a time `within`, no `after`")
+    if pattern.name is PatternName.RESPONSE_CHAIN and (lower or upper == 0):
+        raise PatternError("a response chain takes a time `within` of more than 0, no `after`")
     if pattern.name is PatternName.BOUNDED_EXISTENCE and not 0 <= pattern.most <= MAX_OCCURRENCES:
         raise PatternError(f"at most 0 to {MAX_OCCURRENCES} occurrences can be counted")
+
+
+def _before(formula: Formula) -> Formula:
+    return formula if isinstance(formula, Constant) else just_before(formula)
 
 
 def just_before(formula: Formula) -> Formula:
@@ -220,11 +225,11 @@ class _Segment:
         if self._name is ScopeName.BETWEEN:
             assert self._end is not None
             at_end = disjunction(self.seen(at_once), at_end)
-            faults.append(conjunction(self._end, just_before(at_end)))
+            faults.append(conjunction(self._end, _before(at_end)))
         else:
             faults.append(at_once)
             if self._end is not None:
-                faults.append(conjunction(self._end, just_before(at_end)))
+                faults.append(conjunction(self._end, _before(at_end)))
         return Historically(negation(disjunction(*faults)))
 
     # -- the patterns -------------------------------------------------------------------------
@@ -268,10 +273,6 @@ class _Segment:
     def _bounded_existence(self, first: Formula, bound: Interval, most: int) -> Formula:
         present = conjunction(self.window(bound), first)
         rise = conjunction(present, negation(just_before(present)))
-        if self._name is not ScopeName.GLOBALLY and self._name is not ScopeName.BEFORE:
-            # one that goes on from the segment before is a new one in this segment
-            fresh = conjunction(self.inside, negation(just_before(self.inside)))
-            rise = conjunction(present, disjunction(negation(just_before(present)), fresh))
         count = self.seen(rise)
         for _ in range(most):
             count = self.seen(conjunction(rise, just_before(count)))

@@ -45,7 +45,6 @@ class Port(msgspec.Struct, frozen=True):
         event: true while it happens (one tick), false otherwise; else the last value, kept.
         condition: of an event: which messages count (over the variable ``data``).
         initial: of a state: the value before the first observation; UNSET: unknown until then.
-        codes: translation of wire values to the names that a file uses (goal status, result code).
         position: where it is declared.
     """
 
@@ -56,7 +55,6 @@ class Port(msgspec.Struct, frozen=True):
     event: bool = False
     condition: Expression | None = None
     initial: Any = msgspec.UNSET
-    codes: dict[Any, Any] | None = None
     position: Position = Position("")
 
 

@@ -41,6 +41,8 @@ MAX_LENGTH = 20_000
 MAX_DEPTH = 40
 """Operators inside each other: keeps every walk over the tree far from Python's recursion limit."""
 MAX_OPERATORS = 2_000
+MAX_PREDICATE_OPERATORS = 60
+"""Brackets, dots and operators in one predicate: every walk over it stays shallow."""
 
 _UNITS = {
     "": None,
@@ -131,6 +133,9 @@ def _pair(text: str, offset: int, resolve: Callable[[str, int], Formula | None] 
 
 
 def _expression(text: str, offset: int) -> Expression:
+    if sum(text.count(mark) for mark in "([{.&|=<>+-*/%!?~") > MAX_PREDICATE_OPERATORS:
+        message = f"a predicate has more than {MAX_PREDICATE_OPERATORS} operators"
+        raise FormulaError(message, offset, "split it with `and` and `or`")
     log = DiagnosticLog()
     found = parse_expression(text, Position("", 1, 1), "", log)
     if found is None:

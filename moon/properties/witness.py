@@ -211,23 +211,32 @@ class _Reasons:
                     self._held(formula, right, start, (first, end))
                     continue
                 begin = self._signals.start if high is None else first - high
-                blocked = start - 1 >= self._signals.start and start > begin
-                if blocked:
+                if start - 1 >= self._signals.start and start > begin:
                     self.collect(formula.left, False, [(start - 1, start)])
-                begin = max(begin, start - 1 if blocked else start, self._signals.start)
+                    begin = start
+                    # a right side that held as left began counts from that beginning on
+                    if start + low < end and (high is None or first < start + high):
+                        self.collect(formula.right, False, [(start - 1, start)])
+                begin = max(begin, start, self._signals.start)
                 if begin < end - low:
                     self.collect(formula.right, False, [(begin, end - low)])
 
     def _held(self, formula: Since, right: Signal, start: int, piece: tuple[int, int]) -> None:
-        """``right`` at one instant not long enough ago, ``left`` from then on."""
+        """``right`` at instants not too long ago, ``left`` from the first of them on."""
         low, high = formula.interval.lower, formula.interval.upper
-        usable = intersect(right, [(max(start - 1, self._signals.start), piece[1])])
-        instants = self._instants(usable, low, high, [piece])
+        usable = intersect(right, [(start, piece[1])])
+        shifted = [(first + low, piece[1] if high is None else end + high) for first, end in usable]
+        within = intersect([piece], union([], shifted))
+        before = _without([piece], within)
+        instants = self._instants(usable, low, high, within)
+        begin = piece[0]
         if instants:
             self.collect(formula.right, True, instants)
-            self.collect(formula.left, True, [(max(instants[0][0] + 1, start), piece[1])])
-            if instants[0][0] >= start:
-                self.collect(formula.left, True, [(instants[0][0], piece[1])])
+            begin = instants[0][0]
+        if before:
+            self.collect(formula.right, True, [(start - 1, start)])
+            begin = start
+        self.collect(formula.left, True, [(min(begin, piece[0]), piece[1])])
 
 
 def _without(signal: Signal, part: Signal) -> Signal:

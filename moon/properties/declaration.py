@@ -1,0 +1,165 @@
+"""What both kinds of property files share: names, their checks, and the finished property."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping
+
+from m2c.model.diagnostics import DiagnosticLog, Position
+from moon.properties.binding import bind
+from moon.properties.formula import Formula, Interval, predicates
+from moon.properties.meaning import (
+    formula_deadline,
+    formula_sentence,
+    pattern_sentence,
+)
+from moon.properties.patterns import Pattern, PatternError, deadline, pattern_formula
+from moon.properties.predicates import PredicateError, variables_of
+from moon.properties.property import Port, Property, PropertySeverity, Role
+from moon.properties.syntax import FormulaError, condition, parse_formula, ticks
+
+TIME_UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "m": 60 * 10**9, "h": 3600 * 10**9}
+
+Resolver = Callable[[str, int], Formula | None]
+
+
+class Names:
+    """The names that a file declares: ports and named predicates."""
+
+    def __init__(self) -> None:
+        self.ports: dict[str, Port] = {}
+        self.predicates: dict[str, Formula] = {}
+
+    def resolve(self, text: str, _offset: int) -> Formula | None:
+        """The named predicate ``text``, if it is one."""
+        return self.predicates.get(text)
+
+    def known(self, name: str) -> bool:
+        """Whether ``name`` is taken."""
+        return name in self.ports or name in self.predicates
+
+    def closest(self, name: str) -> str:
+        """A hint: the declared name that looks most like ``name``."""
+        found = difflib.get_close_matches(name, [*self.ports, *self.predicates], 1)
+        return f"did you mean `{found[0]}`?" if found else "declare it among the ports"
+
+
+def read_condition(
+    text: str, position: Position, element: str, names: Names, log: DiagnosticLog
+) -> Formula | None:
+    """The condition ``text`` (an expression over names); None after reporting what is wrong."""
+    try:
+        found = condition(text, 0, names.resolve)
+    except FormulaError as error:
+        _report(error, text, position, element, log)
+        return None
+    return found if names_known(found, position, element, names, log) else None
+
+
+def read_formula(
+    text: str, position: Position, element: str, names: Names, log: DiagnosticLog
+) -> Formula | None:
+    """The formula ``text``; None after reporting what is wrong."""
+    try:
+        found = parse_formula(text, resolve=names.resolve)
+    except FormulaError as error:
+        _report(error, text, position, element, log)
+        return None
+    return found if names_known(found, position, element, names, log) else None
+
+
+def _report(
+    error: FormulaError, text: str, position: Position, element: str, log: DiagnosticLog
+) -> None:
+    before = text[: error.offset]
+    lines = before.count("\n")
+    column = len(before) - before.rfind("\n") if lines else position.column + error.offset
+    at = Position(position.file, position.line + lines, column)
+    log.error("bad-formula", at, element, error.message, error.hint)
+
+
+def names_known(
+    formula: Formula, position: Position, element: str, names: Names, log: DiagnosticLog
+) -> bool:
+    """Whether every name in ``formula`` is declared and used as what it is; reports what is not."""
+    good = True
+    for atom in predicates(formula).values():
+        for name in variables_of(atom.expression):
+            if name not in names.ports:
+                what = f"`{name}` is not declared"
+                log.error("unknown-name", position, element, what, names.closest(name))
+                good = False
+    if good:
+        try:
+            bind([formula], names.ports.values())
+        except PredicateError as error:
+            log.error("bad-predicate", position, element, str(error))
+            good = False
+    return good
+
+
+def read_time(
+    text: str, unit: str, position: Position, element: str, log: DiagnosticLog
+) -> int | None:
+    """``text`` in ``unit`` as ticks of dense time; None after reporting what is wrong."""
+    if unit not in TIME_UNITS:
+        log.error(
+            "bad-time", position, element, f"`{unit}` is not a unit of time", "s, ms, us or ns"
+        )
+        return None
+    try:
+        return ticks(text, TIME_UNITS[unit])
+    except FormulaError as error:
+        log.error("bad-time", position, element, error.message, error.hint)
+        return None
+
+
+def finish(
+    name: str,
+    what: Pattern | Formula,
+    names: Names,
+    position: Position,
+    log: DiagnosticLog,
+    text: str = "",
+    severity: PropertySeverity = PropertySeverity.ERROR,
+    role: Role = Role.GUARANTEE,
+    instead: Formula | None = None,
+) -> Property | None:
+    """The property ``name``, from its pattern or formula; None after reporting what is wrong.
+
+    ``instead``: the formula to use for a pattern that a file's own dialect means differently.
+    """
+    if isinstance(what, Pattern):
+        try:
+            formula = pattern_formula(what) if instead is None else instead
+        except PatternError as error:
+            log.error("bad-pattern", position, "property", f"`{name}`: {error}")
+            return None
+        meaning, limit = pattern_sentence(what), deadline(what)
+    else:
+        formula, meaning, limit = what, formula_sentence(what), formula_deadline(what)
+    used = {
+        variable
+        for atom in predicates(formula).values()
+        for variable in variables_of(atom.expression)
+    }
+    ports = tuple(port for port in names.ports.values() if port.name in used)
+    return Property(name, formula, ports, text, severity, role, meaning, limit, position)
+
+
+def interval(lower: int | None, upper: int | None) -> Interval:
+    """The bound of times that were given."""
+    return Interval(lower or 0, upper)
+
+
+def unknown_keys(
+    given: Mapping[str, Position], allowed: set[str], element: str, log: DiagnosticLog
+) -> None:
+    """Report keys or attributes that mean nothing."""
+    for key, position in given.items():
+        if key not in allowed:
+            close = difflib.get_close_matches(key, sorted(allowed), 1)
+            hint = (
+                f"did you mean `{close[0]}`?" if close else f"it takes {', '.join(sorted(allowed))}"
+            )
+            log.error("unknown-key", position, element, f"`{key}` means nothing here", hint)

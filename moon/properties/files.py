@@ -1,0 +1,47 @@
+"""Property files of either kind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from m2c.model.diagnostics import DiagnosticLog, Position
+from moon.properties.property import Property
+
+
+def read_properties(path: Path, log: DiagnosticLog) -> list[Property]:
+    """The properties of the file at ``path`` (``.xml``, ``.yaml`` or ``.yml``).
+
+    Whatever is wrong goes to ``log``; a property with an error is left out.
+    """
+    match path.suffix.lower():
+        case ".xml":
+            from moon.properties.xml_file import read_property_xml
+
+            return read_property_xml(path, log)
+        case ".yaml" | ".yml":
+            from moon.properties.yaml_file import read_property_yaml
+
+            return read_property_yaml(path, log)
+        case suffix:
+            what = f"`{suffix}` is no kind of property file" if suffix else "the file has no suffix"
+            log.error("unreadable-file", Position(str(path)), "", what, ".xml, .yaml or .yml")
+            return []
+
+
+def load_properties(*paths: Path) -> list[Property]:
+    """The properties of all files at ``paths``.
+
+    Raises:
+        ModelError: with everything that is wrong in them.
+    """
+    log = DiagnosticLog()
+    found: dict[str, Property] = {}
+    for path in paths:
+        for item in read_properties(path, log):
+            if item.name in found:
+                first = found[item.name].position
+                what = f"`{item.name}` is declared twice"
+                log.error("bad-property-file", item.position, "", what, f"first at {first}")
+            found[item.name] = item
+    log.raise_if_errors()
+    return list(found.values())

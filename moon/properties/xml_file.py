@@ -1,0 +1,400 @@
+"""MOON's property files: ``properties/ports`` and ``properties/{assumes,guarantees}/property``.
+
+Read as MOON's generator reads them, and where it is silent or fails (scopes, patterns and bounds that
+it does not translate, ports other than topics) with the meaning that docs/properties.md gives.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.ecmascript import parse_expression
+from m2c.model.evaluate import evaluate
+from m2c.model.expressions import Expression
+from m2c.model.xml import Element, parse_xml, read_xml
+from moon.properties import channels
+from moon.properties.declaration import (
+    Names,
+    finish,
+    interval,
+    read_condition,
+    read_formula,
+    read_time,
+    unknown_keys,
+)
+from moon.properties.formula import (
+    Formula,
+    Historically,
+    Implies,
+    Interval,
+    Once,
+    negation,
+)
+from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
+from moon.properties.property import Port, Property, PropertySeverity, Role
+
+_PORT_NAMES = {
+    "ros_topic": "topic_name",
+    "ros_service": "service_name",
+    "ros_action": "action_name",
+}
+_TYPES = {
+    "bool": bool,
+    "boolean": bool,
+    "string": str,
+    **dict.fromkeys(("float", "double", "float32", "float64"), float),
+    **dict.fromkeys(("int", "byte", "char"), int),
+    **{f"{sign}int{bits}": int for sign in ("", "u") for bits in (8, 16, 32, 64)},
+}
+_SCOPES = {
+    **{name.value: name for name in ScopeName},
+    "after-until": ScopeName.AFTER_UNTIL,
+    "after until": ScopeName.AFTER_UNTIL,
+    "global": ScopeName.GLOBALLY,
+}
+_PATTERNS = {
+    **{name.value: name for name in PatternName},
+    **{name.value.replace("_", "-"): name for name in PatternName},
+    **{name.value.replace("_", " "): name for name in PatternName},
+}
+
+
+def read_property_xml(path: Path, log: DiagnosticLog) -> list[Property]:
+    """The properties of the file at ``path``; what is wrong goes to ``log``."""
+    root = read_xml(path, log)
+    return _File(log).read(root) if root is not None else []
+
+
+def parse_property_xml(content: bytes, file: str, log: DiagnosticLog) -> list[Property]:
+    """The properties of ``content``, which messages call ``file``."""
+    root = parse_xml(content, file, log)
+    return _File(log).read(root) if root is not None else []
+
+
+class _File:
+    def __init__(self, log: DiagnosticLog) -> None:
+        self._log = log
+        self._names = Names()
+
+    def _error(self, position: Position, element: Element, message: str, hint: str = "") -> None:
+        self._log.error("bad-property-file", position, element.tag, message, hint)
+
+    def read(self, root: Element) -> list[Property]:
+        if root.tag != "properties":
+            self._error(
+                root.position, root, "this is not a property file", "its root is <properties>"
+            )
+            return []
+        found: list[Property] = []
+        for child in sorted(root.children, key=lambda item: item.tag != "ports"):
+            if child.tag == "ports":
+                for port in child.children:
+                    self._port(port)
+            elif child.tag in ("assumes", "guarantees"):
+                role = Role.ASSUMPTION if child.tag == "assumes" else Role.GUARANTEE
+                found += self._properties(child, role, {item.name for item in found})
+            else:
+                self._error(
+                    child.position,
+                    child,
+                    "this element means nothing here",
+                    "<ports>, <assumes> and <guarantees> do",
+                )
+        if not any(child.tag in ("assumes", "guarantees") for child in root.children):
+            self._error(root.position, root, "no properties", "add <guarantees> or <assumes>")
+        return found
+
+    # -- ports --------------------------------------------------------------------------------
+
+    def _port(self, port: Element) -> None:
+        if port.tag == "clock":
+            self._log.note(
+                "clock-port",
+                port.position,
+                "clock",
+                "not needed: time comes from the stamps and timers",
+            )
+            return
+        if port.tag not in _PORT_NAMES:
+            self._error(
+                port.position,
+                port,
+                "this is not a port",
+                "ros_topic, ros_service, ros_action or clock",
+            )
+            return
+        key = _PORT_NAMES[port.tag]
+        name = port.get(key) or (port.get("topic") if port.tag == "ros_topic" else "")
+        unknown_keys(
+            {name: port.at(name) for name in port.attributes},
+            {key, "type", "event", "topic", "qos_reliability"}, port.tag, self._log,
+        )  # fmt: skip
+        if not name:
+            self._error(port.position, port, f"it has no {key}", f'{key}="/name"')
+            return
+        part = port.get("event") or ("goal" if port.tag == "ros_action" else "")
+        parts = {"ros_service": channels.SERVICE_PARTS, "ros_action": channels.ACTION_PARTS}.get(
+            port.tag
+        )
+        if parts is not None and part not in parts:
+            what = (
+                f'event="{part}" is none of its parts'
+                if part
+                else "which part is meant is not said"
+            )
+            self._error(port.at("event"), port, what, f"event is {' or '.join(parts)}")
+            return
+        for variable in port.children:
+            self._variable(port, name, part, variable)
+
+    def _variable(self, port: Element, channel: str, part: str, variable: Element) -> None:
+        name = variable.get("id")
+        if not name.isidentifier():
+            self._error(variable.at("id"), variable, f'id="{name}" is not a name')
+            return
+        if self._names.known(name):
+            self._error(variable.at("id"), variable, f"`{name}` is declared twice")
+            return
+        match port.tag:
+            case "ros_topic":
+                place = channels.topic_place(channel)
+            case "ros_service":
+                place = channels.service_place(channel, part)
+            case _:
+                place = channels.action_place(channel, part)
+        position = variable.position
+        match variable.tag:
+            case "state_var":
+                self._state(variable, name, place)
+                return
+            case "event_var":
+                made = Port(name, place[0], place[1], (), True, position=position)
+            case "goal_id" | "result_code" if port.tag == "ros_action":
+                where = (
+                    channels.goal_id_place
+                    if variable.tag == "goal_id"
+                    else channels.result_code_place
+                )
+                place = where(channel)
+                made = Port(name, *place, position=position)
+            case _:
+                self._error(
+                    position, variable, f"a <{port.tag}> has no such variable",
+                    "state_var and event_var; goal_id and result_code of an action",
+                )  # fmt: skip
+                return
+        self._names.ports[name] = made
+
+    def _state(self, variable: Element, name: str, place: channels.Place) -> None:
+        field = variable.get("field") or variable.get("param")
+        if not field or not all(part.isidentifier() for part in field.split(".")):
+            self._error(
+                variable.at("field"),
+                variable,
+                f'field="{field}" is not a field',
+                "field, or outer.inner",
+            )
+            return
+        path = (*place[2], *field.split("."))
+        initial: msgspec.UnsetType | bool | float | str = msgspec.UNSET
+        if "expr" in variable.attributes:
+            initial = self._initial(variable)
+        self._names.ports[name] = Port(
+            name, place[0], place[1], path, initial=initial, position=variable.position
+        )
+
+    def _initial(self, variable: Element) -> msgspec.UnsetType | bool | int | float | str:
+        before = len(self._log.diagnostics)
+        expression: Expression | None = parse_expression(
+            variable.get("expr"), variable.at("expr"), variable.tag, self._log
+        )
+        if expression is None:
+            return msgspec.UNSET
+        wanted = _TYPES.get(variable.get("type"))
+        try:
+            value = evaluate(expression, {}, {})
+        except Exception as error:
+            self._error(
+                variable.at("expr"), variable, f"the initial value is not a constant: {error}"
+            )
+            return msgspec.UNSET
+        if wanted is None and variable.get("type"):
+            self._error(
+                variable.at("type"), variable, f"`{variable.get('type')}` is not a type",
+                "bool, int8 to uint64, float32, float64 or string",
+            )  # fmt: skip
+        elif wanted is float and type(value) is int:
+            value = float(value)
+        elif wanted is not None and type(value) is not wanted:
+            self._error(
+                variable.at("expr"), variable,
+                f"the initial value {variable.get('expr')} is not of type {variable.get('type')}",
+            )  # fmt: skip
+        return value if len(self._log.diagnostics) == before else msgspec.UNSET
+
+    # -- properties ---------------------------------------------------------------------------
+
+    def _properties(self, parent: Element, role: Role, taken: set[str]) -> list[Property]:
+        found = []
+        for element in parent.children:
+            if element.tag != "property":
+                self._error(element.position, element, "only <property> stands here")
+                continue
+            name = element.get("id")
+            if not name or name in taken:
+                what = f"`{name}` is declared twice" if name else "the property has no id"
+                self._error(element.at("id"), element, what)
+                continue
+            made = self._property(element, name, role)
+            if made is not None:
+                taken.add(name)
+                found.append(made)
+        return found
+
+    def _property(self, element: Element, name: str, role: Role) -> Property | None:
+        unknown_keys(
+            {key: element.at(key) for key in element.attributes},
+            {"id", "pattern", "expr", "logic", "most", "severity", "text"}, "property", self._log,
+        )  # fmt: skip
+        severity = element.get("severity") or "error"
+        if severity not in list(PropertySeverity):
+            hint = ", ".join(PropertySeverity)
+            self._error(element.at("severity"), element, f"`{severity}` is not a severity", hint)
+            return None
+        what: Pattern | Formula | None
+        instead = None
+        if element.get("expr"):
+            what = read_formula(
+                element.attributes["expr"], element.at("expr"), "property", self._names, self._log
+            )
+        else:
+            what = self._pattern(element)
+            if what is not None:
+                instead = self._moons_own(element, what)
+        if what is None:
+            return None
+        return finish(
+            name, what, self._names, element.position, self._log,
+            element.get("text"), PropertySeverity(severity), role, instead,
+        )  # fmt: skip
+
+    def _pattern(self, element: Element) -> Pattern | None:
+        name = _PATTERNS.get(element.get("pattern"))
+        if name is None:
+            what = f'pattern="{element.get("pattern")}" is not a pattern'
+            self._error(element.at("pattern"), element, what, ", ".join(PatternName))
+            return None
+        events: list[Formula | None] = []
+        scope: Scope | None = Scope()
+        bound: Interval | None = Interval()
+        scoped = False
+        for child in element.children:
+            match child.tag:
+                case "event":
+                    events.append(self._event(child))
+                case "events":
+                    events += [self._event(item) for item in child.children]
+                case "scope" if not scoped:
+                    scope, scoped = self._scope(child), True
+                case "time_interval":
+                    bound = self._interval(child)
+                case _:
+                    self._error(
+                        child.position, child, "this element means nothing here",
+                        "event, events, scope and time_interval do, the last two once",
+                    )  # fmt: skip
+                    return None
+        most = element.get("most") or "2"
+        if not most.isdecimal() or len(most) > 3:
+            self._error(element.at("most"), element, f'most="{most}" is not a number')
+            return None
+        if scope is None or bound is None or any(event is None for event in events):
+            return None
+        kept = tuple(event for event in events if event is not None)
+        return Pattern(name, kept, scope, bound, int(most))
+
+    def _event(self, element: Element) -> Formula | None:
+        lead = element.text[: len(element.text) - len(element.text.lstrip())]
+        return read_condition(
+            element.text.strip(), _after(element, lead), element.tag, self._names, self._log
+        )
+
+    def _scope(self, element: Element) -> Scope | None:
+        name = _SCOPES.get(element.get("type"))
+        if name is None:
+            what = f'type="{element.get("type")}" is not a scope'
+            self._error(element.at("type"), element, what, ", ".join(ScopeName))
+            return None
+        allowed = {
+            ScopeName.GLOBALLY: (),
+            ScopeName.BEFORE: ("event",),
+            ScopeName.AFTER: ("event",),
+            ScopeName.BETWEEN: ("begin", "end"),
+            ScopeName.AFTER_UNTIL: ("begin", "end"),
+        }[name]
+        unknown_keys(
+            {key: element.at(key) for key in element.attributes if element.get(key)},
+            {"type", *allowed}, "scope", self._log,
+        )  # fmt: skip
+        delimiters = []
+        for key in allowed:
+            if not element.get(key):
+                self._error(element.position, element, f"a scope `{name}` needs {key}=")
+                return None
+            delimiters.append(
+                read_condition(element.get(key), element.at(key), "scope", self._names, self._log)
+            )
+        if any(delimiter is None for delimiter in delimiters):
+            return None
+        match name:
+            case ScopeName.GLOBALLY:
+                return Scope()
+            case ScopeName.BEFORE:
+                return Scope(name, None, delimiters[0])
+            case _:
+                return Scope(name, *delimiters)
+
+    def _interval(self, element: Element) -> Interval | None:
+        unknown_keys(
+            {key: element.at(key) for key in element.attributes},
+            {"time", "after", "within", "time_unit"}, "time_interval", self._log,
+        )  # fmt: skip
+        unit = element.get("time_unit")
+        times: dict[str, int | None] = {}
+        for key in ("time", "after", "within"):
+            if key in element.attributes:
+                found = read_time(element.get(key), unit, element.at(key), element.tag, self._log)
+                if found is None:
+                    return None
+                times[key] = found
+        if not times or ("time" in times and len(times) > 1):
+            self._error(
+                element.position, element, "which time is not clear", "time, or after and/or within"
+            )
+            return None
+        return interval(times.get("after"), times.get("time", times.get("within")))
+
+    def _moons_own(self, element: Element, pattern: Pattern) -> Formula | None:
+        """MOON's translation of ``time=`` for absence and universality: over the last ``time``."""
+        timed = any("time" in child.attributes for child in element.all("time_interval"))
+        if not timed or pattern.name not in (PatternName.ABSENCE, PatternName.UNIVERSALITY):
+            return None
+        if (
+            pattern.scope.name not in (ScopeName.GLOBALLY, ScopeName.AFTER)
+            or len(pattern.events) != 1
+        ):
+            return None
+        event = pattern.events[0]
+        asked = negation(event) if pattern.name is PatternName.ABSENCE else event
+        if pattern.scope.begin is not None:
+            asked = Implies(Once(pattern.scope.begin), asked)
+        return Historically(asked, pattern.bound)
+
+
+def _after(element: Element, lead: str) -> Position:
+    """Where an element's text begins, as exactly as the reader knows: on its own line."""
+    lines = lead.count("\n")
+    return Position(element.position.file, element.position.line + lines, element.position.column)

@@ -1,0 +1,125 @@
+"""A witness is enough: whatever else had been observed, with its facts the property is false."""
+
+from __future__ import annotations
+
+import random
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from moon.properties.formula import text
+from moon.properties.monitor import PropertyMonitor
+from moon.properties.property import REQUESTS, Port, Property
+from moon.properties.syntax import parse_formula
+from moon.properties.verdict import Status
+from tests.properties.differential import random_formula
+from tests.properties.direct import holds
+from tests.properties.runs import run, seen
+from transports.interface import ObservationKind
+
+SECOND = 10**9
+
+
+def explained(seed: int):
+    choice = random.Random(seed)
+    source = random_formula(choice, choice.randint(1, 3), longest=4)
+    source = source.replace("{n > 2}", "{p}").replace("{n <= 1}", "not {q}")
+    formula = parse_formula(source, ticks_per_unit=1)
+    trace = [{name: choice.random() < 0.5 for name in "pqr"} for _ in range(choice.randint(1, 12))]
+    return choice, formula, trace, run(formula, trace)
+
+
+@given(seed=st.integers(0, 2**40))
+@settings(max_examples=400, deadline=None)
+def test_every_trace_with_the_facts_of_a_witness_is_false_too(seed):
+    choice, formula, trace, verdicts = explained(seed)
+    for t, verdict in enumerate(verdicts):
+        if verdict.status is not Status.FALSE or verdict.since_ns != t:
+            continue
+        witness = verdict.witness
+        assert witness is not None
+        assert witness.complete
+        for _ in range(6):
+            other = [{name: choice.random() < 0.5 for name in "pqr"} for _ in trace]
+            for fact in witness.facts:
+                for tick in range(fact.start_ns, fact.end_ns + 1):
+                    other[tick][fact.predicate] = fact.value
+            assert not holds(formula, other, t), f"{text(formula, 1)} at {t}: {witness.facts}"
+
+
+@given(seed=st.integers(0, 2**40))
+@settings(max_examples=200, deadline=None)
+def test_the_facts_of_a_witness_are_what_was_observed(seed):
+    _, _, trace, verdicts = explained(seed)
+    for verdict in verdicts:
+        for fact in verdict.witness.facts if verdict.witness is not None else ():
+            for tick in range(fact.start_ns, fact.end_ns + 1):
+                assert trace[tick][fact.predicate] is fact.value
+            if fact.observation is not None:
+                assert fact.observation.stamp_ns <= fact.start_ns
+                assert fact.observation.data[fact.predicate] is fact.value
+
+
+ALARM = (
+    Port("level", "/battery", path=("data",)),
+    Port("alarm", "/Alarm/tick", REQUESTS, event=True),
+)
+
+
+def test_a_response_that_never_comes_is_false_at_its_deadline_and_names_the_request():
+    formula = parse_formula(
+        "historically(not((not {alarm}) since[5:] ({level < 30} and not {alarm})))"
+    )
+    monitor = PropertyMonitor(Property("P2", formula, ALARM))
+    monitor.observe(seen(0, "/battery", data=80))
+    low = seen(10 * SECOND, "/battery", data=29)
+    monitor.observe(low)
+    assert monitor.next_deadline() == 15 * SECOND
+    assert monitor.advance(15 * SECOND - 1).status is Status.TRUE
+    verdict = monitor.advance(15 * SECOND)
+    assert verdict.status is Status.FALSE
+    assert verdict.final
+    assert verdict.since_ns == 15 * SECOND
+    facts = {(fact.predicate, fact.value): fact for fact in verdict.witness.facts}
+    assert facts["level < 30", True].observation is low
+    assert facts["level < 30", True].end_ns == 10 * SECOND
+    assert (facts["alarm", False].start_ns, facts["alarm", False].end_ns) == (
+        10 * SECOND,
+        15 * SECOND,
+    )
+
+
+def test_a_response_at_its_very_deadline_is_in_time():
+    formula = parse_formula(
+        "historically(not((not {alarm}) since[5:] ({level < 30} and not {alarm})))"
+    )
+    monitor = PropertyMonitor(Property("P2", formula, ALARM))
+    monitor.observe(seen(0, "/battery", data=29))
+    verdict = monitor.observe(seen(5 * SECOND, "/Alarm/tick", kind=ObservationKind.REQUEST_SENT))
+    assert verdict.status is Status.TRUE
+
+
+def test_the_witness_of_an_absence_is_the_one_event():
+    formula = parse_formula("historically({alarm} -> once{level < 30})")
+    monitor = PropertyMonitor(Property("P1", formula, ALARM))
+    for t in range(5):
+        monitor.observe(seen(t * SECOND, "/battery", data=80 - t))
+    alarm = seen(5 * SECOND, "/Alarm/tick", kind=ObservationKind.REQUEST_RECEIVED)
+    verdict = monitor.observe(alarm)
+    assert [
+        (fact.predicate, fact.value, fact.observation)
+        for fact in verdict.witness.facts
+        if fact.value
+    ] == [("alarm", True, alarm)]
+
+
+def test_a_witness_whose_beginning_is_forgotten_says_so():
+    monitor = PropertyMonitor("{q} or not once({r} and {u})")
+    monitor.observe(seen(0, q=True, r=True, u=True))
+    monitor.observe(seen(1, u=False))
+    for t in range(2, 4000):
+        monitor.observe(seen(t, r=t % 2 == 1))
+    verdict = monitor.observe(seen(4000, q=False))
+    assert verdict.status is Status.FALSE
+    assert not verdict.witness.complete
+    assert {fact.predicate for fact in verdict.witness.facts} == {"q", "r", "u"}
