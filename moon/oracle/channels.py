@@ -38,6 +38,13 @@ _KEPT_CALLS = 512
 """Calls of an action's services of which the goal is remembered."""
 
 
+_SENDINGS = (
+    ObservationKind.MESSAGE,
+    ObservationKind.REQUEST_SENT,
+    ObservationKind.RESPONSE_SENT,
+)
+
+
 class Role(IntEnum):
     """What an observation is to the machine."""
 
@@ -233,7 +240,7 @@ class Channels:
             fact.goal = self._goals.get(place, "")
 
     def _is_strange(self, observation: Observation) -> bool:
-        if observation.kind not in (ObservationKind.MESSAGE, ObservationKind.REQUEST_SENT):
+        if observation.kind not in _SENDINGS:
             return False
         channel = observation.channel
         return not channel.startswith(MIDDLEWARE_CHANNELS) and not channel.endswith(

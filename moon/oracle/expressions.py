@@ -183,7 +183,7 @@ class Closures:
             return lambda step: exact(left(step), right(step))
         if operator in _SYMBOLIC:
             operate = _SYMBOLIC[operator]
-            return lambda step: operate(left(step), right(step))
+            return lambda step: operate(step.settled(left(step)), step.settled(right(step)))
 
         def related(step: Step) -> bool:
             first, second = left(step), right(step)

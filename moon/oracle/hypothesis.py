@@ -206,6 +206,7 @@ class Hypothesis:
         waiting: (interface, call) of requests not answered, in order.
         goals: goals served or sent, not forgotten.
         counts: how many goals each action interface has had: ((served, interface), number)…
+        moment: the last step was taken at this time at the earliest (ns).
         free: whether requests and goals from before the oracle looked may be under way.
     """
 
@@ -216,6 +217,7 @@ class Hypothesis:
         "free",
         "goals",
         "instances",
+        "moment",
         "owed",
         "pending",
         "posted",
@@ -233,6 +235,7 @@ class Hypothesis:
         goals: tuple[Goal, ...] = (),
         counts: tuple[tuple[tuple[bool, str], int], ...] = (),
         free: bool = False,
+        moment: int = 0,
     ) -> None:
         self.instances = instances
         self.owed = owed
@@ -243,6 +246,7 @@ class Hypothesis:
         self.goals = goals
         self.counts = counts
         self.free = free
+        self.moment = moment
         self._key: Any = None
 
     def key(self) -> Any:
@@ -278,6 +282,7 @@ class Hypothesis:
             self.goals,
             self.counts,
             self.free,
+            self.moment,
         )
 
     def with_owed(self, owed: tuple[Owed, ...]) -> Hypothesis:
@@ -292,6 +297,7 @@ class Hypothesis:
             self.goals,
             self.counts,
             self.free,
+            self.moment,
         )
 
     def with_alarms(self, alarms: tuple[Alarm, ...]) -> Hypothesis:
@@ -306,16 +312,19 @@ class Hypothesis:
             self.goals,
             self.counts,
             self.free,
+            self.moment,
         )
 
     def merged(self, other: Hypothesis) -> Hypothesis | None:
         """One hypothesis for both of one key: whichever times either allows. None: self has all."""
-        if not self.alarms and not self.posted and not self.owed:
+        sooner = other.moment < self.moment
+        if not sooner and not self.alarms and not self.posted and not self.owed:
             return None
         alarms = _spans(self.alarms, other.alarms)
         posted = _spans(self.posted, other.posted)
         owed = _spans(self.owed, other.owed)
-        if alarms is self.alarms and posted is self.posted and owed is self.owed:
+        same = alarms is self.alarms and posted is self.posted and owed is self.owed
+        if same and not sooner:
             return None
         return Hypothesis(
             self.instances,
@@ -327,6 +336,7 @@ class Hypothesis:
             self.goals,
             self.counts,
             self.free,
+            min(self.moment, other.moment),
         )
 
 
@@ -388,7 +398,7 @@ def frozen(value: Any) -> Any:
 def agree(expected: Any, observed: Any, kind: DataType | None) -> bool:
     """Whether ``observed`` is what was ``expected``; unknown parts agree with all they allow."""
     if expected == observed and expected.__class__ is not Unknown:
-        return True
+        return _same_kinds(expected, observed)
     if isinstance(expected, Unknown):
         return expected.allows(observed)
     match kind:
@@ -411,6 +421,21 @@ def agree(expected: Any, observed: Any, kind: DataType | None) -> bool:
             if name == "float32":
                 return _single(expected) == _single(observed)
     return False
+
+
+def _same_kinds(expected: Any, observed: Any) -> bool:
+    """Whether two equal values are equal as the model means it: true is not 1."""
+    if expected.__class__ is dict:
+        for name, value in expected.items():
+            other = observed[name]
+            if value.__class__ is not other.__class__ and not _same_kinds(value, other):
+                return False
+            if value.__class__ in (dict, list) and not _same_kinds(value, other):
+                return False
+        return True
+    if expected.__class__ is list:
+        return all(_same_kinds(a, b) for a, b in zip(expected, observed, strict=True))
+    return (expected.__class__ is bool) == (observed.__class__ is bool)
 
 
 def _single(value: float) -> float:

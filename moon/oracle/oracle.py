@@ -90,13 +90,20 @@ class Oracle:
 
     # --- what a user calls -------------------------------------------------------------------------
 
-    def start(self, stamp_ns: int) -> None:
-        """The machine starts now: it is in its initial state; what it hears at first may be lost."""
+    def start(self, stamp_ns: int, whole: bool = False) -> None:
+        """The machine starts now, in its initial state.
+
+        Args:
+            stamp_ns: when, ns since the epoch.
+            whole: nothing was missed: its timers run from this very moment, what it sends at once is
+                heard, and it hears all that is sent from now on. Otherwise these are uncertain for
+                one latency bound.
+        """
         self._synchronised = True
         self._window.clear()
         self._asked.clear()
-        self._begin(stamp_ns)
-        self._droppable_until = stamp_ns + self.bounds.latency
+        self._begin(stamp_ns, whole)
+        self._droppable_until = 0 if whole else stamp_ns + self.bounds.latency
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
         self.outcome, self._reason = Outcome.CONFORMING, ""
 
@@ -235,9 +242,9 @@ class Oracle:
             if len(self._taken_up) > KEPT_CALLS:
                 del self._taken_up[next(iter(self._taken_up))]
 
-    def _begin(self, stamp: int) -> None:
+    def _begin(self, stamp: int, whole: bool = False) -> None:
         self._listening_since = stamp
-        self._base = self.search.started(stamp)
+        self._base = self.search.started(stamp, whole)
         self._base_last = 0
         self.search.last = 0
         self._note_due()

@@ -50,12 +50,14 @@ class Bounds(msgspec.Struct, frozen=True):
         latency: a message is taken, and an observation heard, within this time of its stamp.
         deadline: an output comes within this time of the step that owes it.
         skew: clocks of different machines differ by at most this.
+        tolerance: a timer may ring by this, and 0.1 % of its delay, too early or too late.
         hypotheses: more of them at once are not followed: the verdict is inconclusive.
     """
 
     latency: int = 200_000_000
     deadline: int = 1_000_000_000
     skew: int = 0
+    tolerance: int = 1_000_000
     hypotheses: int = 512
 
 
@@ -108,10 +110,17 @@ class Search:
 
     # --- beginnings --------------------------------------------------------------------------------
 
-    def started(self, start: int) -> list[Hypothesis]:
-        """The machine has just started, at ``start`` (ns); what it sent at once may not be heard."""
+    def started(self, start: int, whole: bool = False) -> list[Hypothesis]:
+        """The machine has just started, at ``start`` (ns); see ``Oracle.start`` for ``whole``."""
+        slack = 0 if whole else self.bounds.latency
         alarms = tuple(
-            Alarm(instance, event, start, start + period + self.bounds.latency, period)
+            Alarm(
+                instance,
+                event,
+                start + (period - self._slack(period) if whole else 0),
+                start + period + slack + self._slack(period),
+                period,
+            )
             for instance, event, period in self._timers
         )
         blank = tuple((program.initial, program.initial_data()) for program in self.programs)
@@ -122,10 +131,10 @@ class Search:
                 state, data = hypothesis.instances[instance]
                 del state
                 for _, step in self.programs[instance].start(data):
-                    grown += self._absorb(
-                        hypothesis, instance, step, start, start + self.bounds.latency
-                    )
+                    grown += self._absorb(hypothesis, instance, step, start, start + slack)
             found = grown
+        if whole:
+            return found
         made: dict[Any, Hypothesis] = {}
         for hypothesis in found:
             for first in range(len(hypothesis.owed) + 1):
@@ -206,6 +215,14 @@ class Search:
             raise TooManyError
         return found
 
+    def _slack(self, duration: int) -> int:
+        """By how much a timer and the stamps may disagree after ``duration`` (ns).
+
+        Clocks are read with some granularity, and one that is being slewed runs up to 0.05 % too
+        fast or too slow (RFC 5905, 11.3).
+        """
+        return duration // 1000 + self.bounds.tolerance
+
     def _is_still(self, hypothesis: Hypothesis, now: int) -> bool:
         """Whether nothing can have been taken before ``now``."""
         if hypothesis.owed and not hypothesis.owed[0].optional:
@@ -218,40 +235,73 @@ class Search:
         )
 
     def _moves(self, hypothesis: Hypothesis, now: int) -> Iterator[Hypothesis]:
-        """What one more input, taken before ``now``, makes of ``hypothesis``."""
+        """What one more input, taken before ``now``, makes of ``hypothesis``.
+
+        What had to be taken earlier than something else can have been is taken before it.
+        """
+        earliest = max(self.last, hypothesis.moment)
+        latest = max(self._latest(hypothesis), self.last)
         if hypothesis.pending:
             lanes = set()
             for place, fact in enumerate(hypothesis.pending):
-                if fact.stamp - self.bounds.skew >= now:
+                sent = fact.stamp - self.bounds.skew
+                if sent >= now or sent > latest:
                     break
                 if fact.lane in lanes:
                     continue
                 lanes.add(fact.lane)
-                yield from self._take_message(hypothesis, place, fact, now)
+                low = max(sent, earliest)
+                yield from self._take_message(hypothesis, place, fact, low, now)
         if hypothesis.posted:
             posted = hypothesis.posted[0]
-            if posted.low < now:
+            if posted.low < now and posted.low <= latest:
                 rest = self._but(hypothesis, posted=hypothesis.posted[1:])
-                low = max(posted.low, self.last)
+                low = max(posted.low, earliest)
                 high = max(low, min(posted.high + self.bounds.latency, now))
                 yield from self.run(
                     rest, posted.instance, posted.event, posted.message, posted.parts, low, high
                 )
         for place, alarm in enumerate(hypothesis.alarms):
-            if alarm.low <= now and self._matters(hypothesis, alarm):
-                yield from self._ring(hypothesis, place, alarm, now)
+            if alarm.low <= min(now, latest) and self._matters(hypothesis, alarm):
+                yield from self._ring(hypothesis, place, alarm, max(alarm.low, earliest), now)
+
+    def _latest(self, hypothesis: Hypothesis) -> int:
+        """By when the next input has been taken."""
+        latency = self.bounds.latency
+        latest = FOREVER
+        for fact in hypothesis.pending:
+            if fact.stamp + latency < latest and not self._is_held(hypothesis, fact):
+                latest = fact.stamp + latency + self.bounds.skew
+        for posted in hypothesis.posted:
+            latest = min(latest, posted.high + latency)
+        for alarm in hypothesis.alarms:
+            if alarm.high + latency < latest and self._matters(hypothesis, alarm):
+                latest = alarm.high + latency
+        return latest
+
+    def _is_held(self, hypothesis: Hypothesis, fact: Fact) -> bool:
+        """Whether ``fact`` is feedback that is kept until its goal is accepted."""
+        if fact.event is None or fact.event[0] is not EventKind.FEEDBACK:
+            return False
+        goal = _goal_called(hypothesis, fact.goal, served=False)
+        return goal is not None and goal.phase != "running"
 
     def _take_message(
-        self, hypothesis: Hypothesis, place: int, fact: Fact, now: int
+        self, hypothesis: Hypothesis, place: int, fact: Fact, low: int, now: int
     ) -> Iterator[Hypothesis]:
         rest = hypothesis.with_pending(hypothesis.pending[:place] + hypothesis.pending[place + 1 :])
         assert fact.event is not None
+        high = max(low, min(fact.stamp + self.bounds.latency, now))
         parts: dict[str, Any] = {}
         if fact.event[0] is EventKind.FEEDBACK:
             goal = _goal_called(hypothesis, fact.goal, served=False)
             if goal is None:
                 if hypothesis.free:
-                    yield from self._feedback_of_unknown(rest, fact, now)
+                    rest_too, adopted = self._adopt(
+                        rest, fact.interface, fact.goal, False, "running"
+                    )
+                    parts = {"goal_id": adopted.number}
+                    yield from self.run(rest_too, 0, fact.event, fact.data, parts, low, high)
                 yield rest
                 return
             if goal.phase != "running":
@@ -259,35 +309,21 @@ class Search:
             parts = {"goal_id": goal.number}
         if fact.droppable:
             yield rest
-        low = max(fact.stamp, self.last)
-        high = max(low, min(fact.stamp + self.bounds.latency, now))
         yield from self.run(rest, 0, fact.event, fact.data, parts, low, high)
-
-    def _feedback_of_unknown(
-        self, hypothesis: Hypothesis, fact: Fact, now: int
-    ) -> Iterator[Hypothesis]:
-        grown, goal = self._adopt(hypothesis, fact.interface, fact.goal, False, "running")
-        low = max(fact.stamp, self.last)
-        high = max(low, min(fact.stamp + self.bounds.latency, now))
-        assert fact.event is not None
-        yield from self.run(grown, 0, fact.event, fact.data, {"goal_id": goal.number}, low, high)
 
     def _matters(self, hypothesis: Hypothesis, alarm: Alarm) -> bool:
         state, _ = hypothesis.instances[alarm.instance]
         return self.programs[alarm.instance].handles(state, alarm.event)
 
     def _ring(
-        self, hypothesis: Hypothesis, place: int, alarm: Alarm, now: int
+        self, hypothesis: Hypothesis, place: int, alarm: Alarm, low: int, now: int
     ) -> Iterator[Hypothesis]:
         latency = self.bounds.latency
-        low = max(alarm.low, self.last)
-        high = min(alarm.high + latency, now)
-        if high < low:
-            return  # it should have been taken long ago
+        high = max(low, min(alarm.high + latency, now))
         others = hypothesis.alarms[:place] + hypothesis.alarms[place + 1 :]
         if alarm.period:
             # ticks slept through are skipped, the phase is kept (see Executor)
-            slack = _slack(alarm.period)
+            slack = self._slack(alarm.period)
             latest = min(alarm.high, now)
             if latency >= alarm.period:
                 latest = max(latest, high)
@@ -307,36 +343,13 @@ class Search:
 
     def _has_taken(self, hypothesis: Hypothesis, due: int) -> bool:
         """Whether everything is taken that had to be by ``due``."""
-        limit = due - self.bounds.latency
-        for fact in hypothesis.pending:
-            if fact.stamp + self.bounds.skew <= limit:
-                if fact.event is not None and fact.event[0] is EventKind.FEEDBACK:
-                    goal = _goal_called(hypothesis, fact.goal, served=False)
-                    if goal is not None and goal.phase != "running":
-                        continue  # kept until its goal is accepted
-                return False
-        for posted in hypothesis.posted:
-            if posted.high <= limit:
-                return False
-        for alarm in hypothesis.alarms:
-            if alarm.high <= limit and self._matters(hypothesis, alarm):
-                return False
-        return True
+        return self._latest(hypothesis) > due
 
     def next_due(self, hypothesis: Hypothesis) -> int:
         """When time alone will say something about ``hypothesis``."""
-        latency = self.bounds.latency
-        due = FOREVER
         if hypothesis.owed and not hypothesis.owed[0].optional:
             return hypothesis.owed[0].high + self.bounds.deadline
-        for fact in hypothesis.pending:
-            due = min(due, fact.stamp + self.bounds.skew + latency)
-        for posted in hypothesis.posted:
-            due = min(due, posted.high + latency)
-        for alarm in hypothesis.alarms:
-            if alarm.high + latency < due and self._matters(hypothesis, alarm):
-                due = alarm.high + latency
-        return due
+        return self._latest(hypothesis)
 
     def normalised(self, hypothesis: Hypothesis, now: int) -> Hypothesis:
         """Timers that nothing waits for, brought up to ``now``."""
@@ -567,7 +580,7 @@ class Search:
         for alarm in hypothesis.alarms:
             if (alarm.instance, alarm.event) == key:
                 low = max(alarm.low, stamp - self.bounds.latency)
-                high = max(low, min(alarm.high, stamp + alarm.period + _slack(alarm.period)))
+                high = max(low, min(alarm.high, stamp + alarm.period + self._slack(alarm.period)))
                 made.append(Alarm(alarm.instance, alarm.event, low, high, alarm.period))
             else:
                 made.append(alarm)
@@ -686,6 +699,7 @@ class Search:
             before.goals,
             before.counts,
             before.free,
+            max(low, before.moment),
         )
         if step.scheduled:
             self._schedule(made, instance, step.scheduled, low, high)
@@ -709,7 +723,7 @@ class Search:
                 made.posted = (*made.posted, posted)
                 continue
             delay = round(item.delay_s * 1e9)
-            slack = _slack(delay)
+            slack = self._slack(delay)
             if item.event[0] is EventKind.AFTER:
                 alarms = [a for a in alarms if a.instance != instance or a.event != item.event]
             alarms.append(
@@ -878,6 +892,7 @@ class Search:
             "goals": hypothesis.goals,
             "counts": hypothesis.counts,
             "free": hypothesis.free,
+            "moment": hypothesis.moment,
             **changes,
         }
         return Hypothesis(hypothesis.instances, **fields)
@@ -896,13 +911,6 @@ _INTERFACE_OF = {
     OutputKind.ABORT: InterfaceKind.ACTION_SERVER,
     OutputKind.CANCEL: InterfaceKind.ACTION_SERVER,
 }
-
-
-def _slack(duration: int) -> int:
-    """By how much a timer's clock and the stamps' may disagree (ns): a clock being slewed runs up to
-    0.05 % too fast or slow (RFC 5905, 11.3), and clocks are read with some granularity.
-    """
-    return duration // 1000 + 1_000_000
 
 
 def _put(found: dict[Any, Hypothesis], made: Hypothesis) -> None:

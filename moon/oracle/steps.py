@@ -44,6 +44,9 @@ the macrostep (as in generated code)."""
 MAX_OUTCOMES = 64
 """So many outcomes of one step are followed; a step with more is too open to be checked."""
 
+FEW = 8
+"""A draw among so many numbers is followed number by number."""
+
 EventKey = tuple[EventKind, str]
 Action = Callable[["Step"], None]
 
@@ -130,6 +133,19 @@ class Step:
     def either(self) -> bool:
         """A condition that can go either way."""
         return self.choose(2) == 0
+
+    def settled(self, value: Any) -> Any:
+        """``value``; if it is one of a few numbers, each of them in turn: ranges forget that two
+        unknown values are the same one.
+        """
+        if value.__class__ is not Unknown or not value.integer:
+            return value
+        count = value.high - value.low + 1
+        if not count <= FEW:
+            return value
+        number = int(value.low) + self.choose(int(count))
+        self.replace(value, number)
+        return number
 
     def replace(self, unknown: Unknown, value: Any) -> None:
         """From now on, ``unknown`` is known to be ``value``."""

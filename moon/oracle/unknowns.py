@@ -103,6 +103,8 @@ def arithmetic(operator: str, exact: Callable[[Any, Any], Any]) -> Callable[[Any
                 return Unknown(min(quotients), max(quotients))
             case "%" if second[0] == second[1] and math.isfinite(second[0]) and second[0] != 0:
                 limit = abs(second[0])
+                if -limit < first[0] and first[1] < limit:
+                    return Unknown(first[0], first[1], whole)
                 most = limit - 1 if whole else limit
                 return Unknown(0 if first[0] >= 0 else -most, most if first[1] > 0 else 0, whole)
             case _:
