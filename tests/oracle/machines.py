@@ -201,9 +201,9 @@ class _Writer:
         simple = ["a", "b", "LIMIT", str(self._draw.randint(0, 3)), *([data] * 3 if data else [])]
         one = self._draw.choice(simple)
         match self._draw.randint(0, 5):
-            case 0:
+            case 0 if not self._random:  # an oracle need not calculate with what it cannot know
                 return f"({one} + {self._draw.choice(simple)}) % 4"
-            case 1:
+            case 1 if not self._random:
                 return f"({one} + 1) % 4"
             case 2 if self._random:
                 return f"Math.floor(Math.random() * {self._draw.randint(2, 3)})"

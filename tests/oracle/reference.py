@@ -10,9 +10,9 @@ What is asked is whether the machine *can* have done what was heard (design, sec
   is taken; a machine that still owes something takes nothing.
 * Every take happens at one moment, and the moments go forward. What the machine heard with its own
   ears (requests, responses) is taken when it is stamped. A message is taken at its stamp or up to
-  ``latency_ns`` later; tick ``k`` of a timer at ``start_ns + k * period``, give or take
-  ``tolerance_ns``; but a machine that was busy then, owing outputs, takes them as soon as these are
-  out. Whatever had to be taken before the moment of judging, ``end_ns``, has been taken.
+  ``latency_ns`` later; so is tick ``k`` of a timer, whose stamp is ``start_ns + k * period``, give
+  or take ``tolerance_ns``; but a machine that was busy then, owing outputs, takes them as soon as
+  these are out. Whatever had to be taken before the moment of judging, ``end_ns``, has been taken.
 * An output is heard after the moment of its take, and no later than ``deadline_ns`` after it; one
   that is never heard is not overdue at ``end_ns``.
 * Messages of one channel and source are taken in the order of their stamps; so is all that the
@@ -20,8 +20,8 @@ What is asked is whether the machine *can* have done what was heard (design, sec
 * Where chance decides, every outcome is possible.
 
 Fields that the model does not set are zero. Channels are reliable. Nothing is cut short: all orders,
-all choices; for each order the earliest moments, as nothing becomes possible by waiting. It is slow
-on purpose.
+all choices. For each order the moments are the earliest, as waiting makes nothing possible but a
+late output: its deadline counts from the latest. It is slow on purpose.
 """
 
 from __future__ import annotations
@@ -76,11 +76,11 @@ def conforms(
     Args:
         machine: a flat machine with topics, services and timers. Its name is its node's.
         trace: what was heard until ``end_ns``, in any order; own observations have distinct stamps.
-        latency_ns: how long after its stamp a message is taken at the latest.
+        latency_ns: how long after its stamp a message or tick is taken at the latest.
         deadline_ns: how long after the input an output is heard at the latest.
         end_ns: the moment of judging.
         start_ns: when the machine entered its initial state.
-        tolerance_ns: how much earlier or later than its period a timer may tick.
+        tolerance_ns: how much earlier or later than its period says a timer may tick.
         check_calls: whether a response must answer the call that decision 2 says.
 
     Raises:
@@ -121,8 +121,10 @@ def conforms(
             was_busy = moment_ns == free_ns
             if not was_busy and any(other.latest_ns < moment_ns for other in left):
                 continue
+            latest_ns = max(moment_ns, min(other.latest_ns for other in left))
+            now = frozenset({*taken, item})
             for then, sent in stepper.take(at, item.event, item.data, item.call):
-                if explained(then, frozenset({*taken, item}), moment_ns, free_ns, count, sent):
+                if explained(then, now, moment_ns, latest_ns, free_ns, count, sent):
                     return True
         return False
 
@@ -130,20 +132,24 @@ def conforms(
         at: Configuration,
         taken: frozenset[Input],
         moment_ns: int,
+        latest_ns: int,
         free_ns: int,
         count: int,
         sent: tuple[Output, ...],
     ) -> bool:
-        """Whether a take at ``moment_ns`` that sends ``sent``, and all after it, is possible."""
+        """Whether a take that sends ``sent``, and all after it, is possible.
+
+        The take is at ``moment_ns`` or later, but no later than ``latest_ns``.
+        """
         clock_ns = moment_ns
         for output in sent:
             if count == len(heard):  # still owed: nothing else is taken
-                overdue = moment_ns + deadline_ns < end_ns
+                overdue = latest_ns + deadline_ns < end_ns
                 return not overdue and all(
                     item in taken or item.line != OWN_EARS for item in inputs
                 )
             stamp_ns = heard[count].stamp_ns
-            in_time = moment_ns < stamp_ns <= moment_ns + deadline_ns
+            in_time = moment_ns < stamp_ns <= latest_ns + deadline_ns
             if not in_time or not is_output(output, heard[count], check_calls):
                 return False
             clock_ns = free_ns = stamp_ns
@@ -151,7 +157,8 @@ def conforms(
         return possible(at, taken, clock_ns, free_ns, count)
 
     return any(
-        explained(at, frozenset(), start_ns, start_ns - 1, 0, sent) for at, sent in stepper.start()
+        explained(at, frozenset(), start_ns, start_ns, start_ns - 1, 0, sent)
+        for at, sent in stepper.start()
     )
 
 
@@ -196,7 +203,7 @@ def inputs_of(
                     line=f"timer {timer.name}",
                     number=number,
                     earliest_ns=nominal_ns - tolerance_ns,
-                    latest_ns=nominal_ns + tolerance_ns,
+                    latest_ns=nominal_ns + tolerance_ns + latency_ns,
                 )
             )
             number += 1

@@ -313,15 +313,14 @@ def test_every_target_with_a_probability_is_possible() -> None:
     assert not judge(forked, message(50, 0), out(100, 5), out(110, 5))
 
 
-CLOCK = read(
-    """<scxml xmlns="http://www.w3.org/2005/07/scxml" datamodel="ecmascript" name="Probe" initial="s">
+CLOCK_TEXT = """<scxml xmlns="http://www.w3.org/2005/07/scxml" datamodel="ecmascript" name="Probe" initial="s">
   <datamodel><data id="n" type="int32" expr="0"/></datamodel>
   <ros_topic_publisher topic="/out" type="std_msgs/Int32"/>
   <ros_time_rate name="clock" rate_hz="10000000"/>
   <state id="s"><ros_rate_callback name="clock"><assign location="n" expr="n + 1"/>
     <ros_topic_publish name="/out"><field name="data" expr="n"/></ros_topic_publish></ros_rate_callback></state>
 </scxml>"""
-)
+CLOCK = read(CLOCK_TEXT)
 """Counts every 100 ns."""
 
 
@@ -333,9 +332,18 @@ def test_a_timer_ticks_at_its_period() -> None:
     assert not judge(CLOCK, out(105, 2), end=250)
 
 
+def test_a_tick_may_be_taken_late_but_not_later_than_a_message() -> None:
+    slow = read(CLOCK_TEXT.replace("10000000", "1000000"))  # every 1000 ns
+    assert judge(slow, out(1200, 1), end=1300)
+    assert not judge(slow, out(1201, 2), end=1300)
+    assert judge(slow, end=2200)
+    assert judge(slow, out(2200, 1), end=2300)
+    assert not judge(slow, out(2201, 1), end=2300)
+
+
 def test_a_timer_that_stopped_is_overdue() -> None:
     assert judge(CLOCK, out(105, 1), end=1150)
-    assert not judge(CLOCK, out(105, 1), end=1250)
+    assert not judge(CLOCK, out(105, 1), end=1401)
 
 
 def test_what_is_sent_on_entering_the_initial_state_is_owed_from_the_start() -> None:

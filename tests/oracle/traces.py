@@ -140,6 +140,7 @@ class _World:
                 period_ns = round(1_000_000_000 / timer.rate_hz)
                 for nominal_ns in range(period_ns, LAST_TAKE_NS + period_ns, period_ns):
                     jitter = self._draw.randint(-TOLERANCE_NS + US, TOLERANCE_NS - MS)
+                    jitter += self._draw.choice((0, 0, 0, 80 * MS, 180 * MS))
                     event = Event(EventKind.TIMER, timer.name)
                     self._push(nominal_ns + jitter, _Arrival(event, "", None))
 
