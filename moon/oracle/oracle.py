@@ -8,6 +8,7 @@ A violation is therefore only said when nothing that could still come would expl
 from __future__ import annotations
 
 from collections import deque
+from enum import Enum
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog
@@ -22,11 +23,23 @@ from moon.oracle.steps import TooOpenError
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 
+KEPT_SOURCES = 4096
+"""Sources and channels of which the last number is remembered; names come from the wire."""
+
 KEPT_CALLS = 256
 """Requests received whose sending was not heard yet."""
 
 EVIDENCE = 12
 """So many observations are kept for explanations."""
+
+
+class _Sequel(Enum):
+    """How an observation follows another."""
+
+    NEXT = 0
+    AGAIN = 1
+    AFTER_A_GAP = 2
+    ANEW = 3
 
 
 class _Entry:
@@ -70,6 +83,8 @@ class Oracle:
         self.violations = 0
         self.inputs = 0
         self.outputs = 0
+        self.repeated = 0
+        """Observations heard twice."""
         self.late = 0
         """Observations that came after their time, and others that could not be used."""
         self._base: list[Hypothesis] | None = None
@@ -81,7 +96,8 @@ class Oracle:
         self._listening_since: int | None = None
         self._last_output = 0
         self._recent: deque[Fact] = deque()
-        self._numbers: dict[tuple[str, str, bool], int] = {}
+        self._numbers: dict[tuple[str, str, bool], tuple[int, int]] = {}
+        """Per source, channel and whether it is a message: last number and stamp."""
         self._asked: dict[tuple[str, str, int], Fact] = {}
         self._taken_up: dict[tuple[str, str, int], int] = {}
         self._reason = ""
@@ -102,6 +118,8 @@ class Oracle:
         self._synchronised = True
         self._window.clear()
         self._asked.clear()
+        for place in [place for place in self._numbers if place[0] == self.node]:
+            del self._numbers[place]
         self._begin(stamp_ns, whole)
         self._droppable_until = 0 if whole else stamp_ns + self.bounds.latency
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
@@ -126,11 +144,17 @@ class Oracle:
             return [*self._lose(observation.stamp_ns, text), *self.advance(observation.received_ns)]
         verdicts: list[Verdict] = []
         if observation.source == self.node or facts:
-            if not self._is_next(observation):
-                verdicts += self._lose(
-                    observation.stamp_ns,
-                    f"observations on {observation.channel} from {observation.source} were lost",
-                )
+            match self._sequel(observation):
+                case _Sequel.AGAIN:
+                    self.repeated += 1
+                    facts = []
+                case _Sequel.AFTER_A_GAP:
+                    verdicts += self._lose(
+                        observation.stamp_ns,
+                        f"observations on {observation.channel} from {observation.source} were lost",
+                    )
+                case _Sequel.ANEW if observation.source == self.node:
+                    verdicts += self._lose(observation.stamp_ns, f"{self.node} was restarted")
             for fact in facts:
                 verdicts += self._take(fact)
         verdicts += self.advance(observation.received_ns)
@@ -184,18 +208,21 @@ class Oracle:
 
     # --- taking facts ------------------------------------------------------------------------------
 
-    def _is_next(self, observation: Observation) -> bool:
-        """Whether nothing before it on its channel from its source was lost."""
+    def _sequel(self, observation: Observation) -> _Sequel:
+        """How an observation follows the one before it on its channel from its source."""
         message = observation.kind is ObservationKind.MESSAGE
         if observation.sequence < 0 or not (message or observation.source == self.node):
-            return True  # what others tell of their calls only adds to what the machine tells
+            return _Sequel.NEXT  # what others tell of their calls only adds to what is known
         place = (observation.source, observation.channel, message)
         last = self._numbers.get(place)
-        if last is not None and observation.sequence <= last < observation.sequence + 1024:
-            # heard twice, or a node that was restarted (then its numbers begin anew)
-            return observation.sequence == 0 or observation.sequence <= last
-        self._numbers[place] = observation.sequence
-        return last is None or observation.sequence == last + 1
+        if last is not None and observation.sequence <= last[0] and observation.stamp_ns <= last[1]:
+            return _Sequel.AGAIN
+        if last is None and len(self._numbers) >= KEPT_SOURCES:
+            del self._numbers[next(iter(self._numbers))]
+        self._numbers[place] = (observation.sequence, observation.stamp_ns)
+        if last is None or observation.sequence == last[0] + 1:
+            return _Sequel.NEXT
+        return _Sequel.AFTER_A_GAP if observation.sequence > last[0] else _Sequel.ANEW
 
     def _take(self, fact: Fact) -> list[Verdict]:
         role = fact.role

@@ -149,8 +149,6 @@ def mathematics(name: str, exact: Callable[..., Any]) -> Callable[..., Any]:
             return anything()
         if name in ("floor", "ceil", "trunc", "round"):
             low, high = rounded(known[0][0]), rounded(known[0][1])
-            if name == "floor" and known[0] == (0, 1, False):
-                high = 0  # a draw is below 1
             return Unknown(low, high, True)
         whole = all(bound[2] for bound in known)
         if name == "min":
@@ -167,8 +165,8 @@ def mathematics(name: str, exact: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def draw() -> Unknown:
-    """``Math.random()``: 0 ≤ x < 1 (the upper bound counted in: a safe enlargement)."""
-    return Unknown(0.0, 1.0)
+    """``Math.random()``: 0 ≤ x < 1."""
+    return Unknown(0.0, math.nextafter(1.0, 0.0))
 
 
 def compare(operator: str, left: Any, right: Any) -> bool | None:

@@ -54,7 +54,9 @@ def disagreement(seed: int) -> str:
     if has_timers(found) and not truth and outcome is Outcome.CONFORMING:
         return ""
     reasons = "; ".join(verdict.reason for verdict in verdicts)
-    return f"seed {seed} ({found.made or 'unchanged'}): conforms: {truth}, oracle: {outcome} {reasons}"
+    return (
+        f"seed {seed} ({found.made or 'unchanged'}): conforms: {truth}, oracle: {outcome} {reasons}"
+    )
 
 
 @pytest.mark.parametrize("block", range(BLOCKS))
