@@ -1,0 +1,92 @@
+"""No verdict against the nominal lab tour, whatever the network does within its bounds.
+
+``python -m tests.oracle.test_no_false_alarm RUNS`` is the long run of ``make soak``.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from moon.verdict import Outcome
+from tests.oracle.tour import LATENCY_S, Heard, tour
+from transports.simulated import Conditions
+
+RUNS = 200
+BLOCKS = 10
+SECONDS = 12.0
+
+DELAYS_S = (0.0001, 0.002, 0.02, LATENCY_S / 2 - 0.001)
+"""Longest delays, of messages and of observations; both together stay within the latency bound."""
+
+
+def nominal(seed: int) -> Heard:
+    """One run of the nominal tour under conditions drawn from its number."""
+    longest = DELAYS_S[seed % len(DELAYS_S)]
+    conditions = Conditions(
+        delay_s=(0.0, longest), tap_delay_s=(0.0, longest), busy_s=(0.0, 0.0002 * (seed % 3))
+    )
+    return tour(seed, SECONDS, conditions, intruders=(0, 2, 3, 5)[seed // 4 % 4])
+
+
+def complaints(heard: Heard) -> list[str]:
+    """Everything that was said, which should be nothing."""
+    return [f"{v.machine} {v.outcome}: {v.reason}" for v in heard.verdicts]
+
+
+@pytest.mark.parametrize("block", range(BLOCKS))
+def test_the_nominal_tour_raises_no_alarm(block: int) -> None:
+    size = RUNS // BLOCKS
+    for seed in range(block * size, (block + 1) * size):
+        heard = nominal(seed)
+        assert not heard.verdicts, f"seed {seed}: {complaints(heard)[:3]}"
+        assert heard.observations > 300
+        assert heard.most_hypotheses <= 64
+
+
+def test_a_long_run_stays_small() -> None:
+    heard = tour(1, 300.0, Conditions(delay_s=(0.0, 0.01), tap_delay_s=(0.0, 0.01)))
+    assert not heard.verdicts, complaints(heard)[:3]
+    assert heard.most_hypotheses <= 16
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_lost_and_doubled_observations_are_inconclusive_and_no_alarm(seed: int) -> None:
+    conditions = Conditions(
+        delay_s=(0.0, 0.01), tap_delay_s=(0.0, 0.01), tap_loss=0.002, duplication=0.05
+    )
+    heard = tour(seed, 60.0, conditions, intruders=seed % 3)
+    assert not heard.violations, complaints(heard)[:3]
+    said = [v for v in heard.verdicts if v.outcome is Outcome.INCONCLUSIVE]
+    assert said, "losses are not told"
+    outcomes = [oracle.outcome for oracle in heard.monitor.oracles.values()]
+    assert outcomes.count(Outcome.CONFORMING) >= len(outcomes) // 2, "nothing recovers"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_monitor_that_joins_in_the_middle_raises_no_alarm_and_finds_the_thread(seed: int) -> None:
+    conditions = Conditions(delay_s=(0.0, 0.01), tap_delay_s=(0.0, 0.01))
+    heard = tour(seed, 60.0, conditions, join_after_s=3.0 + seed)
+    assert not heard.violations, complaints(heard)[:3]
+    lost = [n for n, o in heard.monitor.oracles.items() if o.outcome is not Outcome.CONFORMING]
+    assert len(lost) <= 3, f"not found again: {lost}"
+
+
+def test_a_run_is_a_function_of_its_seed() -> None:
+    runs = [nominal(7) for _ in range(2)]
+    assert runs[0].observations == runs[1].observations
+    assert runs[0].world.events == runs[1].world.events
+
+
+if __name__ == "__main__":
+    runs = int(sys.argv[1])
+    alarms = 0
+    for seed in range(1000, 1000 + runs):
+        heard = nominal(seed)
+        if heard.verdicts:
+            alarms += 1
+            print(f"seed {seed}: {complaints(heard)[:3]}", flush=True)
+        if seed % 100 == 99:
+            print(f"{seed - 999} runs, {alarms} with an alarm", flush=True)
+    sys.exit(1 if alarms else 0)
