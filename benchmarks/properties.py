@@ -1,0 +1,263 @@
+"""Property monitors against Reelay 25 and rtamt, in one run on the same observations.
+
+Usage: ``python benchmarks/properties.py [--updates N]``. Prints updates per second and ratios: the
+paper's P1 to P3, Reelay's own dense benchmark formulas (timescales) with three sizes of bounds, and a
+thousand properties at once against a thousand monitors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import itertools
+import random
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import reelay
+import rtamt
+
+from moon.properties.formula import Formula
+from moon.properties.monitor import PropertyMonitor, PropertySet
+from moon.properties.property import REQUESTS, RESPONSES, Port, Property
+from moon.properties.syntax import parse_formula
+from transports.interface import Observation, ObservationKind
+
+SECOND = 1_000_000_000
+ROUNDS = 5
+
+PAPER = {
+    "P1": "historically({level > 30} -> historically(not {alarm}))",
+    "P2": "historically(({alarm} -> once{level <= 30}) and not(not {alarm} since[5:] {level <= 30}))",
+    "P3": "historically(({set} -> once(not {done: 0})) and not(not {set} since[5:] (not {done: 0})))",
+}
+PAPER_RTAMT = {
+    "P1": "historically((level <= 30) or historically(alarm <= 0.5))",
+    "P2": "historically(((alarm <= 0.5) or once(level <= 30)))",
+}
+PORTS = (
+    Port("level", "/battery_level", path=("data",), initial=100),
+    Port("alarm", "/AlarmSkill/tick", REQUESTS, event=True),
+    Port("done", "/IsPoiDone1Skill/tick", RESPONSES, ("status",), initial=1),
+    Port("set", "/SetPoi1Skill/tick", RESPONSES, event=True),
+)
+TIMESCALES = {
+    "AbsentAQ": "historically((once[:{b}]{{q}}) -> ((not{{p}}) since {{q}}))",
+    "AbsentBR": "historically({{r}} -> (historically[:{b}](not{{p}})))",
+    "AbsentBQR": "historically(({{r}} && !{{q}} && once{{q}}) -> ((not{{p}}) since[{a}:{b}] {{q}}))",
+    "AlwaysAQ": "historically((once[:{b}]{{q}}) -> ({{p}} since {{q}}))",
+    "AlwaysBR": "historically({{r}} -> (historically[:{b}]{{p}}))",
+    "AlwaysBQR": "historically(({{r}} && !{{q}} && once{{q}}) -> ({{p}} since[{a}:{b}] {{q}}))",
+    "RecurGLB": "historically(once[:{b}]{{p}})",
+    "RecurBQR": "historically(({{r}} && !{{q}} && once{{q}}) -> ((once[:{b}]({{p}} or {{q}})) since {{q}}))",
+    "RespondGLB": "historically((({{s}} -> once[{a}:{b}]{{p}}) and not((not {{s}}) since[{b}:] {{p}})))",
+}
+
+
+def seen(t: int, channel: str, kind: ObservationKind, data: dict[str, Any]) -> Observation:
+    return Observation(
+        stamp_ns=t,
+        received_ns=t,
+        channel=channel,
+        kind=kind,
+        type_name="",
+        data=data,
+        source="robot",
+    )
+
+
+def seconds(work: Callable[[], Any]) -> float:
+    gc.collect()
+    begin = time.perf_counter()
+    work()
+    return time.perf_counter() - begin
+
+
+def best(work: Callable[[], Any]) -> float:
+    return min(seconds(work) for _ in range(ROUNDS))
+
+
+def paper_observations(count: int) -> list[Observation]:
+    """What the tour's channels carry when all is well: battery levels, ticks of skills in between."""
+    choice = random.Random(1)
+    found = []
+    for number in range(count):
+        t = number * 20_000_000
+        level = 100 - 100 * number // count
+        match choice.randrange(10):
+            case 0 if level <= 30:
+                found.append(seen(t, "/AlarmSkill/tick", ObservationKind.REQUEST_RECEIVED, {}))
+            case 1:
+                data = {"status": choice.randrange(2)}
+                found.append(seen(t, "/IsPoiDone1Skill/tick", ObservationKind.RESPONSE_SENT, data))
+            case 2:
+                found.append(
+                    seen(t, "/SetPoi1Skill/tick", ObservationKind.RESPONSE_SENT, {"status": 0})
+                )
+            case _:
+                data = {"data": level}
+                found.append(seen(t, "/battery_level", ObservationKind.MESSAGE, data))
+    return found
+
+
+def as_reelay(observations: list[Observation]) -> list[dict[str, Any]]:
+    """The same as MOON hands it to Reelay: every predicate's value, at every observation."""
+    values: dict[str, Any] = {"level": 100, "alarm": False, "done": 1, "set": False}
+    steps: list[dict[str, Any]] = [{"time": 0.0, **values}]
+    for observation in observations:
+        values = {**values, "alarm": False, "set": False}
+        match observation.channel:
+            case "/battery_level":
+                values["level"] = observation.data["data"]
+            case "/AlarmSkill/tick":
+                values["alarm"] = True
+            case "/IsPoiDone1Skill/tick":
+                values["done"] = observation.data["status"]
+            case _:
+                values["set"] = True
+        steps.append({"time": observation.stamp_ns / SECOND + 1e-6, **values})
+    return steps
+
+
+def feed_ours(what: Property | Formula | str, observations: list[Observation]) -> None:
+    observe = PropertyMonitor(what).observe
+    for observation in observations:
+        observe(observation)
+
+
+def feed_reelay(formula: str, steps: list[dict[str, Any]]) -> None:
+    update = reelay.dense_timed_monitor(pattern=formula).update
+    for step in steps:
+        update(step)
+
+
+def feed_rtamt(formula: str, steps: list[dict[str, Any]]) -> None:
+    specification = rtamt.StlDenseTimeOnlineSpecification()
+    for name in ("level", "alarm"):
+        specification.declare_var(name, "float")
+    specification.declare_var("out", "float")
+    specification.spec = f"out = {formula}"
+    specification.parse()
+    for before, after in itertools.pairwise(steps):
+        span = (before["time"], after["time"])
+        specification.update(
+            ["level", [[t, float(before["level"])] for t in span]],
+            ["alarm", [[t, float(before["alarm"])] for t in span]],
+        )
+
+
+def paper(count: int) -> None:
+    observations = paper_observations(count)
+    steps = as_reelay(observations)
+    print(f"The paper's properties, {count} observations, updates/s (best of {ROUNDS}):")
+    for name, source in PAPER.items():
+        item = Property(name, parse_formula(source), PORTS)
+        ours = count / min(
+            seconds(lambda i=item: feed_ours(i, observations)) for _ in range(ROUNDS)
+        )
+        theirs = count / min(
+            seconds(lambda n=name: feed_reelay(PAPER[n], steps)) for _ in range(ROUNDS)
+        )
+        line = f"  {name}  ours {ours:>11,.0f}  reelay {theirs:>11,.0f}  ratio {ours / theirs:5.2f}"
+        if name in PAPER_RTAMT:
+            short = steps[: max(count // 200, 100)]
+            took = seconds(lambda n=name, s=short: feed_rtamt(PAPER_RTAMT[n], s))
+            rate = len(short) / took
+            line += f"  rtamt {rate:>9,.0f}  ratio {ours / rate:7.1f}"
+        print(line)
+    print(
+        "  (target: at least 500 000 each; rtamt on fewer updates, P2 there without its deadline)"
+    )
+
+
+def timescales_steps(name: str, bound: int, count: int) -> list[dict[str, Any]]:
+    """A condensed behaviour that keeps the formula true, on the scale of its bound."""
+    choice = random.Random(name)
+    steps: list[dict[str, Any]] = [{"time": 0, "p": True, "q": True, "r": False, "s": False}]
+    t = 0
+    always = name.startswith("Always")
+    absent = name.startswith("Absent")
+    for number in range(1, count):
+        t += choice.randint(1, max(1, bound // 10))
+        turn = number % 4
+        p = True if always else False if absent else turn == 0
+        s = name == "RespondGLB" and turn == 2
+        steps.append({"time": t, "p": p, "q": turn == 0, "r": turn == 3, "s": s})
+    return steps
+
+
+def timescales(count: int) -> None:
+    print(f"Reelay's dense benchmark formulas, {count} updates, updates/s (best of {ROUNDS}):")
+    ratios = []
+    for name, template in TIMESCALES.items():
+        line = f"  {name:<11}"
+        for bound in (10, 100, 1000):
+            source = template.format(a=bound * 3 // 10, b=bound)
+            steps = timescales_steps(name, bound, count)
+            observations = [
+                seen(step["time"] * SECOND, "/x", ObservationKind.MESSAGE, step) for step in steps
+            ]
+            ours = count / min(
+                seconds(lambda s=source, o=observations: feed_ours(s, o)) for _ in range(ROUNDS)
+            )
+            theirs = count / min(
+                seconds(lambda s=source, o=steps: feed_reelay(s, o)) for _ in range(ROUNDS)
+            )
+            ratios.append(ours / theirs)
+            line += f"  [{bound:>4}] {ours:>9,.0f} /{theirs:>8,.0f} = {ours / theirs:5.2f}"
+        print(line)
+    print(
+        f"  ratios: least {min(ratios):.2f}, median {statistics.median(ratios):.2f} (target: at least 1.0)"
+    )
+
+
+def thousand(count: int) -> None:
+    ports = tuple(Port(name, f"/{name}", path=("v",), initial=0) for name in "xyz")
+    properties = []
+    for number in range(1000):
+        shared = f"(once[:{5 + number % 10}]{{x > {number % 10}}}) since {{x > {number % 10 + 5}}}"
+        own = f"{{y > {number}}} -> once[:3]{{z > {number}}}"
+        source = f"historically(({shared}) or ({own}))"
+        properties.append(Property(f"f{number}", parse_formula(source), ports))
+    choice = random.Random(2)
+    observations = []
+    for number in range(count):
+        name = choice.choice("xxyz")
+        value = choice.randrange(20 if name == "x" else 1000)
+        observations.append(
+            seen(number * SECOND // 4, f"/{name}", ObservationKind.MESSAGE, {"v": value})
+        )
+
+    together = PropertySet(properties)
+    alone = [PropertyMonitor(item) for item in properties]
+
+    def one() -> None:
+        for observation in observations:
+            together.observe(observation)
+
+    def many() -> None:
+        for observation in observations:
+            for monitor in alone:
+                monitor.observe(observation)
+
+    once, all_alone = seconds(one), seconds(many)
+    print(f"A thousand properties that share half, {count} observations:")
+    print(
+        f"  together {once:.2f} s, a thousand monitors {all_alone:.2f} s, "
+        f"ratio {once / all_alone:.2f} (target: at most 0.35)"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--updates", type=int, default=50_000)
+    arguments = parser.parse_args()
+    paper(arguments.updates)
+    timescales(arguments.updates // 4)
+    thousand(min(arguments.updates // 50, 1000))
+
+
+if __name__ == "__main__":
+    main()
