@@ -10,8 +10,8 @@ from typing import Any
 import msgspec
 
 from moon.properties.binding import ANY_CHANNEL, Group, bind, handler_source, value_of
-from moon.properties.compiler import BEGINNING, NEVER, compile_network, mode
-from moon.properties.doubt import Doubt, read_state, write_state
+from moon.properties.compiler import BEGINNING, NEVER, Program, compile_network, mode
+from moon.properties.doubt import Doubt, read_state, state_form, write_state
 from moon.properties.network import Network, build_network
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
 from moon.properties.property import Port, Property
@@ -31,6 +31,28 @@ class TimeOrderError(ValueError):
 
 class UnknownAtom(Exception):
     """A handler met a predicate without a value; nothing has changed yet."""
+
+
+class Snapshot(msgspec.Struct, frozen=True):
+    """A cell at some instant. Snapshots with equal ``future`` go on alike."""
+
+    networks: tuple[tuple[dict[str, Any], list[tuple[int, int]]], ...]
+    doubt: Doubt | None
+    unknown: dict[str, str]
+    scalars: tuple[int, int, int, int, str]
+    values: dict[str, Any]
+    waiting: frozenset[str]
+    verdicts: tuple[Verdict, ...]
+    logs: dict[str, tuple[Change, ...]]
+
+    forms: tuple[tuple[Any, ...], ...]
+    """Per network, what decides how it goes on, without what no later instant can see."""
+
+    @property
+    def future(self) -> tuple[Any, ...]:
+        """What decides how the cell goes on."""
+        statuses = tuple(verdict.status for verdict in self.verdicts)
+        return self.forms, self.unknown, self.scalars[:3], self.values, self.waiting, statuses
 
 
 class Cell:
@@ -74,7 +96,7 @@ class Cell:
         )
         self.verdicts = [first for _ in self.names]
 
-    def _compile(self) -> Any:
+    def _compile(self) -> Program:
         binding, index = self.binding, self._index
         used = [text for text in binding.atoms if text in index]
         groups = [
@@ -324,6 +346,52 @@ class Cell:
         # what was last reported came from the doubt
         self.changed.extend(range(len(self.names)))
 
+    # -- going back ---------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """Everything that a later :meth:`restore` needs."""
+        doubt = self._doubt
+        return Snapshot(
+            networks=tuple(program.snapshot() for program in self._programs()),
+            doubt=doubt,
+            unknown=dict(doubt.unknown) if doubt is not None else {},
+            scalars=(self.started, self.sealed, self._doubt_now, self._until_try, self._lost),
+            values=dict(self._values),
+            waiting=frozenset(self._waiting),
+            verdicts=tuple(self.verdicts),
+            logs={text: tuple(log) for text, log in self._logs.items()},
+            forms=tuple(
+                state_form(network, program, self.now)
+                for network, program in zip(self._networks(), self._programs(), strict=True)
+            ),
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to ``snapshot``."""
+        self._doubt = snapshot.doubt
+        if self._doubt is not None:
+            self._doubt.unknown = dict(snapshot.unknown)
+        for program, state in zip(self._programs(), snapshot.networks, strict=True):
+            program.go_back(state)
+        scalars = snapshot.scalars
+        self.started, self.sealed, self._doubt_now, self._until_try, self._lost = scalars
+        self._values = dict(snapshot.values)
+        self._waiting = set(snapshot.waiting)
+        self.verdicts = list(snapshot.verdicts)
+        for text, changes in snapshot.logs.items():
+            self._logs[text].clear()
+            self._logs[text].extend(changes)
+
+    def _networks(self) -> list[Network]:
+        split = [self._doubt.network] * 2 if self._doubt is not None else []
+        return [self._network, *split]
+
+    def _programs(self) -> list[Program]:
+        found = [self._program]
+        if self._doubt is not None:
+            found += [self._doubt.best, self._doubt.worst]
+        return found
+
     # -- verdicts -----------------------------------------------------------------------------
 
     def report(self) -> list[tuple[str, Verdict]]:
@@ -349,7 +417,7 @@ class Cell:
             status = {True: Status.TRUE, False: Status.FALSE, None: Status.INCONCLUSIVE}[
                 results[number]
             ]
-            if status is before.status:
+            if status is before.status and before.since_ns >= 0:
                 continue
             self.verdicts[number] = after = self._verdict(number, status, now)
             found.append((self.names[number], after))

@@ -74,6 +74,26 @@ class Program(msgspec.Struct, frozen=True):
     heap: list[tuple[int, int]]
     source: str
 
+    def snapshot(self) -> tuple[dict[str, Any], list[tuple[int, int]]]:
+        """The variables and the heap, copied."""
+        variables = {
+            name: deque(value) if isinstance(value, deque) else value
+            for name, value in self.read().items()
+        }
+        return variables, list(self.heap)
+
+    def go_back(self, state: tuple[dict[str, Any], list[tuple[int, int]]]) -> None:
+        """Restore what :meth:`snapshot` returned."""
+        variables, heap = state
+        self.write(
+            {
+                name: deque(value) if isinstance(value, deque) else value
+                for name, value in variables.items()
+            }
+        )
+        self.heap[:] = heap
+        self.changed.clear()
+
 
 def mode(node: Node) -> str:
     """Which of the update rules a remembering node follows."""

@@ -78,6 +78,16 @@ def read_state(network: Network, program: Program) -> dict[int, tuple[Any, ...]]
     }
 
 
+def state_form(network: Network, program: Program, now: int) -> tuple[Any, ...]:
+    """Everything of ``program`` that decides how it goes on from ``now``."""
+    raw = read_state(network, program)
+    variables = program.read()
+    nodes = tuple(normal(network.nodes[index], values, now) for index, values in raw.items())
+    atoms = tuple(variables[name] for name in variables if name[0] in "pX")
+    pulses = tuple(sorted(instant for instant, _ in program.heap if instant == now + 1))
+    return nodes, atoms, pulses, program.values()
+
+
 def write_state(
     network: Network, program: Program, states: Mapping[int, Sequence[Any]], now: int
 ) -> None:
@@ -157,19 +167,19 @@ class Doubt:
 
     def __init__(self, formulas: Sequence[Formula], events: Iterable[str], plain: Network) -> None:
         self._plain = plain
-        self._network = build_network(formulas, by_polarity=True)
-        self._images = _images(self._network, plain)
+        self.network = build_network(formulas, by_polarity=True)
+        self._images = _images(self.network, plain)
         self._atoms: dict[str, list[tuple[int, bool]]] = {}
         pulses = []
         self._events = frozenset(events)
-        for index, node in enumerate(self._network.nodes):
+        for index, node in enumerate(self.network.nodes):
             if node.kind == "atom":
                 self._atoms.setdefault(node.text[1:], []).append((index, node.text[0] == "+"))
                 if node.text[1:] in self._events:
                     pulses.append(index)
         logs: dict[str, Callable[[Any], None]] = {f"log{index}": _forget for index in pulses}
-        self.best = compile_network(self._network, pulses, environment=dict(logs))
-        self.worst = compile_network(self._network, pulses, environment=dict(logs))
+        self.best = compile_network(self.network, pulses, environment=dict(logs))
+        self.worst = compile_network(self.network, pulses, environment=dict(logs))
         self.unknown: dict[str, str] = {}
         """Texts of unknown predicates, with the reason."""
 
@@ -179,22 +189,22 @@ class Doubt:
         """Take over the plain network's states of instant ``now``, with the atoms' values."""
         for program in (self.best, self.worst):
             own = {index: states[image] for index, image in self._images.items() if image in states}
-            write_state(self._network, program, own, now)
+            write_state(self.network, program, own, now)
         for text, value in atoms.items():
             self._set(text, value, now)
 
     def lose(self, texts: Iterable[str], start: int, end: int) -> None:
         """The predicates ``texts`` may have been anything in ``[start, end)``."""
         lost = [index for text in texts for index, _ in self._atoms.get(text, ())]
-        reached = set(self._network.cone(lost))
-        grows = _grows(self._network)
+        reached = set(self.network.cone(lost))
+        grows = _grows(self.network)
         for program, best in ((self.best, True), (self.worst, False)):
-            raw = read_state(self._network, program)
+            raw = read_state(self.network, program)
             for index in raw:
                 if index in reached:
-                    node = self._network.nodes[index]
+                    node = self.network.nodes[index]
                     raw[index] = havoc(node, raw[index], start, end, grows[index] == best)
-            write_state(self._network, program, raw, end)
+            write_state(self.network, program, raw, end)
             now = program.read()
             for text in self._events:
                 for index, _ in self._atoms.get(text, ()):
@@ -245,11 +255,11 @@ class Doubt:
         """The plain network's states, if nothing is in doubt any more."""
         if self.unknown:
             return None
-        best, worst = read_state(self._network, self.best), read_state(self._network, self.worst)
+        best, worst = read_state(self.network, self.best), read_state(self.network, self.worst)
         states: dict[int, tuple[Any, ...]] = {}
         forms: dict[int, tuple[Any, ...]] = {}
         for index, image in self._images.items():
-            node = self._network.nodes[index]
+            node = self.network.nodes[index]
             form = normal(node, best[index], now)
             if form != normal(node, worst[index], now) or forms.setdefault(image, form) != form:
                 return None

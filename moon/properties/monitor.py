@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from moon.properties.binding import ANY_CHANNEL, Group
-from moon.properties.cell import Cell, TimeOrderError, UnknownAtom
+from moon.properties.cell import Cell, Snapshot, TimeOrderError, UnknownAtom
 from moon.properties.compiler import NEVER
 from moon.properties.formula import Formula, predicates
 from moon.properties.predicates import PredicateError, variables_of
@@ -46,7 +46,7 @@ class PropertySet:
         names = [item.name for item in self.properties]
         if len(set(names)) != len(names):
             raise ValueError("two properties have the same name")
-        self._cells = [Cell(members, ports) for members, ports in _together(self.properties)]
+        self.cells = [Cell(members, ports) for members, ports in _together(self.properties)]
         self._tables: dict[str, dict[ObservationKind, list[tuple[Cell, Any, Group]]]] = {}
         self._sealed = -1
 
@@ -88,7 +88,7 @@ class PropertySet:
             raise TimeOrderError(f"cannot advance to {now_ns!r}: it is already {self.now_ns} ns")
         self._sealed = now_ns
         found: list[tuple[str, Verdict]] = []
-        for cell in self._cells:
+        for cell in self.cells:
             cell.advance(now_ns)
             found += cell.report()
         return found
@@ -107,7 +107,7 @@ class PropertySet:
                 f"a loss in [{from_ns}, {until_ns}) cannot be told at {self.now_ns} ns"
             )
         found: list[tuple[str, Verdict]] = []
-        for cell in self._cells:
+        for cell in self.cells:
             cell.lose(channel, from_ns, until_ns)
             found += cell.report()
         return found
@@ -117,25 +117,35 @@ class PropertySet:
 
         No verdict changes by itself before it; at it, call ``advance``.
         """
-        instant = min((cell.next_deadline() for cell in self._cells), default=NEVER)
+        instant = min((cell.next_deadline() for cell in self.cells), default=NEVER)
         return instant if instant < NEVER else None
 
     @property
     def now_ns(self) -> int:
         """The latest instant that anything was told about; -1 before the first."""
-        return max((cell.now for cell in self._cells), default=-1)
+        return max((cell.now for cell in self.cells), default=-1)
 
     def verdicts(self) -> dict[str, Verdict]:
         """The verdict of every property."""
         pairs = [
-            pair for cell in self._cells for pair in zip(cell.names, cell.verdicts, strict=True)
+            pair for cell in self.cells for pair in zip(cell.names, cell.verdicts, strict=True)
         ]
         order = {item.name: place for place, item in enumerate(self.properties)}
         return dict(sorted(pairs, key=lambda pair: order[pair[0]]))
 
+    def snapshot(self) -> tuple[Snapshot, ...]:
+        """Where the monitors stand, for :meth:`restore`."""
+        return tuple(cell.snapshot() for cell in self.cells)
+
+    def restore(self, snapshot: Sequence[Snapshot]) -> None:
+        """Go back to where ``snapshot`` was taken."""
+        for cell, state in zip(self.cells, snapshot, strict=True):
+            cell.restore(state)
+        self._sealed = max((cell.sealed for cell in self.cells), default=-1)
+
     def channels(self) -> frozenset[str]:
         """The channels that matter; ``*`` if any may."""
-        return frozenset(group.channel for cell in self._cells for group in cell.binding.groups)
+        return frozenset(group.channel for cell in self.cells for group in cell.binding.groups)
 
     def _route(self, channel: str, kind: ObservationKind) -> list[tuple[Cell, Any, Group]]:
         """Who takes observations of this channel and kind from now on.
@@ -144,7 +154,7 @@ class PropertySet:
         """
         table = self._tables.setdefault(channel, {})
         entries = []
-        for cell in self._cells:
+        for cell in self.cells:
             for group in cell.binding.groups:
                 if group.channel == ANY_CHANNEL:
                     entries.append((cell, cell.handlers[group.name], group))
@@ -173,7 +183,7 @@ class PropertyMonitor:
             formula = parse_formula(formula)
         self.property = formula if isinstance(formula, Property) else Property("property", formula)
         self._set = PropertySet([self.property])
-        self._cell = self._set._cells[0]
+        self._cell = self._set.cells[0]
         self._tables = self._set._tables
 
     @property

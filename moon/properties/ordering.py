@@ -1,0 +1,221 @@
+"""Verdicts that do not depend on an order that nobody knows.
+
+Stamps come from the clocks of several sources; two observations of different sources whose stamps lie
+within the clocks' uncertainty may have happened in either order. Observations are held back until
+nothing older can come (the latency bound); those that lie so close together are tried in every order
+that the sources allow, from every state that is still possible. A verdict that all of them agree on is
+the verdict; where they differ it is inconclusive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from moon.properties.binding import ANY_CHANNEL
+from moon.properties.cell import Snapshot
+from moon.properties.monitor import PropertySet, TimeOrderError
+from moon.properties.property import Property
+from moon.properties.verdict import Status, Verdict
+from transports.interface import Observation
+
+MOST_ORDERS = 120
+"""Orders tried of observations that lie together (five that can all be exchanged)."""
+MOST_STATES = 16
+"""States kept side by side; with more, or more orders, every verdict that is not final stays
+inconclusive."""
+
+State = tuple[Snapshot, ...]
+
+
+class OrderedProperties:
+    """Monitors properties over observations that arrive late and in an uncertain order.
+
+    Args:
+        properties: what to monitor.
+        latency_ns: nothing arrives later than this after its stamp.
+        uncertainty_ns: how far stamps of two sources may be wrong against each other; 0: not at all.
+    """
+
+    def __init__(
+        self, properties: Iterable[Property], latency_ns: int, uncertainty_ns: int = 0
+    ) -> None:
+        self._set = PropertySet(properties)
+        self._channels = self._set.channels()
+        self._latency_ns = latency_ns
+        self._uncertainty_ns = uncertainty_ns
+        self._held: list[Observation] = []
+        self._states: list[State] | None = None
+        """The states that are possible; None while there is one, the set's own."""
+        self._gave_up = False
+        self._closed_ns = -1
+        self._verdicts = self._set.verdicts()
+
+    def observe(self, observation: Observation) -> Sequence[tuple[str, Verdict]]:
+        """Take ``observation`` in; it counts once its latency is over (see :meth:`advance`).
+
+        Raises:
+            TimeOrderError: it is later than the latency bound allows.
+        """
+        stamp = observation.stamp_ns
+        if stamp.__class__ is not int or stamp < 0:
+            raise TimeOrderError(f"{stamp!r} is not a stamp in ns")
+        if stamp <= self._closed_ns:
+            raise TimeOrderError(
+                f"an observation of {stamp} ns is too late at {self._closed_ns} ns"
+            )
+        if observation.channel in self._channels or ANY_CHANNEL in self._channels:
+            self._held.append(observation)
+        return ()
+
+    def advance(self, now_ns: int) -> Sequence[tuple[str, Verdict]]:
+        """The time is ``now_ns``: whatever is older than the latency bound counts. Changed verdicts."""
+        until = now_ns - self._latency_ns - self._uncertainty_ns
+        if until <= self._closed_ns:
+            return ()
+        self._held.sort(key=lambda observation: observation.stamp_ns)
+        ready, rest = self._split(until)
+        for cluster in _clusters(ready, self._uncertainty_ns):
+            self._take(cluster)
+        self._held = rest
+        # a cluster that has begun keeps time from passing over its first observation
+        limit = min([until, *(item.stamp_ns - self._uncertainty_ns - 1 for item in rest)])
+        if limit > self._closed_ns:
+            self._closed_ns = limit
+            self._each(lambda: self._set.advance(max(limit, self._set.now_ns)))
+        return self._report()
+
+    def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
+        """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost; ``until_ns`` is closed."""
+        self._each(lambda: self._set.lose(channel, from_ns, max(until_ns, self._set.now_ns)))
+        return self._report()
+
+    def next_deadline(self) -> int | None:
+        """When to call :meth:`advance` next at the latest (ns); None: with the next observation."""
+        wait = self._latency_ns + self._uncertainty_ns
+        instants = [observation.stamp_ns for observation in self._held[:1]]
+        if (own := self._set.next_deadline()) is not None:
+            instants.append(own)
+        return min(instants) + wait if instants else None
+
+    def verdicts(self) -> dict[str, Verdict]:
+        """The verdict of every property."""
+        return dict(self._verdicts)
+
+    def _split(self, until: int) -> tuple[list[Observation], list[Observation]]:
+        """Those that count now, and those that may still share a cluster with what is to come."""
+        count = sum(observation.stamp_ns <= until for observation in self._held)
+        while (
+            0 < count < len(self._held)
+            and self._held[count].stamp_ns - self._held[count - 1].stamp_ns <= self._uncertainty_ns
+        ):
+            count -= 1
+        return self._held[:count], self._held[count:]
+
+    def _each(self, act: Callable[[], object]) -> None:
+        """``act`` in every possible state."""
+        if self._states is None:
+            act()
+            return
+        after = []
+        for state in self._states:
+            self._set.restore(state)
+            act()
+            after.append(self._set.snapshot())
+        self._settle(after)
+
+    def _take(self, cluster: Sequence[Observation]) -> None:
+        orders = [tuple(cluster)]
+        if self._uncertainty_ns and len({observation.source for observation in cluster}) > 1:
+            orders = []
+            for order in _orders(cluster, self._uncertainty_ns):
+                if len(orders) == MOST_ORDERS:
+                    self._gave_up = True
+                    break
+                orders.append(order)
+        if len(orders) == 1 and self._states is None:
+            self._feed(orders[0])
+            return
+        before = self._states if self._states is not None else [self._set.snapshot()]
+        after = []
+        for state in before:
+            for order in orders:
+                self._set.restore(state)
+                self._feed(order)
+                after.append(self._set.snapshot())
+        self._settle(after)
+
+    def _feed(self, order: Sequence[Observation]) -> None:
+        stamps = sorted(observation.stamp_ns for observation in order)
+        for stamp, observation in zip(stamps, order, strict=True):
+            if observation.stamp_ns != stamp:
+                fields = {
+                    name: getattr(observation, name) for name in observation.__struct_fields__
+                }
+                observation = Observation(**{**fields, "stamp_ns": stamp})  # noqa: PLW2901
+            self._set.observe(observation)
+
+    def _settle(self, states: Sequence[State]) -> None:
+        """Keep states that differ; with one left there is no uncertainty any more."""
+        kept: list[State] = []
+        futures = []
+        for state in states:
+            future = [cell.future for cell in state]
+            if future not in futures:
+                futures.append(future)
+                kept.append(state)
+        if len(kept) > MOST_STATES:
+            self._gave_up = True
+            kept = kept[:MOST_STATES]
+        self._set.restore(kept[0])
+        self._states = kept if len(kept) > 1 else None
+
+    def _report(self) -> list[tuple[str, Verdict]]:
+        states = self._states if self._states is not None else [self._set.snapshot()]
+        now = self._set.verdicts()
+        found = []
+        for name, verdict in now.items():
+            agreed = verdict
+            if len(states) > 1 or self._gave_up:
+                said = {other[name].status for other in map(self._verdicts_of, states)}
+                if len(said) > 1 or self._gave_up:
+                    reason = "observations may have happened in another order"
+                    agreed = Verdict(Status.INCONCLUSIVE, verdict.since_ns, reason=reason)
+            before = self._verdicts[name]
+            if before.final or (agreed.status, agreed.reason) == (before.status, before.reason):
+                continue
+            self._verdicts[name] = agreed
+            found.append((name, agreed))
+        return found
+
+    def _verdicts_of(self, state: State) -> dict[str, Verdict]:
+        names = [name for cell in self._set.cells for name in cell.names]
+        verdicts = [verdict for cell in state for verdict in cell.verdicts]
+        return dict(zip(names, verdicts, strict=True))
+
+
+def _clusters(observations: Sequence[Observation], reach: int) -> Iterator[list[Observation]]:
+    """Runs of observations (in order of stamps) that lie within ``reach`` of their neighbours."""
+    cluster: list[Observation] = []
+    for observation in observations:
+        if cluster and observation.stamp_ns - cluster[-1].stamp_ns > reach:
+            yield cluster
+            cluster = []
+        cluster.append(observation)
+    if cluster:
+        yield cluster
+
+
+def _orders(cluster: Sequence[Observation], reach: int) -> Iterator[tuple[Observation, ...]]:
+    """Every order that keeps each source's own, and that of stamps further apart than ``reach``."""
+    if not cluster:
+        yield ()
+        return
+    for place, first in enumerate(cluster):
+        # only what may come before everything that stands before it
+        if all(
+            other.source != first.source and first.stamp_ns - other.stamp_ns <= reach
+            for other in cluster[:place]
+        ):
+            rest = [*cluster[:place], *cluster[place + 1 :]]
+            for order in _orders(rest, reach):
+                yield (first, *order)
