@@ -8,6 +8,8 @@ from m2c.lazy_group import LazyGroup
 
 _COMMANDS = {
     "tap": ("moon.tap.command:tap", "Watch everything that happens, live and decoded."),
+    "monitor": ("moon.monitor.command:monitor", "Check a running system against its models."),
+    "explain": ("moon.explain.command:explain", "Say what a monitor would check of a model."),
     "check-properties": (
         "moon.properties.command:check_properties",
         "Check property files and say what each property means.",

@@ -1,0 +1,115 @@
+"""What stands in a machine: its statements, flat, and where choices are left open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from m2c.model.expressions import (
+    Expression,
+    Index,
+    Location,
+    MathCall,
+    Member,
+    Variable,
+    children,
+)
+from m2c.model.machine import (
+    Assign,
+    Emit,
+    If,
+    Log,
+    Machine,
+    Raise,
+    State,
+    Statement,
+    Transition,
+)
+
+
+def flat(statements: Iterable[Statement]) -> Iterator[Statement]:
+    """``statements`` with those inside ``<if>``."""
+    for statement in statements:
+        yield statement
+        if isinstance(statement, If):
+            for _, body in statement.branches:
+                yield from flat(body)
+
+
+def effects(machine: Machine, state: State, transition: Transition) -> list[Statement]:
+    """All that taking ``transition`` out of ``state`` can run, in order (W3C SCXML 3.13)."""
+    found = list(flat(state.on_exit)) if transition.targets else []
+    found += flat(transition.body)
+    for target in transition.targets:
+        found += flat(target.body)
+        found += flat(machine.state(target.state).on_entry)
+    return found
+
+
+def all_statements(machine: Machine) -> Iterator[Statement]:
+    """Every statement of ``machine`` and its action threads."""
+    for owner in with_threads(machine):
+        for state in owner.states:
+            yield from flat((*state.on_entry, *state.on_exit))
+            for transition in state.transitions:
+                yield from flat(transition.body)
+                for target in transition.targets:
+                    yield from flat(target.body)
+
+
+def with_threads(machine: Machine) -> list[Machine]:
+    """``machine``, then the machines of its action threads."""
+    return [machine, *(thread.machine for thread in machine.threads)]
+
+
+def draws(expression: Expression) -> bool:
+    """Whether the value of ``expression`` is random."""
+    if isinstance(expression, MathCall) and expression.function == "random":
+        return True
+    return any(draws(inner) for inner in children(expression))
+
+
+def expressions(statement: Statement) -> list[Expression]:
+    """The expressions whose values ``statement`` uses, without those of statements inside it."""
+    match statement:
+        case Assign(value=value):
+            return [value]
+        case Emit(fields=fields) | Raise(fields=fields):
+            return [field.value for field in fields]
+        case If(branches=branches):
+            return [condition for condition, _ in branches if condition is not None]
+        case Log(value=value):
+            return [] if value is None else [value]
+        case _:
+            return []
+
+
+def root(location: Location) -> str:
+    """The variable that an assignment to ``location`` changes."""
+    inner: Expression = location
+    while isinstance(inner, Member | Index):
+        inner = inner.object
+    return inner.name if isinstance(inner, Variable) else ""
+
+
+def variables_read(machine: Machine) -> set[str]:
+    """The variables on whose values something depends."""
+    found: set[str] = set()
+    todo: list[Expression] = []
+    for statement in all_statements(machine):
+        todo += expressions(statement)
+        match statement:
+            case Assign(location=Index(index=index)):
+                todo.append(index)
+            case Emit(goal_id=goal, thread_id=thread):
+                todo += [inner for inner in (goal, thread) if inner is not None]
+            case Raise(delay_s=delay) if delay is not None:
+                todo.append(delay)
+    for owner in with_threads(machine):
+        for state in owner.states:
+            todo += [t.cond for t in state.transitions if t.cond is not None]
+    while todo:
+        expression = todo.pop()
+        if isinstance(expression, Variable):
+            found.add(expression.name)
+        todo += children(expression)
+    return found

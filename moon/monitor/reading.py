@@ -1,0 +1,66 @@
+"""Reading what is to be monitored: the models, checked as ``m2c check`` checks them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from m2c.check import check_system
+from m2c.model import DiagnosticLog, ModelError, Position, System, load
+from m2c.model.machine import Machine
+from m2c.model.typing import nearest
+
+
+def read_checked(
+    paths: Sequence[Path], interfaces: Sequence[Path] = (), log: DiagnosticLog | None = None
+) -> System:
+    """The system in ``paths``.
+
+    Args:
+        paths: models, folders of them, or one system file.
+        interfaces: folders of interface packages.
+        log: where findings go.
+
+    Raises:
+        ModelError: ``m2c check`` would find errors, which the exception has.
+    """
+    log = log or DiagnosticLog()
+    system = load(paths, log, interfaces)
+    if system is not None:
+        complete = not log.has_errors
+        check_system(system, log)
+        complete = complete and all(found.rule != "unknown-type" for found in log.diagnostics)
+        if system.policy is not None and complete:
+            from m2c.policy.program import read_policy
+
+            read_policy(system.policy, system, log)
+    log.raise_if_errors()
+    if system is None or not (system.nodes or system.plugins):
+        log.error("no-models", Position(str(paths[0])), "", "no model in it")
+        raise ModelError(log.diagnostics)
+    return system
+
+
+class SelectionError(ValueError):
+    """A node to be monitored that the system does not have."""
+
+
+def select(system: System, only: Sequence[str], without: Sequence[str]) -> tuple[Machine, ...]:
+    """The nodes of ``system`` in ``only`` (empty: all) that are not in ``without``.
+
+    Raises:
+        SelectionError: there is no such node, or none is left.
+    """
+    known = [machine.name for machine in system.nodes]
+    for name in (*only, *without):
+        if name not in known:
+            raise SelectionError(f"{system.name} has no node {name}; {nearest(name, known)}")
+    kept = tuple(
+        machine
+        for machine in system.nodes
+        if (not only or machine.name in only) and machine.name not in without
+    )
+    if not kept:
+        why = "all are left out" if known else "it has only plugins, which run in the policy"
+        raise SelectionError(f"{system.name}: no node to monitor: {why}")
+    return kept

@@ -1,0 +1,130 @@
+"""Verdicts and summaries in words."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+
+from moon.monitor.status import UNSEEN, MachineStatus, Summary
+from moon.monitor.watch import UNRESPONSIVE
+from moon.tap.render import printable
+from moon.verdict import Explanation, Outcome, Verdict
+
+HEADER = ("machine", "verdict", "state", "in", "out", "lag [ms]", "last explanation")
+MAX_STATES = 3
+"""So many states are named; more say no more than their number."""
+_SHOWN_UNKNOWN = 5
+"""So many channels that no model names are named at the end."""
+_COLOURS = {
+    str(Outcome.VIOLATED): "31",
+    str(Outcome.INCONCLUSIVE): "33",
+    str(Outcome.CONFORMING): "32",
+}
+
+
+def shade(verdict: str) -> str:
+    """The colour of a verdict, as an ANSI code; "" for none."""
+    return _COLOURS.get(verdict, "")
+
+
+def clock(stamp_ns: int) -> str:
+    """A stamp as local time of day, to the microsecond."""
+    day = time.strftime("%H:%M:%S", time.localtime(stamp_ns // 10**9))
+    return f"{day}.{stamp_ns % 10**9 // 1000:06d}"
+
+
+def verdict_lines(verdict: Verdict, colour: bool = False) -> list[str]:
+    """A verdict, and below it why."""
+    word = str(verdict.outcome)
+    shown = word.upper() if verdict.outcome is Outcome.VIOLATED else word
+    if colour and (code := shade(word)):
+        shown = f"\x1b[{code}m{shown}\x1b[0m"
+    name = (
+        verdict.node if verdict.node == verdict.machine else f"{verdict.node} ({verdict.machine})"
+    )
+    why = verdict.explanation
+    head = f"{clock(verdict.stamp_ns)}  {printable(name)}  {shown}"
+    if why is None:
+        return [f"{head}  {printable(verdict.reason)}".rstrip()]
+    unresponsive = verdict.reason.startswith(UNRESPONSIVE)
+    return [f"{head}{'  unresponsive' if unresponsive else ''}", *_why(why)]
+
+
+def _why(why: Explanation) -> list[str]:
+    lines = _listed("expected", why.expected) + _listed("observed", [why.observed])
+    lines += _listed("in state", why.states)
+    evidence = [f"{clock(item.stamp_ns)}  {item.text}" for item in why.evidence]
+    lines += _listed("after", evidence)
+    return lines + _listed("model", [_near(place) for place in why.places])
+
+
+def _listed(title: str, texts: Sequence[str]) -> list[str]:
+    return [
+        f"    {title if place == 0 else '':<9} {printable(text)}"
+        for place, text in enumerate(texts)
+    ]
+
+
+def _near(place: str) -> str:
+    """``file:line:column`` with the file as seen from the working directory, where that is shorter."""
+    near = os.path.relpath(place)
+    return near if len(near) < len(place) else place
+
+
+def cells(status: MachineStatus) -> tuple[str, ...]:
+    """A row of the table, as :data:`HEADER` has it."""
+    states = status.states
+    state = " or ".join(states) if len(states) <= MAX_STATES else f"one of {len(states)}"
+    verdict = status.verdict
+    if status.violations > 1:
+        verdict += f" ×{status.violations}"
+    lag = "" if status.lag_ms is None else f"{status.lag_ms:.1f}"
+    last = "" if verdict == str(Outcome.CONFORMING) else printable(status.last)
+    state = state or ("" if status.verdict == UNSEEN else "?")
+    return (status.machine, verdict, state, str(status.inputs), str(status.outputs), lag, last)
+
+
+def table(statuses: Sequence[MachineStatus]) -> list[str]:
+    """The table as lines of text."""
+    rows = [HEADER, *(cells(status) for status in statuses)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADER) - 1)]
+    right = (False, False, False, True, True, True)
+    return [
+        "  ".join(
+            [
+                *(
+                    text.rjust(width) if is_right else text.ljust(width)
+                    for text, width, is_right in zip(row, widths, right, strict=False)
+                ),
+                row[-1],
+            ]
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def closing(summary: Summary) -> list[str]:
+    """The last lines: how it stands, and what could not be judged."""
+    counts = summary.counts
+    of = dict.fromkeys((*map(str, Outcome), UNSEEN), 0)
+    for status in summary.machines:
+        of[status.verdict] += 1
+    parts = [f"{number} {word}" for word, number in of.items() if number]
+    lines = [
+        f"{_many(summary.violations, 'violation')} in {summary.seconds:.1f} s; "
+        f"{_many(len(summary.machines), 'machine')}: {', '.join(parts)}; "
+        f"heard {counts.heard:,} observations, {counts.unconcerned:,} of no monitored machine"
+    ]
+    if counts.unknown:
+        named = [printable(name) for name, _ in counts.unknown.most_common(_SHOWN_UNKNOWN)]
+        more = len(counts.unknown) - len(named)
+        rest = f" and {more} more" if more else ""
+        lines.append(f"channels that no model names: {', '.join(named)}{rest}")
+    if counts.stalls:
+        lines.append(f"found all machines anew {_many(counts.stalls, 'time')}")
+    return lines
+
+
+def _many(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -1,0 +1,149 @@
+"""Where a monitor shows itself: a live table on a terminal, lines elsewhere, or JSON."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from moon.monitor.report import HEADER, cells, closing, shade, table, verdict_lines
+from moon.monitor.status import MachineStatus, Summary
+from moon.verdict import Verdict
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_encode = msgspec.json.Encoder().encode
+
+
+class Screen(Protocol):
+    """Shows verdicts, the machines, and the end."""
+
+    def take(self, verdict: Verdict) -> None:
+        """Show a verdict that is new."""
+        ...
+
+    def refresh(self, statuses: Sequence[MachineStatus]) -> None:
+        """Show how the machines stand."""
+        ...
+
+    def finish(self, summary: Summary) -> None:
+        """Show the end."""
+        ...
+
+    def close(self) -> None:
+        """Leave the terminal as it was; idempotent, and writes nothing else."""
+        ...
+
+
+class Lines:
+    """Verdicts as they come, the table at the end."""
+
+    def take(self, verdict: Verdict) -> None:
+        """Show a verdict that is new."""
+        _write("\n".join(verdict_lines(verdict)))
+
+    def refresh(self, statuses: Sequence[MachineStatus]) -> None:
+        """Nothing is shown between verdicts."""
+
+    def finish(self, summary: Summary) -> None:
+        """Show the end."""
+        _write("\n".join([*table(summary.machines), *closing(summary)]))
+
+    def close(self) -> None:
+        """The terminal was not changed."""
+
+
+class JsonLines:
+    """An object a line: ``{"event": "verdict", …}``, and at the end ``{"event": "summary", …}``."""
+
+    def take(self, verdict: Verdict) -> None:
+        """Show a verdict that is new."""
+        _write_event("verdict", verdict)
+
+    def refresh(self, statuses: Sequence[MachineStatus]) -> None:
+        """Nothing is shown between verdicts."""
+
+    def finish(self, summary: Summary) -> None:
+        """Show the end."""
+        _write_event("summary", summary)
+
+    def close(self) -> None:
+        """The terminal was not changed."""
+
+
+class LiveTable:
+    """The machines in a table that stays in place, verdicts above it."""
+
+    def __init__(self) -> None:
+        from rich.live import Live
+
+        self._live = Live(auto_refresh=False, redirect_stderr=sys.stderr.isatty())
+        self._live.start()
+
+    def take(self, verdict: Verdict) -> None:
+        """Show a verdict that is new."""
+        from rich.text import Text
+
+        for line in verdict_lines(verdict, colour=True):
+            self._live.console.print(Text.from_ansi(line))
+
+    def refresh(self, statuses: Sequence[MachineStatus]) -> None:
+        """Draw the table anew."""
+        self._live.update(_drawn(statuses), refresh=True)
+
+    def finish(self, summary: Summary) -> None:
+        """Leave the last table standing."""
+        self.refresh(summary.machines)
+        self.close()
+        _write("\n".join(closing(summary)))
+
+    def close(self) -> None:
+        """Show the cursor again."""
+        self._live.stop()
+
+
+_STYLES = {"31": "red", "32": "green", "33": "yellow"}
+
+
+def _drawn(statuses: Sequence[MachineStatus]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(box=None, pad_edge=False, header_style="bold")
+    numbers = ("in", "out", "lag [ms]")
+    for heading in HEADER:
+        drawn.add_column(
+            Text(heading),
+            justify="right" if heading in numbers else "left",
+            no_wrap=True,
+            overflow="ellipsis",
+        )
+    for status in statuses:
+        row = [Text(cell) for cell in cells(status)]
+        row[1].stylize(_STYLES.get(shade(status.verdict), "dim"))
+        drawn.add_row(*row)
+    return drawn
+
+
+def screen_for(as_json: bool) -> Screen:
+    """The screen that the options and standard output ask for."""
+    if as_json:
+        return JsonLines()
+    if sys.stdout.isatty():
+        return LiveTable()
+    return Lines()
+
+
+def _write_event(kind: str, content: Any) -> None:
+    fields = {"event": kind, **msgspec.to_builtins(content)}
+    sys.stdout.buffer.write(_encode(fields) + b"\n")
+    sys.stdout.buffer.flush()
+
+
+def _write(text: str) -> None:
+    encoding = sys.stdout.encoding or "utf-8"
+    sys.stdout.buffer.write(text.encode(encoding, "backslashreplace") + b"\n")
+    sys.stdout.buffer.flush()

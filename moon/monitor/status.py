@@ -1,0 +1,81 @@
+"""What a monitor shows of each machine, and of itself."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import msgspec
+
+UNSEEN = "unseen"
+"""The verdict on a machine of which nothing was heard yet."""
+
+
+class MachineStatus(msgspec.Struct, frozen=True):
+    """One monitored machine.
+
+    Attributes:
+        machine: the model's name.
+        verdict: ``conforming``, ``violated``, ``inconclusive``, or ``unseen``.
+        states: the states in which it may be; empty if that is not known.
+        inputs: what was seen of its inputs.
+        outputs: what was seen of its outputs.
+        violations: how often it did what its model does not.
+        late: observations that came too late to be judged.
+        lag_ms: from its own events to the monitor, median of the last ones; None before the first.
+        last: the last explanation, or why nothing can be said.
+    """
+
+    machine: str
+    verdict: str
+    states: tuple[str, ...]
+    inputs: int
+    outputs: int
+    violations: int
+    late: int
+    lag_ms: float | None
+    last: str
+
+
+class Counts(msgspec.Struct):
+    """What a monitor heard, and what it could not use.
+
+    Attributes:
+        heard: observations.
+        unconcerned: observations that concern no monitored machine.
+        future: observations whose stamp lies in the future.
+        unnamed: messages that do not say who sent them; their stamps are taken with caution.
+        mistyped: messages that are not of the type that the models say: nodes drop those too.
+        late: observations that came too late to be judged.
+        stalls: how often the monitor was held up, or the clock was set.
+        unknown: how many observations there were on channels that no model names.
+    """
+
+    heard: int = 0
+    unconcerned: int = 0
+    future: int = 0
+    unnamed: int = 0
+    mistyped: int = 0
+    late: int = 0
+    stalls: int = 0
+    unknown: Counter[str] = msgspec.field(default_factory=Counter)
+
+
+class Summary(msgspec.Struct, frozen=True):
+    """The end of a monitor's run.
+
+    Attributes:
+        seconds: how long it listened.
+        machines: each machine as it stands.
+        counts: what was heard.
+        problems: what could not be heard or decoded, one sentence each.
+    """
+
+    seconds: float
+    machines: tuple[MachineStatus, ...]
+    counts: Counts
+    problems: tuple[str, ...]
+
+    @property
+    def violations(self) -> int:
+        """Of all machines."""
+        return sum(machine.violations for machine in self.machines)

@@ -1,0 +1,341 @@
+"""A monitor at work: what is heard goes to the oracles, what they say goes to the sinks."""
+
+from __future__ import annotations
+
+import functools
+import statistics
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import Protocol
+
+import msgspec
+
+from m2c.model.machine import Machine
+from m2c.model.system import System
+from moon.monitor.models import ModelMonitor
+from moon.monitor.pace import NS, PERIOD_S, STALL_NS, Pace
+from moon.monitor.reception import Reception, Rejected
+from moon.monitor.status import UNSEEN, Counts, MachineStatus, Summary
+from moon.oracle.oracle import Oracle
+from moon.oracle.search import Bounds
+from moon.verdict import Outcome, Verdict
+from transports.interface import Observation, ObservationKind, Tap, Transport
+
+_KEPT_LAGS = 64
+"""Lags kept of each node, for the median."""
+_PERIOD_NS = round(PERIOD_S * NS)
+
+MIDDLE = "started in the middle: waiting for a moment that is certain"
+GONE = "its node went away"
+AWAY = "(gone)"
+UNRESPONSIVE = "unresponsive: "
+"""How a verdict's reason begins where something did not come."""
+
+
+class Sink(Protocol):
+    """Takes verdicts."""
+
+    def take(self, verdict: Verdict) -> None:
+        """Take one."""
+        ...
+
+
+class _Node:
+    """A node that runs a monitored machine."""
+
+    __slots__ = ("gone_ns", "heard", "lags", "last", "said", "since", "up", "violations")
+
+    def __init__(self) -> None:
+        self.up = False
+        self.gone_ns: int | None = None
+        """When it went away, while it is away."""
+        self.since = 0
+        self.heard = False
+        """Whether it was heard while it was not known to be up."""
+        self.said: Outcome | None = None
+        self.last = ""
+        self.violations = 0
+        self.lags: deque[int] = deque(maxlen=_KEPT_LAGS)
+
+
+class SystemWatch:
+    """Watches one system over ``transport``.
+
+    Args:
+        transport: the monitor's own connection.
+        system: the models, all of them.
+        machines: those to be monitored.
+        bounds: what is assumed of the middleware.
+        sinks: each gets every verdict that is new.
+        say: told what a person should know, one sentence each.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        system: System,
+        machines: Sequence[Machine],
+        bounds: Bounds,
+        sinks: Iterable[Sink],
+        say: Callable[[str], None],
+    ) -> None:
+        self.counts = Counts()
+        self.violations = 0
+        self._transport = transport
+        self._machines = tuple(machines)
+        self._library = system.library
+        self._bounds = bounds
+        self._sinks = tuple(sinks)
+        self._say = say
+        everything = (*system.nodes, *system.plugins)
+        self._reception = Reception(everything, system.library, bounds.latency, self.counts)
+        self._models = self._fresh_models()
+        self._nodes = {machine.name: _Node() for machine in machines}
+        self._first: dict[tuple[str, str], int] = {}
+        """Number of the first message heard of each source and channel."""
+        self._gone_counts: dict[str, tuple[int, int, int]] = {}
+        self._listening_since = 0
+        self._pace = Pace(transport.now_ns(), bounds.latency)
+        self._monotonic_ns = time.monotonic_ns()
+        self._began_ns = 0
+        self.listener: Tap | None = None
+
+    def start(self) -> None:
+        """Begin to listen (on the executor, or before it spins)."""
+        transport = self._transport
+        self.listener = transport.tap([], self._observe)
+        self._listening_since = self._began_ns = transport.now_ns()
+        self._pace.restart(self._listening_since)
+        transport.watch_nodes(self._node_changed)
+        transport.every(PERIOD_S, self._tick)
+
+    # --- what is heard -----------------------------------------------------------------------------
+
+    def _observe(self, seen: Observation) -> None:
+        transport, pace = self._transport, self._pace
+        now_ns = transport.now_ns()
+        if now_ns - pace.now_ns > STALL_NS or now_ns < pace.now_ns - self._bounds.latency:
+            self._look_at_clock(now_ns)
+        judged = self._reception.judge(seen, now_ns)
+        if isinstance(judged, Rejected):
+            if judged.reason:
+                for oracle in self._concerned(seen):
+                    self._lose(oracle, judged.reason)
+            return
+        pace.heard(now_ns - judged.stamp_ns)
+        node = self._nodes.get(seen.source)
+        if node is not None:
+            node.lags.append(seen.received_ns - seen.stamp_ns)
+            node.heard = node.heard or not node.up
+        if seen.kind is ObservationKind.MESSAGE and seen.sequence >= 0:
+            self._look_at_first(seen)
+        limit_ns = pace.clock_ns
+        if judged.received_ns > limit_ns + 2 * _PERIOD_NS:
+            judged = _received_at(judged, limit_ns)
+        self._take(self._models.feed(judged))
+
+    def _look_at_first(self, seen: Observation) -> None:
+        """The first message of a node that came up while the monitor listened has number 0."""
+        place = (seen.source, seen.channel)
+        if place in self._first:
+            return
+        self._first[place] = seen.sequence
+        node = self._nodes.get(seen.source)
+        if seen.sequence and node is not None and node.since >= self._listening_since:
+            for oracle in self._concerned(seen):
+                self._lose(oracle, f"what {seen.source} sent first on {seen.channel} was missed")
+
+    def _concerned(self, seen: Observation) -> list[Oracle]:
+        return [
+            oracle
+            for oracle in self._models.oracles.values()
+            if oracle.channels.concerns(seen.channel, seen.source, seen.kind)
+        ]
+
+    # --- time --------------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        now_ns = self._transport.now_ns()
+        self._look_at_clock(now_ns)
+        # behind what the tap has already handed over
+        self._transport.post(functools.partial(self._advance, now_ns))
+
+    def _advance(self, now_ns: int) -> None:
+        clock_ns = self._pace.tick(now_ns)
+        if now_ns - clock_ns > 2 * STALL_NS:
+            self._start_anew(now_ns, "this monitor does not keep up with what it hears")
+        for name, node in self._nodes.items():
+            if node.up and self._transport.up_since(name) != node.since:
+                self._node_up(name, node)
+        self._take(self._models.advance(clock_ns))
+        for name, node in self._nodes.items():
+            if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
+                self._lose(self._models.oracles[name], GONE)  # what it had sent is judged by now
+        self._tell_changes(now_ns)
+
+    def _look_at_clock(self, now_ns: int) -> None:
+        """Whether time goes on as it should; else what was missed is said."""
+        before_ns, self._monotonic_ns = self._monotonic_ns, time.monotonic_ns()
+        gap_ns = now_ns - self._pace.now_ns
+        if gap_ns > STALL_NS:
+            passed_ns = self._monotonic_ns - before_ns
+            if passed_ns > gap_ns // 2:
+                what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
+            else:
+                what = f"the clock was set forward by {(gap_ns - passed_ns) / NS:.1f} s"
+            self._start_anew(now_ns, what)
+        elif gap_ns < -self._bounds.latency:
+            self._start_anew(now_ns, f"the clock was set back by {-gap_ns / NS:.1f} s")
+
+    def _start_anew(self, now_ns: int, why: str) -> None:
+        """Find every machine in the middle of what it does: something is not known to be heard."""
+        self.counts.stalls += 1
+        for name, oracle in self._models.oracles.items():
+            inputs, outputs, late = self._gone_counts.get(name, (0, 0, 0))
+            self._gone_counts[name] = (
+                inputs + oracle.inputs,
+                outputs + oracle.outputs,
+                late + oracle.late,
+            )
+        self._models = self._fresh_models()
+        self._listening_since = now_ns
+        self._pace.restart(now_ns)
+        self._say(f"warning: {why}: all machines are found anew")
+        for name in self._nodes:
+            if self._is_seen(name):
+                self._lose(self._models.oracles[name], why)
+
+    def _fresh_models(self) -> ModelMonitor:
+        return ModelMonitor(self._machines, self._library, self._bounds, synchronised=False)
+
+    # --- nodes -------------------------------------------------------------------------------------
+
+    def _node_changed(self, name: str, up: bool) -> None:
+        node = self._nodes.get(name)
+        if node is None:
+            return
+        if up:
+            self._node_up(name, node)
+            return
+        node.up, node.heard, node.gone_ns = False, False, self._pace.now_ns
+
+    def _node_up(self, name: str, node: _Node) -> None:
+        """Synchronised if everything that it did and got was heard; else found in the middle.
+
+        It was, if it began to connect after this monitor listened: then the two were linked before
+        the node could declare anything (opening a connection waits for those who are there).
+        """
+        before, node.since = node.since, self._transport.up_since(name)
+        started = node.since >= self._listening_since and node.since != before
+        heard, node.heard = node.heard, False
+        again = before != 0
+        node.up, node.gone_ns = True, None
+        if not started or heard:
+            if again or heard:
+                self._lose(self._models.oracles[name], MIDDLE)
+            return
+        for place in [place for place in self._first if place[0] == name]:
+            del self._first[place]
+        if again:
+            self._say(f"{name} has started again")
+        # what it did while it came up is heard from now on: half the bound, before it is too late
+        stamp_ns = self._pace.clock_ns - self._bounds.latency // 2
+        self._models.node_started(name, max(stamp_ns, node.since))
+
+    # --- verdicts ----------------------------------------------------------------------------------
+
+    def _lose(self, oracle: Oracle, why: str) -> None:
+        self._take(oracle._lose(self._pace.now_ns, why))
+
+    def _take(self, verdicts: Sequence[Verdict]) -> None:
+        for verdict in verdicts:
+            if verdict.outcome is not Outcome.VIOLATED:
+                continue
+            node = self._nodes[verdict.node]
+            if node.gone_ns is not None and verdict.reason.startswith(UNRESPONSIVE):
+                continue  # who is not there owes nothing
+            node.violations += 1
+            self.violations += 1
+            if node.said is not Outcome.VIOLATED or node.last != verdict.reason:
+                self._publish(verdict)
+
+    def _tell_changes(self, now_ns: int) -> None:
+        """What else has changed: a machine is known again, or no longer."""
+        for name, oracle in self._models.oracles.items():
+            node = self._nodes[name]
+            outcome = oracle.outcome
+            if node.gone_ns is not None:
+                continue  # what was known of it stands
+            if outcome is node.said or outcome is Outcome.VIOLATED or not self._is_seen(name):
+                continue
+            if outcome is Outcome.CONFORMING and not oracle.hypotheses:
+                continue  # found in the middle, and silent since
+            self._publish(oracle.verdict(now_ns))
+
+    def _publish(self, verdict: Verdict) -> None:
+        node = self._nodes[verdict.node]
+        node.said = verdict.outcome
+        if verdict.reason:
+            node.last = verdict.reason
+        for sink in self._sinks:
+            sink.take(verdict)
+
+    def _is_seen(self, name: str) -> bool:
+        """Whether anything is known of its node; what others send to it tells nothing of it."""
+        node = self._nodes[name]
+        return node.up or node.said is not None or bool(node.lags)
+
+    # --- what can be asked -------------------------------------------------------------------------
+
+    def statuses(self) -> list[MachineStatus]:
+        """Each machine as it stands."""
+        return [self._status(name) for name in self._models.oracles]
+
+    def _status(self, name: str) -> MachineStatus:
+        oracle, node = self._models.oracles[name], self._nodes[name]
+        inputs, outputs, late = self._gone_counts.get(name, (0, 0, 0))
+        verdict = str(oracle.outcome) if self._is_seen(name) else UNSEEN
+        states = tuple(oracle.states())
+        if node.gone_ns is not None:
+            verdict, states = str(node.said or UNSEEN), (AWAY,)
+        if node.violations and oracle.outcome is Outcome.CONFORMING:
+            verdict = str(Outcome.VIOLATED)
+        return MachineStatus(
+            name,
+            verdict,
+            states,
+            inputs + oracle.inputs,
+            outputs + oracle.outputs,
+            node.violations,
+            late + oracle.late,
+            statistics.median(node.lags) / 1e6 if node.lags else None,
+            node.last,
+        )
+
+    def problems(self) -> list[str]:
+        """What cannot be heard or judged, one sentence each, counts in front of ``message``."""
+        counts = self.counts
+        found = list(self.listener.problems()) if self.listener is not None else []
+        for number, what in (
+            (counts.future, "stamped in the future: clocks differ, or were set"),
+            (counts.unnamed, "without a sender's name: their stamps are not relied on"),
+            (counts.mistyped, "of a type that is not the models': nodes drop them too"),
+            (sum(s.late for s in self.statuses()), "that came too late to be judged"),
+        ):
+            if number:
+                found.append(f"heard {number} message{'s' * (number != 1)} {what}")
+        return found
+
+    def summary(self) -> Summary:
+        """How it stands at the end."""
+        statuses = tuple(self.statuses())
+        self.counts.late = sum(status.late for status in statuses)
+        self.counts.unconcerned = self._models.unconcerned
+        seconds = (self._transport.now_ns() - self._began_ns) / NS
+        return Summary(seconds, statuses, self.counts, tuple(self.problems()))
+
+
+def _received_at(seen: Observation, clock_ns: int) -> Observation:
+    """``seen``, as if received at ``clock_ns``: the oracles' clock is behind the time of day."""
+    return msgspec.structs.replace(seen, received_ns=clock_ns)
