@@ -3,6 +3,9 @@
 A monitor that is held up itself (no processor time, a slow link) hears late what happened in time. If
 its oracles were told the time of day meanwhile, they would miss what is only waiting to be heard. So
 their clock runs behind for as long as observations come late, and catches up at twice the speed.
+
+There is an end to that: oracles that look for a certain moment keep four latency bounds of what they
+heard. What is later than ``limit_ns`` is not waited for; it is said to be missed.
 """
 
 from __future__ import annotations
@@ -13,9 +16,6 @@ PERIOD_S = 0.01
 """How often time passes for the oracles."""
 _USUAL_GAP_NS = 50_000_000
 """Between two ticks of a monitor that is not held up."""
-STALL_NS = 2 * NS
-"""A monitor held up for longer says so and finds all machines anew: links were closed meanwhile, and
-what happened then was not even numbered."""
 _MEMORY_NS = NS
 """How long a late observation keeps the clock back, at least."""
 
@@ -29,18 +29,21 @@ class Pace:
     """
 
     def __init__(self, now_ns: int, latency_ns: int) -> None:
+        self.limit_ns = 5 * latency_ns // 2
+        """What comes later than this after its stamp is too late; also, a monitor held up for longer
+        has missed what happened meanwhile (links are closed then)."""
         self.clock_ns = now_ns
         """What the oracles are told."""
         self.now_ns = now_ns
         """The time of day at the last tick."""
-        self._free_ns = latency_ns // 2
+        self._latency_ns = latency_ns
         self._late_ns = 0
         self._late_before_ns = 0
         self._since_ns = now_ns
 
     def heard(self, lag_ns: int) -> None:
-        """An observation came ``lag_ns`` after its stamp."""
-        self._late_ns = max(self._late_ns, min(lag_ns, STALL_NS))
+        """An observation came ``lag_ns`` after its stamp, not more than the limit."""
+        self._late_ns = max(self._late_ns, lag_ns)
 
     def tick(self, now_ns: int) -> int:
         """It is ``now_ns`` now; what the oracles are to be told."""
@@ -48,10 +51,16 @@ class Pace:
         self.now_ns = now_ns
         if now_ns - self._since_ns > _MEMORY_NS:
             self._late_before_ns, self._late_ns, self._since_ns = self._late_ns, 0, now_ns
-        behind = max(max(self._late_ns, self._late_before_ns) - self._free_ns, 0)
+        late_ns = max(self._late_ns, self._late_before_ns)
+        behind = max(late_ns - self._latency_ns // 2, 0)
         target = min(now_ns - behind, self.clock_ns + 2 * min(gap, _USUAL_GAP_NS))
         self.clock_ns = max(self.clock_ns, target)
         return self.clock_ns
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the clock is further behind than oracles can bear."""
+        return self.now_ns - self.clock_ns > 3 * self._latency_ns
 
     def restart(self, now_ns: int) -> None:
         """Go on from ``now_ns``: what was before is given up."""

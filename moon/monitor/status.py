@@ -46,6 +46,7 @@ class Counts(msgspec.Struct):
         unnamed: messages that do not say who sent them; their stamps are taken with caution.
         mistyped: messages that are not of the type that the models say: nodes drop those too.
         late: observations that came too late to be judged.
+        before: observations of before the monitor listened (or listened again).
         stalls: how often the monitor was held up, or the clock was set.
         unknown: how many observations there were on channels that no model names.
     """
@@ -56,6 +57,7 @@ class Counts(msgspec.Struct):
     unnamed: int = 0
     mistyped: int = 0
     late: int = 0
+    before: int = 0
     stalls: int = 0
     unknown: Counter[str] = msgspec.field(default_factory=Counter)
 

@@ -14,7 +14,7 @@ import msgspec
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.models import ModelMonitor
-from moon.monitor.pace import NS, PERIOD_S, STALL_NS, Pace
+from moon.monitor.pace import NS, PERIOD_S, Pace
 from moon.monitor.reception import Reception, Rejected
 from moon.monitor.status import UNSEEN, Counts, MachineStatus, Summary
 from moon.oracle.oracle import Oracle
@@ -94,6 +94,8 @@ class SystemWatch:
         self._nodes = {machine.name: _Node() for machine in machines}
         self._first: dict[tuple[str, str], int] = {}
         """Number of the first message heard of each source and channel."""
+        self._late: dict[str, int] = {}
+        """When each source was last heard too late."""
         self._gone_counts: dict[str, tuple[int, int, int]] = {}
         self._listening_since = 0
         self._pace = Pace(transport.now_ns(), bounds.latency)
@@ -115,7 +117,7 @@ class SystemWatch:
     def _observe(self, seen: Observation) -> None:
         transport, pace = self._transport, self._pace
         now_ns = transport.now_ns()
-        if now_ns - pace.now_ns > STALL_NS or now_ns < pace.now_ns - self._bounds.latency:
+        if not -self._bounds.latency <= now_ns - pace.now_ns <= pace.limit_ns:
             self._look_at_clock(now_ns)
         judged = self._reception.judge(seen, now_ns)
         if isinstance(judged, Rejected):
@@ -123,10 +125,17 @@ class SystemWatch:
                 for oracle in self._concerned(seen):
                     self._lose(oracle, judged.reason)
             return
-        pace.heard(now_ns - judged.stamp_ns)
+        if judged.stamp_ns < self._listening_since:
+            self.counts.before += 1
+            return
+        lag_ns = now_ns - judged.stamp_ns
+        if lag_ns > pace.limit_ns:
+            self._too_late(seen, lag_ns, now_ns)
+            return
+        pace.heard(lag_ns)
         node = self._nodes.get(seen.source)
         if node is not None:
-            node.lags.append(seen.received_ns - seen.stamp_ns)
+            node.lags.append(lag_ns)
             node.heard = node.heard or not node.up
         if seen.kind is ObservationKind.MESSAGE and seen.sequence >= 0:
             self._look_at_first(seen)
@@ -134,6 +143,19 @@ class SystemWatch:
         if judged.received_ns > limit_ns + 2 * _PERIOD_NS:
             judged = _received_at(judged, limit_ns)
         self._take(self._models.feed(judged))
+
+    def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
+        """One node's observations come too late, or (if not only one's) this monitor is slow."""
+        self._late[seen.source] = now_ns
+        self.counts.late += 1
+        why = f"what is heard comes {lag_ns / NS:.1f} s late"
+        recent = [source for source, at in self._late.items() if now_ns - at < NS]
+        if len(recent) > 1:
+            self._late.clear()
+            self._start_anew(now_ns, why)
+            return
+        for oracle in self._concerned(seen):
+            self._lose(oracle, f"{why} from {seen.source}")
 
     def _look_at_first(self, seen: Observation) -> None:
         """The first message of a node that came up while the monitor listened has number 0."""
@@ -163,7 +185,7 @@ class SystemWatch:
 
     def _advance(self, now_ns: int) -> None:
         clock_ns = self._pace.tick(now_ns)
-        if now_ns - clock_ns > 2 * STALL_NS:
+        if self._pace.is_lost:
             self._start_anew(now_ns, "this monitor does not keep up with what it hears")
         for name, node in self._nodes.items():
             if node.up and self._transport.up_since(name) != node.since:
@@ -178,7 +200,7 @@ class SystemWatch:
         """Whether time goes on as it should; else what was missed is said."""
         before_ns, self._monotonic_ns = self._monotonic_ns, time.monotonic_ns()
         gap_ns = now_ns - self._pace.now_ns
-        if gap_ns > STALL_NS:
+        if gap_ns > self._pace.limit_ns:
             passed_ns = self._monotonic_ns - before_ns
             if passed_ns > gap_ns // 2:
                 what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
@@ -313,6 +335,9 @@ class SystemWatch:
             node.last,
         )
 
+    def _late_in_all(self) -> int:
+        return self.counts.late + sum(status.late for status in self.statuses())
+
     def problems(self) -> list[str]:
         """What cannot be heard or judged, one sentence each, counts in front of ``message``."""
         counts = self.counts
@@ -321,7 +346,8 @@ class SystemWatch:
             (counts.future, "stamped in the future: clocks differ, or were set"),
             (counts.unnamed, "without a sender's name: their stamps are not relied on"),
             (counts.mistyped, "of a type that is not the models': nodes drop them too"),
-            (sum(s.late for s in self.statuses()), "that came too late to be judged"),
+            (self._late_in_all(), "that came too late to be judged"),
+            (counts.before, "of before it listened"),
         ):
             if number:
                 found.append(f"heard {number} message{'s' * (number != 1)} {what}")
@@ -330,10 +356,11 @@ class SystemWatch:
     def summary(self) -> Summary:
         """How it stands at the end."""
         statuses = tuple(self.statuses())
-        self.counts.late = sum(status.late for status in statuses)
-        self.counts.unconcerned = self._models.unconcerned
+        counts = msgspec.structs.replace(
+            self.counts, late=self._late_in_all(), unconcerned=self._models.unconcerned
+        )
         seconds = (self._transport.now_ns() - self._began_ns) / NS
-        return Summary(seconds, statuses, self.counts, tuple(self.problems()))
+        return Summary(seconds, statuses, counts, tuple(self.problems()))
 
 
 def _received_at(seen: Observation, clock_ns: int) -> Observation:

@@ -1,0 +1,173 @@
+"""A transport whose clock, nodes and observations a test moves by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from m2c.model import load
+from m2c.model.diagnostics import DiagnosticLog
+from moon.monitor.watch import SystemWatch
+from moon.oracle.search import Bounds
+from moon.verdict import Verdict
+from transports.interface import Observation, ObservationKind
+
+TYPES = {
+    "t/srv/Tick.srv": "---\nint8 status\n",
+    "t/msg/Level.msg": "int32 data\n",
+}
+LEVEL = """\
+<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Level" initial="idle">
+  <datamodel><data id="level" type="int32" expr="100"/></datamodel>
+  <ros_service_server service_name="/Level/tick" type="t/Tick"/>
+  <ros_topic_subscriber topic="/battery" type="t/Level"/>
+  <state id="idle">
+    <ros_topic_callback name="/battery">
+      <assign location="level" expr="_msg.data"/>
+    </ros_topic_callback>
+    <ros_service_handle_request name="/Level/tick" target="idle">
+      <ros_service_send_response name="/Level/tick">
+        <field name="status" expr="level &gt; 30 ? 0 : 1"/>
+      </ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+MS = 1_000_000
+S = 1000 * MS
+START = 1_700_000_000 * S
+
+
+def write_models(folder: Path) -> Path:
+    """The model of ``Level``, its types beside it."""
+    for name, text in TYPES.items():
+        path = folder / "interfaces" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    model = folder / "Level.scxml"
+    model.write_text(LEVEL)
+    return model
+
+
+class HandDriven:
+    """A transport and a watch on it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.now = START
+        self.since: dict[str, int] = {}
+        self.said: list[str] = []
+        self.verdicts: list[Verdict] = []
+        self.heard_by_tap: list[str] = []
+        self._numbers: dict[tuple[str, str, bool], int] = {}
+        self._timers = []
+        log = DiagnosticLog()
+        system = load([write_models(folder)], log)
+        assert system is not None
+        assert not log.has_errors
+        self.watch = SystemWatch(self, system, system.nodes, Bounds(), [self], self.said.append)
+        self.watch.start()
+
+    # what the watch calls
+    def now_ns(self) -> int:
+        return self.now
+
+    def tap(self, channels, handler):
+        self._handler = handler
+        return self
+
+    def problems(self):
+        return self.heard_by_tap
+
+    def watch_nodes(self, handler) -> None:
+        self._node_handler = handler
+
+    def up_since(self, name: str) -> int:
+        return self.since.get(name, 0)
+
+    def every(self, period_s: float, handler) -> None:
+        self._timers.append(handler)
+
+    def post(self, handler) -> None:
+        handler()
+
+    def take(self, verdict: Verdict) -> None:
+        self.verdicts.append(verdict)
+
+    # what a test does
+    def pass_time(self, milliseconds: int) -> None:
+        """Time passes, and the watch sees it pass."""
+        for _ in range(milliseconds // 10):
+            self.now += 10 * MS
+            for handler in self._timers:
+                handler()
+
+    def jump(self, nanoseconds: int) -> None:
+        """Time passes, and the watch does not run meanwhile."""
+        self.now += nanoseconds
+        for handler in self._timers:
+            handler()
+
+    def node(self, name: str, up: bool, since: int | None = None) -> None:
+        """A node comes up (having begun to connect ``since``, by default now) or goes away."""
+        if up:
+            self.since[name] = self.now if since is None else since
+        else:
+            self.since.pop(name, None)
+        self._node_handler(name, up)
+
+    def message(self, data: int, source: str = "Battery", **changes) -> None:
+        """A message on the battery's topic."""
+        self.hear(
+            "/battery", ObservationKind.MESSAGE, "t/msg/Level", {"data": data}, source, **changes
+        )
+
+    def tick(self, call: int, status: int | None = None) -> None:
+        """The policy ticks the skill, which answers ``status`` (None: not at all) 1 ms later."""
+        seen = (
+            (ObservationKind.REQUEST_SENT, "policy", {}),
+            (ObservationKind.REQUEST_RECEIVED, "Level", {}),
+        )
+        for kind, source, data in seen:
+            self.hear("/Level/tick", kind, "t/srv/Tick_Request", data, source, call=call)
+        self.now += MS
+        if status is None:
+            return
+        for kind, source in (
+            (ObservationKind.RESPONSE_SENT, "Level"),
+            (ObservationKind.RESPONSE_RECEIVED, "policy"),
+        ):
+            data = {"status": status}
+            self.hear("/Level/tick", kind, "t/srv/Tick_Response", data, source, call=call)
+
+    def hear(self, channel, kind, type_name, data, source, **changes) -> None:
+        """The tap hears something; ``changes`` are fields of the observation."""
+        kind = ObservationKind(kind)
+        place = (source, channel, kind is ObservationKind.MESSAGE)
+        number = self._numbers.get(place, -1) + 1
+        self._numbers[place] = number
+        self.now += 10_000
+        fields = {
+            "stamp_ns": self.now,
+            "received_ns": self.now,
+            "sequence": number,
+            "client": "" if kind is ObservationKind.MESSAGE else "policy",
+        } | changes
+        self._handler(
+            Observation(
+                channel=channel, kind=kind, type_name=type_name, data=data, source=source, **fields
+            )
+        )
+
+    def forget_numbers(self, source: str) -> None:
+        """The node was restarted: its numbers begin anew."""
+        for place in [place for place in self._numbers if place[0] == source]:
+            del self._numbers[place]
+
+    @property
+    def outcomes(self) -> list[str]:
+        """The verdicts so far, without repetitions of one kind."""
+        return [str(verdict.outcome) for verdict in self.verdicts]
+
+    @property
+    def status(self):
+        (status,) = self.watch.statuses()
+        return status

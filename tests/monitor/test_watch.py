@@ -1,0 +1,324 @@
+"""What the monitor makes of nodes, clocks and odd observations; time and nodes moved by hand."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from tests.monitor.hand_driven import MS, START, HandDriven, S
+
+
+@pytest.fixture
+def hand(tmp_path) -> HandDriven:
+    return HandDriven(tmp_path)
+
+
+@pytest.fixture
+def started(hand) -> HandDriven:
+    """A node that came up while the monitor listened, and works."""
+    hand.pass_time(100)
+    hand.node("Level", True)
+    hand.pass_time(500)
+    hand.message(90)
+    hand.pass_time(500)
+    assert hand.outcomes == ["conforming"]
+    return hand
+
+
+def test_a_node_that_starts_while_it_listens_is_known_from_its_first_tick(started) -> None:
+    started.tick(1, status=0)
+    started.pass_time(500)
+    assert started.outcomes == ["conforming"]
+    assert started.status.states == ("idle",)
+    started.tick(2, status=1)
+    started.pass_time(500)
+    assert started.outcomes == ["conforming", "violated"]
+    (wrong,) = [verdict for verdict in started.verdicts if verdict.explanation]
+    assert wrong.explanation.expected == ("response on /Level/tick {status: 0} to policy",)
+    assert wrong.explanation.observed == "response on /Level/tick {status: 1}"
+    assert wrong.explanation.places[0].endswith("Level.scxml:9:5")
+    assert wrong.explanation.states == ("idle (level=90)",)
+
+
+def test_a_node_that_was_there_before_is_found_in_the_middle(hand) -> None:
+    hand.pass_time(100)
+    hand.node("Level", True, since=START - S)
+    hand.tick(1, status=1)  # its level may be anything
+    hand.pass_time(1000)
+    hand.tick(2, status=1)
+    hand.pass_time(1000)
+    assert hand.watch.violations == 0
+    assert hand.outcomes == ["inconclusive", "conforming"]
+    hand.message(90)
+    hand.pass_time(1000)
+    hand.tick(3, status=1)
+    hand.pass_time(1000)
+    assert hand.watch.violations == 1
+
+
+def test_a_node_whose_start_is_not_told_is_found_in_the_middle(hand) -> None:
+    hand.pass_time(100)
+    hand.node("Level", True, since=0)
+    hand.tick(1, status=1)
+    hand.pass_time(1000)
+    assert "violated" not in hand.outcomes
+
+
+def test_a_missing_answer_is_found_by_the_timer(started) -> None:
+    started.tick(1)
+    asked = started.now
+    while not started.watch.violations:
+        started.pass_time(10)
+    assert 1000 * MS <= started.now - asked <= 1250 * MS
+    (late,) = [verdict for verdict in started.verdicts if verdict.explanation]
+    assert late.reason.startswith("unresponsive: ")
+
+
+def test_the_same_violation_again_is_counted_and_not_told_again(started) -> None:
+    for call in range(1, 4):
+        started.message(90)
+        started.pass_time(500)
+        started.tick(call, status=1)
+        started.pass_time(500)
+    assert started.watch.violations == 3
+    assert started.status.violations == 3
+    assert started.outcomes == ["conforming", "violated"]
+
+
+def test_a_link_that_comes_again_is_not_taken_for_a_new_start(started) -> None:
+    since = started.since["Level"]
+    started.message(20)
+    started.pass_time(500)
+    started.node("Level", False)
+    started.pass_time(1000)
+    started.node("Level", True, since=since)
+    started.pass_time(300)
+    started.tick(1, status=1)  # right, as its level is 20: had it started anew, it would be 100
+    started.pass_time(1000)
+    assert started.watch.violations == 0
+
+
+def test_a_restarted_node_is_followed_from_its_initial_state(started) -> None:
+    started.message(20)
+    started.pass_time(500)
+    started.node("Level", False)
+    started.pass_time(1000)
+    started.forget_numbers("Level")
+    started.node("Level", True)
+    started.pass_time(500)
+    started.tick(1, status=0)
+    started.pass_time(500)
+    assert started.watch.violations == 0
+    assert "Level has started again" in started.said
+    started.tick(2, status=1)
+    started.pass_time(500)
+    assert started.watch.violations == 1
+
+
+def test_a_restart_whose_end_was_not_heard_is_noticed(started) -> None:
+    started.message(20)
+    started.pass_time(500)
+    started.forget_numbers("Level")
+    started.since["Level"] = started.now  # no `went away`, no `came up`
+    started.pass_time(500)
+    started.tick(1, status=0)
+    started.pass_time(500)
+    assert started.watch.violations == 0
+
+
+def test_a_node_heard_before_it_was_known_to_be_up_is_found_in_the_middle(hand) -> None:
+    hand.pass_time(100)
+    since = hand.now
+    hand.message(20)
+    hand.tick(1, status=1)
+    hand.node("Level", True, since=since)
+    hand.pass_time(500)
+    hand.tick(2, status=1)
+    hand.pass_time(500)
+    assert hand.watch.violations == 0
+
+
+def test_a_node_that_went_away_owes_nothing_and_what_was_known_stands(started) -> None:
+    started.tick(1, status=0)
+    started.tick(2)
+    started.node("Level", False)
+    started.pass_time(5000)
+    assert started.watch.violations == 0
+    assert started.status.verdict == "conforming"
+    assert started.status.states == ("(gone)",)
+
+
+def test_what_a_node_sent_wrongly_before_it_went_away_is_still_judged(started) -> None:
+    started.tick(1, status=1)
+    started.node("Level", False)
+    started.pass_time(1000)
+    assert started.watch.violations == 1
+
+
+def test_a_monitor_that_stood_still_says_so_and_finds_machines_anew(started) -> None:
+    started.tick(1)  # the answer is not heard
+    started.jump(60 * S)
+    assert [text for text in started.said if "stood still" in text or "set forward" in text]
+    assert started.watch.violations == 0
+    started.pass_time(200)
+    assert started.outcomes[-1] == "inconclusive"
+    started.pass_time(500)
+    started.tick(2, status=1)  # it may have got anything meanwhile
+    started.pass_time(1000)
+    assert started.watch.violations == 0
+    started.message(90)
+    started.pass_time(1000)
+    started.tick(3, status=0)
+    started.pass_time(1000)
+    assert started.outcomes[-1] == "conforming"
+    started.tick(4, status=1)
+    started.pass_time(1000)
+    assert started.watch.violations == 1
+    assert started.watch.summary().counts.stalls == 1
+
+
+def test_what_happened_while_it_stood_still_is_not_judged(started) -> None:
+    before = started.now
+    started.jump(60 * S)
+    for call in range(1, 5):  # what waited in the queues comes now
+        started.message(90, stamp_ns=before + call * S)
+        started.hear(
+            "/Level/tick",
+            "response_sent",
+            "t/srv/Tick_Response",
+            {"status": 1},
+            "Level",
+            stamp_ns=before + call * S + MS,
+            call=call,
+        )
+    started.pass_time(1000)
+    assert started.watch.violations == 0
+    assert started.watch.summary().counts.before == 8
+
+
+def test_a_clock_set_back_is_said_and_machines_are_found_anew(started) -> None:
+    started.jump(-3600 * S)
+    assert [text for text in started.said if "set back by 3600.0 s" in text]
+    started.pass_time(1000)
+    started.message(90)
+    started.pass_time(1000)
+    started.tick(1, status=0)
+    started.pass_time(1000)
+    assert started.watch.violations == 0
+    assert started.outcomes[-1] == "conforming"
+    started.tick(2, status=1)
+    started.pass_time(1000)
+    assert started.watch.violations == 1
+
+
+def test_a_stamp_from_the_future_is_counted_and_makes_no_wrong_verdict(started) -> None:
+    started.tick(1)
+    response = {"status": 0}
+    started.hear(
+        "/Level/tick",
+        "response_sent",
+        "t/srv/Tick_Response",
+        response,
+        "Level",
+        stamp_ns=started.now + 3600 * S,
+        call=1,
+    )
+    started.pass_time(3000)
+    assert started.watch.violations == 0
+    assert started.outcomes[-1] in ("inconclusive", "conforming")
+    assert "inconclusive" in started.outcomes
+    assert any("stamped in the future" in text for text in started.watch.problems())
+
+
+def test_a_lost_message_makes_it_inconclusive_until_it_is_certain_again(started) -> None:
+    started.message(20, sequence=7)  # 1 to 6 were lost
+    started.pass_time(50)
+    assert started.outcomes[-1] == "inconclusive"
+    started.pass_time(1000)
+    started.message(20, sequence=8)
+    started.pass_time(1000)
+    started.tick(1, status=1)
+    started.pass_time(1000)
+    assert started.outcomes[-1] == "conforming"
+    assert started.watch.violations == 0
+
+
+def test_what_a_started_node_sent_first_and_was_not_heard_makes_it_inconclusive(hand) -> None:
+    hand.pass_time(100)
+    hand.node("Level", True)
+    hand.pass_time(400)
+    hand.hear("/elsewhere", "message", "t/msg/Level", {"data": 1}, "Level", sequence=3)
+    hand.pass_time(100)
+    assert "inconclusive" in hand.outcomes
+    assert "violated" not in hand.outcomes
+
+
+def test_a_message_of_another_type_is_counted_and_taken_by_nobody(started) -> None:
+    started.hear("/battery", "message", "std_msgs/msg/String", {"data": "x"}, "stranger")
+    started.hear("/battery", "message", "", {"data": "not a number"}, "", sequence=-1)
+    started.pass_time(500)
+    started.tick(1, status=0)
+    started.pass_time(500)
+    assert started.outcomes == ["conforming"]
+    assert any("of a type that is not the models'" in text for text in started.watch.problems())
+
+
+def test_a_message_without_a_sender_may_have_been_taken_before_its_stamp(started) -> None:
+    started.tick(1)
+    started.hear("/battery", "message", "t/msg/Level", {"data": 20}, "", sequence=-1)
+    started.hear(
+        "/Level/tick", "response_sent", "t/srv/Tick_Response", {"status": 0}, "Level", call=1
+    )
+    started.pass_time(30)
+    # taken by the skill 40 ms ago, heard by the monitor only now
+    started.tick(2, status=1)
+    started.hear("/battery", "message", "t/msg/Level", {"data": 20}, "", sequence=-1)
+    started.pass_time(500)
+    assert started.watch.violations == 0
+    assert any("without a sender's name" in text for text in started.watch.problems())
+
+
+def test_channels_that_no_model_names_are_counted(started) -> None:
+    for name in ("/a", "/a", "/b", "/rosout", "/moon/verdicts", "/policy/ticks"):
+        started.hear(name, "message", "t/msg/Level", {"data": 1}, "stranger")
+    assert started.watch.summary().counts.unknown == {"/a": 2, "/b": 1}
+
+
+def test_endless_new_channels_do_not_fill_the_memory(started) -> None:
+    for number in range(1500):
+        started.hear(f"/new/{number}", "message", "t/msg/Level", {"data": 1}, "stranger")
+    unknown = started.watch.summary().counts.unknown
+    assert len(unknown) == 1001
+    assert unknown["(others)"] == 500
+
+
+def test_an_observation_that_is_late_by_less_than_the_bound_changes_nothing(started) -> None:
+    for call in range(1, 20):
+        level = 20 if call % 2 else 90
+        stamp = started.now
+        started.pass_time(400)
+        started.tick(call, status=0 if level == 90 else 1)
+        started.message(level, stamp_ns=started.now - 150 * MS)
+        started.pass_time(400)
+        assert started.now > stamp
+    assert started.watch.violations == 0
+    assert "inconclusive" not in started.outcomes
+
+
+def test_observations_of_several_nodes_too_late_make_all_inconclusive(started) -> None:
+    started.pass_time(2000)
+    started.message(20, stamp_ns=started.now - 800 * MS)
+    started.message(20, source="Other", stamp_ns=started.now - 800 * MS)
+    started.tick(1, status=1)
+    started.pass_time(500)
+    assert started.watch.violations == 0
+    assert [text for text in started.said if "0.8 s late" in text]
+
+
+def test_the_summary_is_json(started) -> None:
+    started.tick(1, status=1)
+    started.pass_time(500)
+    summary = started.watch.summary()
+    decoded = msgspec.json.decode(msgspec.json.encode(summary))
+    assert decoded["machines"][0]["verdict"] == "violated"
+    assert summary.violations == 1
