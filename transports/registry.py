@@ -8,6 +8,11 @@ from importlib.metadata import EntryPoint, entry_points
 from transports.interface import Transport, TransportError
 
 GROUP = "m2c.transports"
+_NEEDS = {
+    "ros2": "it needs rclpy: pip install 'm2c-moon[ros2]', or source a ROS 2 Jazzy "
+    "(. /opt/ros/jazzy/setup.bash) for a Python that it supports",
+}
+"""What a transport of this repository needs that is not always installed."""
 
 
 def available() -> list[str]:
@@ -38,6 +43,8 @@ def _load(point: EntryPoint):  # type: ignore[no-untyped-def]
     try:
         return point.load()
     except (ImportError, AttributeError) as error:
+        needs = _NEEDS.get(point.name, "")
         raise TransportError(
             f"the transport `{point.name}` of {distribution} cannot be loaded: {error}"
+            + (f"; {needs}" if needs else "")
         ) from error

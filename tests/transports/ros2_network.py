@@ -1,0 +1,77 @@
+"""Real ROS 2 nodes for tests: the suite's interface package, and a domain of one's own."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from m2c.rosidl.build import InterfaceInstall, build_interfaces
+from transports.interface import Transport
+from transports.networks import ThreadedNetwork
+
+HERE = Path(__file__).parent
+BUILD = HERE.parent.parent / "build" / "test-interfaces"
+SITE = f"lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
+
+
+def built() -> InterfaceInstall:
+    """The interface packages of the tests, built once for all runs."""
+    return build_interfaces([HERE / "ros2_interfaces"], BUILD)
+
+
+def load(install: InterfaceInstall) -> None:
+    """Make the packages importable here: a process that runs looks for no new library folders."""
+    for package in install.packages:
+        root = install.prefix / package
+        if str(root / SITE) in sys.path:
+            continue
+        sys.path.append(str(root / SITE))
+        libraries = sorted((root / "lib").glob("lib*.so"))
+        while libraries:  # in whatever order they need one another
+            left = [library for library in libraries if not _loads(library)]
+            assert len(left) < len(libraries), f"cannot load {left}"
+            libraries = left
+
+
+def _loads(library: Path) -> bool:
+    try:
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    except OSError:
+        return False
+    return True
+
+
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """A ROS domain that no other test uses, on loopback only."""
+    from domain_coordinator import domain_id
+
+    start = os.getpid()
+
+    def candidate() -> int:
+        nonlocal start
+        start += 1
+        return start % 100 + 1
+
+    os.environ["ROS_LOCALHOST_ONLY"] = "1"
+    os.environ["RCUTILS_LOGGING_SEVERITY"] = "ERROR"  # rcl's remark that the variable is old
+    with domain_id(candidate) as number:
+        os.environ["ROS_DOMAIN_ID"] = str(number)
+        yield number
+
+
+def network() -> ThreadedNetwork:
+    """Nodes in this process's domain."""
+    from transports.ros2 import connect
+
+    def join(name: str, others: Sequence[Transport]) -> Transport:
+        return connect(name, {})
+
+    return ThreadedNetwork(join)
+
+
+Connect = Callable[[str], Transport]

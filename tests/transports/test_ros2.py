@@ -1,0 +1,50 @@
+"""The ROS 2 transport against the conformance suite, with real Fast DDS on loopback."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from tests.transports import ros2_network
+from transports.conformance import CHECKS, Check
+
+pytestmark = pytest.mark.ros2
+
+
+@pytest.fixture(scope="module", autouse=True)
+def domain() -> Iterator[int]:
+    ros2_network.load(ros2_network.built())
+    with ros2_network.own_domain() as number:
+        yield number
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_ros2(check: Check) -> None:
+    network = ros2_network.network()
+    try:
+        check(network)
+    finally:
+        network.close()
+
+
+def test_without_rclpy_the_transport_says_what_to_install() -> None:
+    code = (
+        "import sys\n"
+        "sys.modules['rclpy'] = None\n"
+        "from transports.registry import connect\n"
+        "from transports.interface import TransportError\n"
+        "try:\n"
+        "    connect('ros2', 'node', {})\n"
+        "except TransportError as error:\n"
+        "    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert "the transport `ros2`" in done.stdout
+    assert "pip install 'm2c-moon[ros2]'" in done.stdout
+    assert "/opt/ros/jazzy/setup.bash" in done.stdout

@@ -1,0 +1,101 @@
+"""How calls end without a response: what ROS 2 has no message for.
+
+A service of ROS 2 answers or does not. A server of this transport that fails a request sends no
+response (an ordinary client would take it for a real one, and waits as for any server that does not
+answer); it says why on ``<namespace>/_m2c/call_errors``, which every client of this transport hears.
+Clients say there how their calls ended otherwise, for whoever taps. The record is JSON in a
+``std_msgs/msg/String``: ``ros2 topic echo`` shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from std_msgs.msg import String
+
+from transports.ros2 import qos
+from transports.ros2.executor import LOG, Executor
+
+TOPIC = "/_m2c/call_errors"
+_KEPT = 100
+
+
+class CallError(msgspec.Struct, frozen=True):
+    """A call that did not end in a response.
+
+    Attributes:
+        service, type_name: full name and type.
+        by_server: whether the server says so (it failed the request), or the client (how it ended).
+        client, gid: the calling node and its GID as the server sees it, hexadecimal.
+        call: the number of the client's call.
+        error: ``remote_error: …``, ``timeout: …``, ``unavailable: …``.
+        node: who says so.
+        stamp_ns: when, ns since the epoch.
+    """
+
+    service: str
+    type_name: str
+    by_server: bool
+    client: str
+    gid: str
+    call: int
+    error: str
+    node: str
+    stamp_ns: int
+
+
+_encode = msgspec.json.Encoder().encode
+_decode = msgspec.json.Decoder(CallError).decode
+
+
+def read(text: str) -> CallError:
+    """The record; msgspec.DecodeError if it is none."""
+    return _decode(text)
+
+
+class CallErrors:
+    """What one node says of failed calls, and what its clients hear."""
+
+    def __init__(self, node: Any, executor: Executor, topic: str) -> None:
+        self._listeners: dict[str, Callable[[CallError], None]] = {}
+        profile = qos.profile(reliable=True, latched=True, depth=_KEPT)
+        self._publisher = node.create_publisher(
+            String,
+            topic,
+            profile,
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        )
+        self._subscription = node.create_subscription(
+            String,
+            topic,
+            lambda message: None,
+            profile,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+        self._topic = topic
+        executor.handle(self._subscription, self._take)
+
+    def listen(self, service: str, listener: Callable[[CallError], None]) -> None:
+        """Hear what servers say of failed calls of ``service``."""
+        self._listeners[service] = listener
+
+    def publish(self, error: CallError) -> None:
+        """Say how a call ended."""
+        self._publisher.publish(String(data=_encode(error).decode()))
+
+    def _take(self) -> bool:
+        taken = self._subscription.handle.take_message(String, False)
+        if taken is None:
+            return False
+        try:
+            error = read(taken[0].data)
+        except msgspec.DecodeError as fault:
+            LOG.warning("%s: message dropped: %s", self._topic, fault)
+            return True
+        listener = self._listeners.get(error.service)
+        if error.by_server and listener is not None:
+            listener(error)
+        return True

@@ -1,0 +1,414 @@
+"""One thread that runs everything: a wait set of rcl, posted work, and timers.
+
+rclpy's own executors want a service's answer from its callback; this one takes requests and
+responses itself and hands them on, so that an answer can come later. What rclpy declares on the
+node for itself (parameter services, the ``/clock`` subscription) runs here as well.
+"""
+
+# rclpy leaves some of its functions without types
+# mypy: disable-error-code="no-untyped-call"
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import logging
+import signal
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import ClockChange, JumpThreshold
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+
+from transports.interface import TransportError
+
+LOG = logging.getLogger("transports.ros2")
+"""Where this transport reports what it dropped and what cannot work."""
+
+_NS = 1_000_000_000
+_SWEEP = 64
+"""So many timers are kept before cancelled ones are looked for."""
+_AT_ONCE = 64
+"""Messages taken from one subscription before the others have their turn."""
+
+
+class Timer:
+    """A timer of the executor; ``period_ns`` 0 means once."""
+
+    __slots__ = ("cancelled", "due_ns", "handler", "period_ns")
+
+    def __init__(self, due_ns: int, period_ns: int, handler: Callable[[], None]) -> None:
+        self.due_ns = due_ns
+        self.period_ns = period_ns
+        self.handler: Callable[[], None] | None = handler
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        """Stop it; idempotent, from any thread."""
+        self.cancelled = True
+        self.handler = None
+
+
+class Timers:
+    """A heap of timers on one clock; only the executor's thread touches it."""
+
+    def __init__(self, clock_ns: Callable[[], int]) -> None:
+        self.clock_ns = clock_ns
+        self._heap: list[tuple[int, int, Timer]] = []
+        self._sweep_at = _SWEEP
+        self._count = itertools.count()
+
+    def push(self, timer: Timer) -> None:
+        """Start ``timer``."""
+        if len(self._heap) >= self._sweep_at:  # answered calls leave their timers behind
+            self._heap[:] = [entry for entry in self._heap if not entry[2].cancelled]
+            heapq.heapify(self._heap)
+            self._sweep_at = 2 * len(self._heap) + _SWEEP
+        heapq.heappush(self._heap, (timer.due_ns, next(self._count), timer))
+
+    def wait_ns(self) -> int | None:
+        """How long until the next is due, on this clock; None if none runs."""
+        while self._heap and self._heap[0][2].cancelled:
+            heapq.heappop(self._heap)
+        return max(self._heap[0][0] - self.clock_ns(), 0) if self._heap else None
+
+    def take_due(self) -> Callable[[], None] | None:
+        """The handler of a timer that is due, which is started again if it is periodic."""
+        while self._heap and self._heap[0][0] <= self.clock_ns():
+            timer = heapq.heappop(self._heap)[2]
+            handler = timer.handler
+            if handler is None:
+                continue
+            if timer.period_ns:
+                timer.due_ns += timer.period_ns
+                behind_ns = self.clock_ns() - timer.due_ns
+                if behind_ns > 0:  # ticks that were slept through are skipped, the phase is kept
+                    timer.due_ns += (behind_ns // timer.period_ns + 1) * timer.period_ns
+                self.push(timer)
+            return handler
+        return None
+
+    def shift(self, by_ns: int) -> None:
+        """Move every due time: the clock was set."""
+        for _, _, timer in self._heap:
+            timer.due_ns += by_ns
+        self._heap = [(timer.due_ns, order, timer) for _, order, timer in self._heap]
+
+
+class RosClock:
+    """The node's clock for timers: steady in real time, the simulation's with ``use_sim_time``."""
+
+    def __init__(self, clock: Any, timers_of: Callable[[], Timers]) -> None:
+        self._clock = clock
+        self._timers_of = timers_of
+        self._before_ns = 0
+        self.simulated = bool(clock.ros_time_is_active)
+        threshold = JumpThreshold(
+            min_forward=Duration(nanoseconds=1),
+            min_backward=Duration(nanoseconds=-1),
+            on_clock_change=True,
+        )
+        self._jumps = clock.create_jump_callback(
+            threshold, pre_callback=self._before_jump, post_callback=self._after_jump
+        )
+
+    def now_ns(self) -> int:
+        """Now; only differences mean something."""
+        if self.simulated:
+            return int(self._clock.now().nanoseconds)
+        return time.monotonic_ns()
+
+    def _before_jump(self) -> None:
+        self._before_ns = self.now_ns()
+
+    def _after_jump(self, jump: Any) -> None:
+        """Timers keep the time that was left to them when the clock is exchanged, starts (from 0,
+        with a simulation's first message) or is set back.
+        """
+        if jump.clock_change == ClockChange.ROS_TIME_ACTIVATED:
+            self.simulated = True
+        elif jump.clock_change == ClockChange.ROS_TIME_DEACTIVATED:
+            self.simulated = False
+        elif self._before_ns and jump.delta.nanoseconds > 0:
+            return
+        self._timers_of().shift(self.now_ns() - self._before_ns)
+
+
+class Executor:
+    """Runs one node; see ``transports.interface.Transport`` for what is promised of it."""
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._context = node.context
+        self._posted: deque[Callable[[], None]] = deque()
+        self._takers: dict[int, tuple[Any, Callable[[], bool]]] = {}
+        self._guard = GuardCondition(callback=None, callback_group=None, context=self._context)
+        self._clock = RosClock(node.get_clock(), lambda: self._ros_timers)
+        self._ros_timers = Timers(self._clock.now_ns)
+        self._steady_timers = Timers(time.monotonic_ns)
+        self._spinner = threading.Lock()
+        self._thread = 0
+        self._ignored: list[Any] = []
+        self._stale = True
+        self._closed = False
+        self._wait_set: Any = None
+        self._waiting_for: list[tuple[str, Any, Callable[[], bool]]] = []
+        node.executor = self
+
+    # What rclpy's Node asks of its executor.
+
+    def add_node(self, node: Any) -> bool:
+        """Called by the node; there is only one."""
+        return True
+
+    def remove_node(self, node: Any) -> None:
+        """Called by the node when it is destroyed."""
+
+    def wake(self) -> None:
+        """Something was declared or withdrawn."""
+        self._stale = True
+        self._trigger()
+
+    # Ours.
+
+    def is_current(self) -> bool:
+        """Whether the calling thread is the one that spins."""
+        return threading.get_ident() == self._thread
+
+    def is_spinning(self) -> bool:
+        """Whether any thread spins."""
+        return self._thread != 0
+
+    def handle(self, entity: Any, take: Callable[[], bool]) -> None:
+        """Call ``take()`` when ``entity`` (a subscription, service or client) has something.
+
+        ``take`` handles one message and returns whether there was one.
+        """
+        self._takers[id(entity)] = (entity, take)
+        self.wake()
+
+    def ignore(self, entity: Any) -> None:
+        """Leave ``entity`` to somebody else."""
+        self._ignored.append(entity)
+        self.wake()
+
+    def forget(self, entity: Any) -> None:
+        """Undo ``handle``."""
+        self._takers.pop(id(entity), None)
+        self.wake()
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` on the executor's thread; callable from any thread."""
+        self._posted.append(handler)
+        if threading.get_ident() != self._thread:
+            self._trigger()
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` once, on the ROS clock."""
+        return self._start(self._ros_timers, delay_s, 0, handler)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` each ``period_s`` of the ROS clock: lateness does not add up."""
+        period_ns = int(period_s * _NS)
+        if period_ns <= 0:
+            raise TransportError(f"a timer's period must be positive, not {period_s} s")
+        return self._start(self._ros_timers, period_s, period_ns, handler)
+
+    def after_real(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` once, in real time: a call must end even if a simulation stands still."""
+        return self._start(self._steady_timers, delay_s, 0, handler)
+
+    def close(self) -> None:
+        """End ``spin``; idempotent, from any thread."""
+        self._closed = True
+        self._trigger()
+
+    def wait_until_idle(self) -> None:
+        """Wait until no thread spins (unless the calling one does)."""
+        if not self.is_current():
+            self._spinner.acquire()
+            self._spinner.release()
+
+    def destroy(self) -> None:
+        """Release what the executor holds; nothing spins any more."""
+        self._takers.clear()
+        self._waiting_for = []
+        self._wait_set = None
+        self._guard.destroy()
+
+    def spin(self, until: Callable[[], bool] | None = None) -> None:
+        """Run until ``close()`` or until ``until()`` holds, which is asked before each piece of work."""
+        if not self._spinner.acquire(blocking=False):
+            raise TransportError("this transport is already spinning on another thread")
+        self._thread = threading.get_ident()
+        signals = _SignalWake(self._trigger)
+        try:
+            self._run(until)
+        finally:
+            signals.close()
+            self._thread = 0
+            self._spinner.release()
+
+    def _trigger(self) -> None:
+        try:
+            self._guard.trigger()
+        except InvalidHandle:  # closed meanwhile
+            return
+
+    def _start(
+        self, timers: Timers, delay_s: float, period_ns: int, handler: Callable[[], None]
+    ) -> Timer:
+        timer = Timer(timers.clock_ns() + int(delay_s * _NS), period_ns, handler)
+        if self.is_current():
+            timers.push(timer)
+        else:
+            self.post(lambda: timers.push(timer))
+        return timer
+
+    def _run(self, until: Callable[[], bool] | None) -> None:
+        while not self._closed:
+            if until is not None and until():
+                return
+            # Each kind of work has its turn: none keeps the others waiting for ever.
+            for _ in range(len(self._posted)):
+                self._posted.popleft()()
+                if self._closed or (until is not None and until()):
+                    return
+            for timers in (self._steady_timers, self._ros_timers):
+                handler = timers.take_due()
+                if handler is not None:
+                    handler()
+                    if self._closed or (until is not None and until()):
+                        return
+            for take in self._ready():
+                for _ in range(_AT_ONCE):
+                    if self._closed or (until is not None and until()):
+                        return
+                    if not take():
+                        break
+
+    def _ready(self) -> list[Callable[[], bool]]:
+        """Wait for something to do; what has something to take."""
+        if self._stale:
+            self._stale = False
+            self._waiting_for = self._collect()
+            kinds = [kind for kind, _, _ in self._waiting_for]
+            self._wait_set = _rclpy.WaitSet(
+                *(kinds.count("subscription"), 1, 0),
+                *(kinds.count("client"), kinds.count("service"), 0),
+                self._context.handle,
+            )
+        wait_set = self._wait_set
+        wait_set.clear_entities()
+        add = {
+            "subscription": wait_set.add_subscription,
+            "client": wait_set.add_client,
+            "service": wait_set.add_service,
+        }
+        pointers: dict[int, Callable[[], bool]] = {}
+        for kind, entity, take in self._waiting_for:
+            handle = entity.handle
+            add[kind](handle)
+            pointers[handle.pointer] = take
+        wait_set.add_guard_condition(self._guard.handle)
+        wait_set.wait(0 if self._posted or self._stale or self._closed else self._wait_ns())
+        return [
+            pointers[pointer]
+            for kind in add
+            for pointer in wait_set.get_ready_entities(kind)
+            if pointer in pointers
+        ]
+
+    def _wait_ns(self) -> int:
+        """Until the next timer; -1 means for ever. Simulated time is moved by what arrives."""
+        waits = [self._steady_timers.wait_ns()]
+        if (ros_ns := self._ros_timers.wait_ns()) is not None and (
+            not self._clock.simulated or ros_ns == 0
+        ):
+            waits.append(ros_ns)
+        return min((wait for wait in waits if wait is not None), default=-1)
+
+    def _collect(self) -> list[tuple[str, Any, Callable[[], bool]]]:
+        found: list[tuple[str, Any, Callable[[], bool]]] = []
+        node, takers = self._node, self._takers
+        for kind, entities in (
+            ("subscription", node.subscriptions),
+            ("client", node.clients),
+            ("service", node.services),
+        ):
+            for entity in entities:
+                known = takers.get(id(entity))
+                if entity in self._ignored:
+                    continue
+                if known is not None:
+                    found.append((kind, entity, known[1]))
+                elif kind == "subscription":
+                    found.append((kind, entity, _take_for_rclpy(entity)))
+                elif kind == "service":
+                    found.append((kind, entity, _serve_for_rclpy(entity)))
+        return found
+
+
+def _take_for_rclpy(subscription: Any) -> Callable[[], bool]:
+    def take() -> bool:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken is None:
+            return False
+        subscription.callback(taken[0])
+        return True
+
+    return take
+
+
+def _serve_for_rclpy(service: Any) -> Callable[[], bool]:
+    def take() -> bool:
+        with service.handle:
+            request, header = service.handle.service_take_request(service.srv_type.Request)
+        if header is None:
+            return False
+        service.send_response(service.callback(request, service.srv_type.Response()), header)
+        return True
+
+    return take
+
+
+class _SignalWake:
+    """Wakes a wait that signals do not interrupt, so that Python can run their handlers.
+
+    Python runs a signal's handler on the main thread once that is back from C; rcl's wait does not
+    return for a signal. Where the main thread spins, a byte that the interpreter writes when a
+    signal arrives (``signal.set_wakeup_fd``) wakes another thread, which triggers the wait's guard.
+    """
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._active = threading.current_thread() is threading.main_thread()
+        if not self._active:
+            return
+        self._reader, self._writer = socket.socketpair()
+        self._writer.setblocking(False)
+        self._before = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
+        self._thread = threading.Thread(
+            target=self._listen, args=(wake,), name="ros2-signals", daemon=True
+        )
+        self._thread.start()
+
+    def _listen(self, wake: Callable[[], None]) -> None:
+        while self._reader.recv(64):
+            wake()
+
+    def close(self) -> None:
+        """Stop listening."""
+        if not self._active:
+            return
+        signal.set_wakeup_fd(self._before)
+        self._writer.close()
+        self._thread.join()
+        self._reader.close()

@@ -1,0 +1,88 @@
+"""What cannot work in the graph, said once: other types, QoS that does not match, two servers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from transports.ros2 import qos
+from transports.ros2.executor import LOG
+from transports.ros2.graph import UNKNOWN, request_topic
+
+
+class Declared(msgspec.Struct):
+    """What one node has declared: type and QoS per topic, type per service."""
+
+    publishes: dict[str, tuple[str, Any]] = msgspec.field(default_factory=dict)
+    subscribes: dict[str, tuple[str, Any]] = msgspec.field(default_factory=dict)
+    serves: dict[str, str] = msgspec.field(default_factory=dict)
+    calls: dict[str, str] = msgspec.field(default_factory=dict)
+
+
+class Faults:
+    """Looks at the graph for what will never be heard, and reports it."""
+
+    def __init__(
+        self, node: Any, declared: Declared, report: Callable[[str], object] = LOG.error
+    ) -> None:
+        self._node = node
+        self._declared = declared
+        self._report = report
+        self._said: set[str] = set()
+
+    def look(self) -> None:
+        """Report what is new."""
+        node, declared = self._node, self._declared
+        for topic, (type_name, profile) in declared.subscribes.items():
+            for info in node.get_publishers_info_by_topic(topic):
+                self._compare(topic, type_name, info, "published")
+                if info.topic_type == type_name and (
+                    reason := qos.mismatch(info.qos_profile, profile)
+                ):
+                    self._deaf(topic, info.node_name, node.get_name(), reason)
+        for topic, (type_name, profile) in declared.publishes.items():
+            for info in node.get_subscriptions_info_by_topic(topic):
+                self._compare(topic, type_name, info, "expected")
+                if info.topic_type == type_name and (
+                    reason := qos.mismatch(profile, info.qos_profile)
+                ):
+                    self._deaf(topic, node.get_name(), info.node_name, reason)
+        self._look_at_services()
+
+    def _look_at_services(self) -> None:
+        node, declared = self._node, self._declared
+        types = dict(node.get_service_names_and_types()) if declared.calls else {}
+        for service, type_name in declared.calls.items():
+            served = [name for name in types.get(service, ()) if name != type_name]
+            if served and type_name not in types[service]:
+                self._say(
+                    f"{service}: this node calls it as {type_name}, but it is served as "
+                    f"{', '.join(served)}: its calls will not be answered"
+                )
+        for service in declared.serves:
+            servers = node.get_subscriptions_info_by_topic(request_topic(service), no_mangle=True)
+            if len(servers) < 2 or any(info.node_name == UNKNOWN for info in servers):
+                continue
+            names = " and ".join(sorted(info.node_name for info in servers))
+            self._say(f"two nodes serve {service}: {names}; a call is answered by both")
+
+    def _compare(self, topic: str, type_name: str, info: Any, how: str) -> None:
+        if info.topic_type != type_name and info.node_name != UNKNOWN:
+            self._say(
+                f"{topic}: this node has it as {type_name}, but it is {how} by {info.node_name} "
+                f"as {info.topic_type}: they do not hear each other"
+            )
+
+    def _deaf(self, topic: str, publisher: str, subscriber: str, reason: str) -> None:
+        if UNKNOWN not in (publisher, subscriber):
+            self._say(
+                f"{topic}: {subscriber} cannot hear {publisher}, their QoS does not match: "
+                f"{reason.strip().rstrip(';')}"
+            )
+
+    def _say(self, text: str) -> None:
+        if text not in self._said:
+            self._said.add(text)
+            self._report(text)

@@ -1,0 +1,127 @@
+"""The graph of a ROS 2 system: who is there, told when it changes.
+
+rcl triggers a guard condition at every change of the graph; one thread waits for it and tells those
+who asked. rclpy itself only offers to look again every now and then.
+"""
+
+# rclpy leaves some of its functions without types
+# mypy: disable-error-code="no-untyped-call"
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+
+from transports.ros2 import native
+from transports.service_events import EVENT_SUFFIX
+
+UNKNOWN = "_NODE_NAME_UNKNOWN_"
+"""What rmw says of an endpoint whose node it has not heard of yet."""
+
+_PAUSE_S = 0.005
+"""Changes come in bursts (a node that starts makes dozens): each burst is told once."""
+
+
+def request_topic(service: str) -> str:
+    """The DDS topic on which requests travel (https://design.ros2.org)."""
+    return f"rq{service}Request"
+
+
+def response_topic(service: str) -> str:
+    """The DDS topic on which responses travel."""
+    return f"rr{service}Reply"
+
+
+class Graph:
+    """Tells of changes, and finds names for GIDs."""
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._guard = native.graph_guard(node)
+        self._stop = GuardCondition(callback=None, callback_group=None, context=node.context)
+        self._stopping = threading.Event()
+        self._listeners: list[Callable[[], None]] = []
+        self._subscription: Any = None
+        self._names: dict[bytes, str] = {}
+        self._participants: dict[bytes, set[str]] = {}
+        self._thread = threading.Thread(target=self._watch, name="ros2-graph", daemon=True)
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call ``listener`` on the graph's thread at each change; before ``start`` only."""
+        self._listeners.append(listener)
+
+    def start(self, subscription: Any) -> None:
+        """Begin; a message on ``subscription`` counts as a change too (a listener takes it)."""
+        self._subscription = subscription
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End; idempotent."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._stop.trigger()
+            self._thread.join()
+        self._stop.destroy()
+
+    def _watch(self) -> None:
+        wait_set = _rclpy.WaitSet(1, 2, 0, 0, 0, 0, self._node.context.handle)
+        while not self._stopping.is_set():
+            for listener in self._listeners:
+                listener()
+            if self._stopping.wait(_PAUSE_S):
+                return
+            wait_set.clear_entities()
+            wait_set.add_subscription(self._subscription.handle)
+            wait_set.add_guard_condition(self._stop.handle)
+            native.add_guard(wait_set, self._guard)
+            wait_set.wait(-1)
+
+    # Who is behind a GID.
+
+    def publisher_of(self, topic: str, gid: bytes) -> str:
+        """The node whose publisher of ``topic`` has this GID; empty while nobody knows."""
+        name = self._names.get(gid)
+        if name is None:
+            self._learn(self._node.get_publishers_info_by_topic(topic))
+            name = self._find(gid)
+        return name
+
+    def client_of(self, service: str, gid: bytes) -> str:
+        """The node whose client of ``service`` has this GID; empty while nobody knows.
+
+        The client's end names itself by its request writer, the server by the response reader.
+        """
+        name = self._names.get(gid)
+        if name is None:
+            node = self._node
+            self._learn(node.get_publishers_info_by_topic(request_topic(service), no_mangle=True))
+            self._learn(
+                node.get_subscriptions_info_by_topic(response_topic(service), no_mangle=True)
+            )
+            name = self._find(gid)
+        return name
+
+    def _learn(self, endpoints: Iterable[Any]) -> None:
+        for endpoint in endpoints:
+            if endpoint.node_name == UNKNOWN:
+                continue
+            gid = bytes(endpoint.endpoint_gid)[: native.GID_BYTES]
+            self._names[gid] = endpoint.node_name
+            self._participants.setdefault(gid[: native.PREFIX_BYTES], set()).add(endpoint.node_name)
+
+    def _find(self, gid: bytes) -> str:
+        """By the endpoint, else by its participant if that is known to hold one node only."""
+        name = self._names.get(gid)
+        if name is not None:
+            return name
+        names = self._participants.get(gid[: native.PREFIX_BYTES], set())
+        return next(iter(names)) if len(names) == 1 else ""
+
+
+def is_event_topic(topic: str) -> bool:
+    """Whether ``topic`` carries a service's events."""
+    return topic.endswith(EVENT_SUFFIX)

@@ -1,0 +1,219 @@
+"""What rcl and rmw know and rclpy 7 (Jazzy) does not hand out: graph events, publishers' GIDs.
+
+rclpy gives the address of each rcl object (``handle.pointer``); the C functions called here are
+part of rcl's and rmw's public API. The structs are those of Jazzy's ``rmw/types.h`` and
+``rcutils/types/uint8_array.h``.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import msgspec
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from transports.interface import TransportError
+
+GID_BYTES = 16
+"""RMW_GID_STORAGE_SIZE."""
+PREFIX_BYTES = 12
+"""The part of a DDS GUID that names the participant: one per rclpy context."""
+
+_RCL_RET_OK = 0
+_RCL_RET_SUBSCRIPTION_TAKE_FAILED = 401
+_FIRST_BUFFER = 1024
+
+
+class _Allocator(ctypes.Structure):
+    _fields_ = (
+        ("allocate", ctypes.c_void_p),
+        ("deallocate", ctypes.c_void_p),
+        ("reallocate", ctypes.c_void_p),
+        ("zero_allocate", ctypes.c_void_p),
+        ("state", ctypes.c_void_p),
+    )
+
+
+class _Bytes(ctypes.Structure):
+    _fields_ = (
+        ("buffer", ctypes.c_void_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    )
+
+
+class _Gid(ctypes.Structure):
+    _fields_ = (
+        ("implementation", ctypes.c_char_p),
+        ("data", ctypes.c_uint8 * GID_BYTES),
+    )
+
+
+class _MessageInfo(ctypes.Structure):
+    _fields_ = (
+        ("source_timestamp", ctypes.c_int64),
+        ("received_timestamp", ctypes.c_int64),
+        ("publication_sequence_number", ctypes.c_uint64),
+        ("reception_sequence_number", ctypes.c_uint64),
+        ("publisher_gid", _Gid),
+        ("from_intra_process", ctypes.c_bool),
+    )
+
+
+class Taken(msgspec.Struct, frozen=True):
+    """A serialized message and where it comes from.
+
+    Attributes:
+        payload: the message as CDR.
+        source_ns, received_ns: when it was written, and when it arrived here.
+        number: of the publication, from 1 per publisher; 0 where the RMW does not count.
+        gid: the publisher's.
+    """
+
+    payload: bytes
+    source_ns: int
+    received_ns: int
+    number: int
+    gid: bytes
+
+
+def _library(name: str) -> Any:
+    try:
+        return ctypes.CDLL(name)  # loaded by rclpy already: found by its soname
+    except OSError as error:
+        raise TransportError(f"cannot load ROS 2's {name}: {error}") from error
+
+
+class _Libraries:
+    """The functions, with their types."""
+
+    def __init__(self) -> None:
+        rcl = _library("librcl.so")
+        rmw = _library(f"lib{get_rmw_implementation_identifier()}.so")
+        utils = _library("librcutils.so")
+        pointer, size = ctypes.c_void_p, ctypes.c_size_t
+        self.graph_guard = self._declare(rcl, "rcl_node_get_graph_guard_condition", pointer)
+        self.add_guard = self._declare(rcl, "rcl_wait_set_add_guard_condition")
+        self.take = self._declare(rcl, "rcl_take_serialized_message")
+        self.client_handle = self._declare(rcl, "rcl_client_get_rmw_handle", pointer)
+        self.gid_of_client = self._declare(rmw, "rmw_get_gid_for_client")
+        self.bytes_init = self._declare(utils, "rcutils_uint8_array_init")
+        self.bytes_fini = self._declare(utils, "rcutils_uint8_array_fini")
+        self.default_allocator = self._declare(utils, "rcutils_get_default_allocator", _Allocator)
+        self.reset_error = self._declare(utils, "rcutils_reset_error", None)
+        self.graph_guard.argtypes = [pointer]
+        self.add_guard.argtypes = [pointer, pointer, pointer]
+        self.take.argtypes = [pointer, pointer, pointer, pointer]
+        self.client_handle.argtypes = [pointer]
+        self.gid_of_client.argtypes = [pointer, pointer]
+        self.bytes_init.argtypes = [pointer, size, pointer]
+        self.bytes_fini.argtypes = [pointer]
+
+    @staticmethod
+    def _declare(library: Any, name: str, result: Any = ctypes.c_int) -> Any:
+        function = getattr(library, name)
+        function.restype = result
+        return function
+
+
+_libraries: _Libraries | None = None
+
+
+def _functions() -> _Libraries:
+    global _libraries  # noqa: PLW0603 - rclpy must be loaded first
+    if _libraries is None:
+        _libraries = _Libraries()
+    return _libraries
+
+
+def graph_guard(node: Any) -> int:
+    """The address of the guard condition that is triggered by every change of the graph.
+
+    Args:
+        node: an ``rclpy.node.Node``.
+    """
+    address = _functions().graph_guard(node.handle.pointer)
+    if not address:
+        raise TransportError("this ROS 2 gives no graph events")
+    return int(address)
+
+
+def add_guard(wait_set: Any, guard: int) -> None:
+    """Have ``wait_set`` (of rclpy) wait for the guard condition at ``guard`` as well."""
+    if _functions().add_guard(wait_set.pointer, guard, None) != _RCL_RET_OK:
+        _functions().reset_error()
+        raise TransportError("cannot wait for graph events")
+
+
+def gid_of_client(handle: Any) -> bytes:
+    """The GID by which the events of a service's client (``client.handle``) name it."""
+    gid = _Gid()
+    functions = _functions()
+    client = functions.client_handle(handle.pointer)
+    if not client or functions.gid_of_client(client, ctypes.byref(gid)) != _RCL_RET_OK:
+        functions.reset_error()
+        raise TransportError("cannot tell the GID of a service client")
+    return bytes(gid.data)
+
+
+class Taker:
+    """Takes serialized messages with their publishers' GIDs; one thread at a time."""
+
+    def __init__(self) -> None:
+        functions = _functions()
+        self._functions = functions
+        self._allocator = functions.default_allocator()
+        self._bytes = _Bytes()
+        self._info = _MessageInfo()
+        if functions.bytes_init(
+            ctypes.byref(self._bytes), _FIRST_BUFFER, ctypes.byref(self._allocator)
+        ):
+            raise TransportError("no memory for messages")
+
+    def take(self, handle: Any) -> Taken | None:
+        """The next message of a subscription (``subscription.handle``), None if there is none."""
+        functions, info, taken = self._functions, self._info, self._bytes
+        code = functions.take(handle.pointer, ctypes.byref(taken), ctypes.byref(info), None)
+        if code != _RCL_RET_OK:
+            functions.reset_error()
+            return None
+        return Taken(
+            ctypes.string_at(taken.buffer, taken.length),
+            info.source_timestamp,
+            info.received_timestamp,
+            info.publication_sequence_number,
+            bytes(info.publisher_gid.data),
+        )
+
+    def close(self) -> None:
+        """Give the buffer back; idempotent."""
+        self._functions.bytes_fini(ctypes.byref(self._bytes))
+
+
+class _RequestId(ctypes.Structure):
+    _fields_ = (
+        ("writer_guid", ctypes.c_uint8 * GID_BYTES),
+        ("sequence_number", ctypes.c_int64),
+    )
+
+
+_INSTANCE_VALUE = object.__basicsize__
+"""Where a pybind11 object keeps the address of its value: right behind the object's head."""
+
+
+def gid_of_request(request_id: Any) -> bytes:
+    """Who sent a request: ``writer_guid`` of an ``rmw_request_id_t``, which rclpy keeps to itself.
+
+    Empty where the object is not laid out as expected, which its sequence number gives away.
+    """
+    if type(request_id).__basicsize__ < _INSTANCE_VALUE + ctypes.sizeof(ctypes.c_void_p):
+        return b""
+    address = ctypes.c_void_p.from_address(id(request_id) + _INSTANCE_VALUE).value
+    if not address:
+        return b""
+    found = _RequestId.from_address(address)
+    if found.sequence_number != request_id.sequence_number:
+        return b""
+    return bytes(found.writer_guid)

@@ -1,0 +1,215 @@
+"""Who is up: what each node says of itself when it is ready, held against the graph.
+
+ROS 2 shows a node as soon as it exists, and its endpoints one by one. So a node that is ready
+publishes, latched on ``<namespace>/_m2c/nodes``, what it has declared (JSON in a
+``std_msgs/msg/String``); another node counts it as up once all of that has reached its own graph.
+It is down when that publisher has left the graph: at once after ``close()``, after DDS's lease when
+it was killed.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import msgspec
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import QoSProfile
+from std_msgs.msg import String
+
+from transports.ros2 import native, qos
+from transports.ros2.executor import LOG, Executor
+from transports.ros2.graph import Graph
+from transports.service_events import EVENT_SUFFIX
+
+TOPIC = "/_m2c/nodes"
+_KEPT = 100
+"""Nodes that may announce themselves before a newcomer has read the first."""
+
+
+class Presence(msgspec.Struct):
+    """What a node says of itself.
+
+    Attributes:
+        node: its name.
+        since_ns: when it began to connect, ns since the epoch, on its clock.
+        publishes, subscribes, serves, calls: full names of what it had declared.
+        taps: globs of what it listens to, and with them it declares to hear what matches.
+        refused: topics that its taps cannot hear.
+    """
+
+    node: str
+    since_ns: int = 0
+    publishes: list[str] = msgspec.field(default_factory=list)
+    subscribes: list[str] = msgspec.field(default_factory=list)
+    serves: list[str] = msgspec.field(default_factory=list)
+    calls: list[str] = msgspec.field(default_factory=list)
+    taps: list[str] = msgspec.field(default_factory=list)
+    refused: list[str] = msgspec.field(default_factory=list)
+
+
+_encode = msgspec.json.Encoder().encode
+_decode = msgspec.json.Decoder(Presence).decode
+
+
+class Announcements:
+    """The node's own announcement, and those of the others."""
+
+    def __init__(self, node: Any, executor: Executor, graph: Graph, prefix: str) -> None:
+        self._node = node
+        self._executor = executor
+        self._graph = graph
+        self._topic = prefix + TOPIC
+        self._taker = native.Taker()
+        self._heard: dict[bytes, Presence] = {}
+        self._up: dict[bytes, str] = {}
+        self._changed = threading.Condition()
+        self._watchers: list[Callable[[str, bool], None]] = []
+        self._publisher: Any = None
+        self._closed = False
+        self.own = Presence(node.get_name(), time.time_ns())
+        self._since: dict[str, int] = {}
+        self._subscription = node.create_subscription(
+            String,
+            self._topic,
+            lambda message: None,
+            _profile(_KEPT),
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=True,
+        )
+        executor.ignore(self._subscription)
+        graph.listen(self._look)
+        graph.start(self._subscription)
+
+    def announce(self) -> None:
+        """Say what this node has declared; saying it again tells what has changed."""
+        if self._publisher is None:
+            self._publisher = self._node.create_publisher(
+                String,
+                self._topic,
+                _profile(1),
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            )
+        self._publisher.publish(String(data=_encode(self.own).decode()))
+
+    def tell_again(self) -> None:
+        """``announce`` once more if this node has announced itself."""
+        if self._publisher is not None:
+            self.announce()
+
+    def watch(self, handler: Callable[[str, bool], None]) -> None:
+        """``handler(name, up)`` on the executor, at once for those who are up."""
+        with self._changed:
+            self._watchers.append(handler)
+            for name in sorted(set(self._up.values())):
+                self._executor.post(lambda name=name: handler(name, True))  # type: ignore[misc]
+
+    def up_since(self, name: str) -> int:
+        """When ``name`` began to connect, by its last announcement; 0 before any."""
+        return self._since.get(name, 0)
+
+    def wait(self, names: Sequence[str], timeout_s: float) -> list[str]:
+        """Wait until all ``names`` are up; those still missing after ``timeout_s``."""
+        deadline = time.monotonic() + timeout_s
+        with self._changed:
+            while missing := [name for name in names if name not in self._up.values()]:
+                left_s = deadline - time.monotonic()
+                if self._closed or left_s <= 0 or not self._changed.wait(left_s):
+                    return [name for name in names if name not in self._up.values()]
+        return missing
+
+    def close(self) -> None:
+        """End all waiting."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def release(self) -> None:
+        """After the graph's thread has ended."""
+        self._taker.close()
+
+    def _look(self) -> None:
+        """Something has changed (on the graph's thread)."""
+        while (taken := self._taker.take(self._subscription.handle)) is not None:
+            try:
+                self._heard[taken.gid] = _decode(_text_of(taken.payload))
+            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                LOG.warning("%s: message dropped: %s", self._topic, error)
+        there = {
+            bytes(info.endpoint_gid)[: native.GID_BYTES]
+            for info in self._node.get_publishers_info_by_topic(self._topic)
+        }
+        changes: list[tuple[str, bool]] = []
+        for gid in [gid for gid in self._up if gid not in there]:
+            self._heard.pop(gid, None)
+            name = self._up.pop(gid)
+            if name not in self._up.values():
+                changes.append((name, False))
+        for gid, presence in self._heard.items():
+            if gid not in self._up and gid in there and self._is_complete(presence):
+                if presence.node not in self._up.values():
+                    changes.append((presence.node, True))
+                elif presence.node == self.own.node:
+                    LOG.error("two nodes are named %s", presence.node)
+                self._up[gid] = presence.node
+                self._since[presence.node] = presence.since_ns
+        if not changes:
+            return
+        with self._changed:
+            self._changed.notify_all()
+            for watcher in self._watchers:
+                for name, up in changes:
+                    self._executor.post(
+                        lambda watcher=watcher, name=name, up=up: watcher(name, up)  # type: ignore[misc]
+                    )
+
+    def _is_complete(self, presence: Presence) -> bool:
+        """Whether all that the node has declared has reached this node's graph, and its taps have
+        found what this node has declared.
+        """
+        node = self._node
+        for declared, topics_of in (
+            (presence.publishes, node.get_publishers_info_by_topic),
+            (presence.subscribes, node.get_subscriptions_info_by_topic),
+        ):
+            for topic in declared:
+                if presence.node not in {info.node_name for info in topics_of(topic)}:
+                    return False
+        if presence.serves:
+            served = {
+                name for name, _ in node.get_service_names_and_types() if name in presence.serves
+            }
+            if served != set(presence.serves):
+                return False
+        if not presence.taps or presence.node == self.own.node:
+            return True
+        hearable = [
+            *((topic, topic) for topic in self.own.publishes),
+            *((service, service + EVENT_SUFFIX) for service in (*self.own.serves, *self.own.calls)),
+        ]
+        return all(
+            topic in presence.refused
+            or not matches(channel, presence.taps)
+            or presence.node
+            in {info.node_name for info in node.get_subscriptions_info_by_topic(topic)}
+            for channel, topic in hearable
+        )
+
+
+def matches(channel: str, globs: Sequence[str]) -> bool:
+    """Whether a glob names ``channel``, or the action that it is a part of."""
+    names = (channel, channel.partition("/_action/")[0])
+    return any(fnmatchcase(name, glob) for name in names for glob in globs)
+
+
+def _profile(depth: int) -> QoSProfile:
+    return qos.profile(reliable=True, latched=True, depth=depth)
+
+
+def _text_of(payload: bytes) -> str:
+    """The text of a serialized String: 4 bytes of CDR header, its length, itself, NUL."""
+    length = int.from_bytes(payload[4:8], "little" if payload[1] & 1 else "big")
+    return payload[8 : 8 + length - 1].decode()

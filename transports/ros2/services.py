@@ -1,0 +1,334 @@
+"""Services: requests and responses taken from rcl as they come, so that an answer can wait.
+
+Both ends have service introspection with contents switched on; rcl publishes the events.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.service_introspection import ServiceIntrospectionState
+
+from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
+from transports.ros2 import native, qos
+from transports.ros2.call_errors import CallError, CallErrors
+from transports.ros2.executor import Executor, Timer
+from transports.ros2.graph import Graph
+from transports.ros2.interfaces import ros_class
+from transports.ros2.messages import Codec
+
+SETTLE_S = 2.0
+"""How long a new client looks for a server before a call of it is unavailable at once."""
+
+_WALL = Clock(clock_type=ClockType.SYSTEM_TIME)
+"""Events are stamped in real time, as DDS stamps messages, whatever a simulation says."""
+
+
+class Server:
+    """Serves one service."""
+
+    def __init__(
+        self,
+        node: Any,
+        executor: Executor,
+        graph: Graph,
+        errors: CallErrors,
+        name: str,
+        service: Service,
+        handler: Callable[[Request], None],
+    ) -> None:
+        self.name = name
+        self.type_name = service.type_name
+        self.node = node.get_name()
+        self.graph = graph
+        self.errors = errors
+        self.response = Codec(f"{service.type_name}_Response", service.response)
+        self._request = Codec(f"{service.type_name}_Request", service.request)
+        self._handler = handler
+        profile = qos.profile(reliable=True, latched=False, depth=qos.DEPTH)
+        try:
+            self.declared = node.create_service(
+                ros_class(service.type_name), name, _never, qos_profile=profile
+            )
+        except (_rclpy.RCLError, ValueError) as error:
+            text = " ".join(str(error).split())
+            raise TransportError(f"cannot serve {name} ({service.type_name}): {text}") from error
+        self.declared.configure_introspection(_WALL, profile, ServiceIntrospectionState.CONTENTS)
+        executor.handle(self.declared, self._take)
+
+    def _take(self) -> bool:
+        request, header = self.declared.handle.service_take_request(self._request.ros)
+        if header is None:
+            return False
+        self._handler(Request(self, header.request_id, self._request.decode(request)))
+        return True
+
+
+def _never(request: Any, response: Any) -> Any:
+    raise AssertionError("requests are taken by this transport's own executor")
+
+
+class Request:
+    """A request that this node serves."""
+
+    __slots__ = ("_id", "_open", "_server", "data")
+
+    def __init__(self, server: Server, request_id: Any, data: Any) -> None:
+        self._server = server
+        self._id = request_id
+        self._open = True
+        self.data = data
+
+    @property
+    def client(self) -> str:
+        """Who asks (node name); empty if the graph does not tell yet."""
+        gid = native.gid_of_request(self._id)
+        return self._server.graph.client_of(self._server.name, gid)
+
+    def respond(self, response: Message) -> None:
+        """Answer; TransportError if it is answered already."""
+        encoded = self._server.response.encode(response)
+        self._take()
+        try:
+            self._server.declared.handle.service_send_response(encoded, self._id)
+        except (_rclpy.RCLError, _rclpy.InvalidHandle) as error:
+            raise TransportError(f"cannot answer {self._server.name}: {error}") from error
+
+    def fail(self, error: str) -> None:
+        """End the call with a remote error; TransportError if it is answered already."""
+        server = self._server
+        self._take()
+        server.errors.publish(
+            CallError(
+                service=server.name,
+                type_name=server.type_name,
+                by_server=True,
+                client=self.client,
+                gid=native.gid_of_request(self._id).hex(),
+                call=self._id.sequence_number,
+                error=f"{CallOutcome.REMOTE_ERROR}: {error}",
+                node=server.node,
+                stamp_ns=time.time_ns(),
+            )
+        )
+
+    def _take(self) -> None:
+        if not self._open:
+            raise TransportError(
+                f"call {self._id.sequence_number} of {self.client or 'an unnamed client'} to "
+                f"{self._server.name} is answered already"
+            )
+        self._open = False
+
+
+class _Call:
+    """One call on its way; whoever takes it from its client's table ends it."""
+
+    __slots__ = ("done", "number", "request", "timer")
+
+    def __init__(self, request: Any, done: Callable[[CallResult], None]) -> None:
+        self.request = request
+        self.done = done
+        self.number = 0
+        self.timer: Timer | None = None
+
+
+class Client:
+    """Calls one service. One per service and node: calls are numbered by it."""
+
+    def __init__(
+        self,
+        node: Any,
+        executor: Executor,
+        errors: CallErrors,
+        name: str,
+        service: Service,
+    ) -> None:
+        self._node = node
+        self._executor = executor
+        self._errors = errors
+        self.name = name
+        self.type_name = service.type_name
+        self._request = Codec(f"{service.type_name}_Request", service.request)
+        self._response = Codec(f"{service.type_name}_Response", service.response)
+        profile = qos.profile(reliable=True, latched=False, depth=qos.DEPTH)
+        try:
+            self.declared = node.create_client(
+                ros_class(service.type_name), name, qos_profile=profile
+            )
+        except (_rclpy.RCLError, ValueError) as error:
+            text = " ".join(str(error).split())
+            raise TransportError(f"cannot call {name} ({service.type_name}): {text}") from error
+        self.declared.configure_introspection(_WALL, profile, ServiceIntrospectionState.CONTENTS)
+        self._handle = self.declared.handle
+        self._prefix = native.gid_of_client(self._handle)[: native.PREFIX_BYTES].hex()
+        self._settled = time.monotonic() + SETTLE_S
+        self._lock = threading.Lock()
+        self._sent: dict[int, _Call] = {}
+        self._held: list[_Call] = []
+        self._closed = False
+        errors.listen(name, self._failed)
+        executor.handle(self.declared, self._take)
+
+    # The interface.
+
+    def call(
+        self, request: Message, done: Callable[[CallResult], None], timeout_s: float = 5.0
+    ) -> None:
+        """Send ``request``; ``done`` gets the result on the executor thread, exactly once."""
+        call = _Call(self._request.encode(request), done)
+        call.timer = self._executor.after_real(timeout_s, lambda: self._timed_out(call))
+        if not self._start(call):
+            self._executor.post(lambda: self._give_up(call))
+
+    def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
+        """Send ``request`` and wait, on a thread that is not the executor's."""
+        if self._executor.is_current():
+            raise TransportError(
+                f"call_and_wait of {self.name} on the executor's own thread: nothing else would "
+                "run meanwhile; use call"
+            )
+        ended = threading.Event()
+        results: list[CallResult] = []
+
+        def done(result: CallResult) -> None:
+            results.append(result)
+            ended.set()
+
+        call = _Call(self._request.encode(request), done)
+        if not self._start(call):
+            self._give_up(call)
+        if not ended.wait(timeout_s):
+            self._timed_out(call)
+            ended.wait()  # if not by this, then by what was ending it at the same moment
+        return results[0]
+
+    # What happens to calls.
+
+    def _start(self, call: _Call) -> bool:
+        """Send ``call``, or hold it until a server is there; False if there is none."""
+        with self._lock:
+            if self._closed:
+                return False
+            if self._handle.service_server_is_available():
+                self._send(call)
+                return True
+            if time.monotonic() < self._settled or self._node.count_services(self.name):
+                self._held.append(call)
+                self._executor.after_real(
+                    max(self._settled - time.monotonic(), 0.0), self.graph_changed
+                )
+                return True
+        return False
+
+    def _send(self, call: _Call) -> None:
+        try:
+            call.number = self._handle.send_request(call.request)
+        except (_rclpy.RCLError, _rclpy.InvalidHandle) as error:
+            raise TransportError(f"cannot call {self.name}: {error}") from error
+        self._sent[call.number] = call
+
+    def _take(self) -> bool:
+        with self._lock:
+            header, response = self._handle.take_response(self._response.ros)
+            if header is None:
+                return False
+            call = self._sent.pop(header.request_id.sequence_number, None)
+        if call is not None:
+            self._end(call, CallResult(CallOutcome.RESPONSE, self._response.decode(response)))
+        return True
+
+    def _failed(self, error: CallError) -> None:
+        """A server says that it failed a call, perhaps one of this client."""
+        if not error.gid.startswith(self._prefix):
+            return
+        with self._lock:
+            call = self._sent.pop(error.call, None)
+        if call is not None:
+            text = error.error.removeprefix(f"{CallOutcome.REMOTE_ERROR}: ")
+            self._end(call, CallResult(CallOutcome.REMOTE_ERROR, error=text))
+
+    def _timed_out(self, call: _Call) -> None:
+        with self._lock:
+            if call in self._held:
+                self._held.remove(call)
+                was_held = True
+            elif self._sent.pop(call.number, None) is call:
+                was_held = False
+            else:
+                return
+        if was_held:
+            self._give_up(call)
+            return
+        text = f"{self.name}: no answer within the time limit"
+        self._end(call, CallResult(CallOutcome.TIMEOUT, error=text))
+
+    def _give_up(self, call: _Call) -> None:
+        """Nobody serves. The request is sent all the same, to nobody: so a tap hears of it."""
+        with self._lock:
+            if not self._closed:
+                self._send(call)
+                del self._sent[call.number]
+        text = f"{self.name}: nobody answers: no node serves it, or it went away"
+        self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
+
+    def graph_changed(self) -> None:
+        """On the executor: a server may have come or gone."""
+        if self._closed or not (self._held or self._sent):
+            return
+        while self._take():  # its last answers, before it is given up
+            pass
+        lost: list[_Call] = []
+        given_up: list[_Call] = []
+        with self._lock:
+            if self._handle.service_server_is_available():
+                for call in self._held:
+                    self._send(call)
+                self._held.clear()
+            else:
+                lost = list(self._sent.values())
+                self._sent.clear()
+                if time.monotonic() >= self._settled and not self._node.count_services(self.name):
+                    given_up = list(self._held)
+                    self._held.clear()
+        for call in given_up:
+            self._give_up(call)
+        text = f"{self.name}: the node that serves it went away"
+        for call in lost:
+            self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
+
+    def _end(self, call: _Call, result: CallResult) -> None:
+        if call.timer is not None:
+            call.timer.cancel()
+        if result.outcome is not CallOutcome.RESPONSE and not self._closed:
+            self._errors.publish(
+                CallError(
+                    service=self.name,
+                    type_name=self.type_name,
+                    by_server=False,
+                    client=self._node.get_name(),
+                    gid=self._prefix,
+                    call=call.number,
+                    error=f"{result.outcome}: {result.error}",
+                    node=self._node.get_name(),
+                    stamp_ns=time.time_ns(),
+                )
+            )
+        call.done(result)
+
+    def close(self) -> None:
+        """End the calls that threads wait for: the node is about to close."""
+        with self._lock:
+            self._closed = True
+            waiting = [call for call in (*self._sent.values(), *self._held) if call.timer is None]
+            self._sent.clear()
+            self._held.clear()
+        result = CallResult(CallOutcome.UNAVAILABLE, error=f"{self.name}: this node was closed")
+        for call in waiting:
+            call.done(result)

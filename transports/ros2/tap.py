@@ -1,0 +1,330 @@
+"""The tap: an ordinary subscriber of whatever the graph shows, in the QoS that hears it.
+
+A subscription that cannot keep up loses its oldest messages at its own end (it keeps the last few
+thousand); DDS numbers what a publisher sends, so the gaps tell how many were missed.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import msgspec
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.serialization import deserialize_message
+
+from transports.interface import Observation, ObservationKind, TransportError
+from transports.losses import Losses
+from transports.ros2 import call_errors, native, qos
+from transports.ros2.executor import Executor
+from transports.ros2.graph import Graph, is_event_topic
+from transports.ros2.interfaces import ros_class
+from transports.ros2.messages import plain_of
+from transports.ros2.presence import TOPIC as NODES_TOPIC
+from transports.ros2.presence import Announcements, matches
+from transports.ros2.topics import STRING, carried_message
+from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
+
+_QUIET = ("/rosout", "/parameter_events", "/clock")
+"""Topics of ROS 2 itself, which every node has: heard only when a glob is their name."""
+_QUIET_PACKAGES = ("rcl_interfaces/", "type_description_interfaces/", "composition_interfaces/")
+"""Types of the services that every node serves; nobody asks why they have no introspection."""
+_NUMBERS = 2**63
+"""Above it, an RMW says that it does not number publications."""
+_HOW = (
+    "switch it on at both ends: configure_introspection(clock, qos, "
+    "ServiceIntrospectionState.CONTENTS) on the service and on the client"
+)
+
+
+class Numbers:
+    """Numbers per channel and source from the numbers that each publisher counts for itself."""
+
+    def __init__(self) -> None:
+        self._last: dict[tuple[str, bytes], int] = {}
+        self._next: dict[tuple[str, str], int] = {}
+
+    def number(self, channel: str, source: str, gid: bytes, published: int) -> int:
+        """The number of publication ``published`` (from 1) of publisher ``gid``; -1: not known.
+
+        Two publishers of one node (a server and a client of one service) count together, and what
+        either lost is a gap.
+        """
+        if not 0 < published < _NUMBERS:
+            return -1
+        last = self._last.get((channel, gid))
+        self._last[channel, gid] = published
+        number = self._next.get((channel, source))
+        if number is None:
+            number = published - 1
+        elif last is not None and published > last:
+            number += published - last - 1
+        self._next[channel, source] = number + 1
+        return number
+
+
+class _Heard(msgspec.Struct):
+    """One topic that is subscribed to."""
+
+    subscription: Any
+    ros: Any
+    type_name: str
+    profile: Any
+    publishers: int
+
+
+class Tap:
+    """A passive listener; see ``transports.interface.Tap``."""
+
+    def __init__(
+        self,
+        node: Any,
+        executor: Executor,
+        graph: Graph,
+        announcements: Announcements,
+        prefix: str,
+        globs: Sequence[str],
+        handler: Callable[[Observation], None],
+    ) -> None:
+        self._node = node
+        self._executor = executor
+        self._graph = graph
+        self._announcements = announcements
+        self._prefix = prefix
+        self._globs = [prefix + glob for glob in globs] or [f"{prefix}/*"]
+        self._handler = handler
+        self._taker = native.Taker()
+        self._losses = Losses()
+        self._numbers = Numbers()
+        self._heard: dict[str, _Heard] = {}
+        self._deaf: dict[str, str] = {}
+        self._closed = False
+        announcements.own.taps += self._globs
+        executor.post(self.refresh)
+
+    def peers(self) -> Sequence[str]:
+        """Names of the nodes in the graph."""
+        return sorted(set(self._node.get_node_names()) - {self._node.get_name()})
+
+    def problems(self) -> Sequence[str]:
+        """What was missed or not decoded, which topics cannot be heard, which services have no
+        introspection.
+        """
+        return [*self._losses.sentences(), *self._deaf.copy().values(), *self._silent_services()]
+
+    def close(self) -> None:
+        """Stop listening; idempotent."""
+        if self._closed:
+            return
+        self._closed = True
+        for glob in self._globs:
+            self._announcements.own.taps.remove(glob)
+        if self._executor.is_current():
+            self._release()
+        else:  # nobody may wait for a subscription that is being destroyed
+            self._executor.post(self._release)
+
+    def _release(self) -> None:
+        for heard in self._heard.values():
+            self._drop(heard)
+        self._heard.clear()
+        self._taker.close()
+        self._announcements.tell_again()
+
+    def _drop(self, heard: _Heard) -> None:
+        self._executor.forget(heard.subscription)
+        self._node.destroy_subscription(heard.subscription)
+
+    def refresh(self) -> None:
+        """Subscribe to what is new in the graph (on the executor)."""
+        if self._closed:
+            return
+        before = set(self._deaf)
+        for topic, types in self._node.get_topic_names_and_types():
+            if self._wants(topic):
+                self._hear(topic, types)
+        if set(self._deaf) != before:
+            self._announcements.own.refused = sorted(self._deaf)
+            self._announcements.tell_again()
+
+    def _wants(self, topic: str) -> bool:
+        if topic == self._prefix + call_errors.TOPIC:
+            return True
+        if not topic.startswith(self._prefix + "/"):
+            return False
+        if topic == self._prefix + NODES_TOPIC or topic in _QUIET:
+            return topic in self._globs
+        return matches(topic.removesuffix(EVENT_SUFFIX), self._globs)
+
+    def _hear(self, topic: str, types: Sequence[str]) -> None:
+        heard = self._heard.get(topic)
+        count = self._node.count_publishers(topic)
+        if not count or (heard is not None and heard.publishers == count):
+            return
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        if heard is not None:
+            heard.publishers = count
+            if not any(qos.mismatch(info.qos_profile, heard.profile) for info in publishers):
+                return
+            self._drop(heard)  # somebody offers less than those before: ask for less
+            del self._heard[topic]
+        offered = sorted({info.topic_type for info in publishers})
+        if len(offered) > 1:
+            self._deaf[topic] = (
+                f"{topic} is published with different types ({', '.join(offered)}): "
+                f"only {offered[0]} is heard"
+            )
+        try:
+            type_name = offered[0] if offered else types[0]
+            profile = qos.to_hear_all(publishers)
+            self._heard[topic] = _Heard(
+                *self._subscribe(topic, type_name, profile), type_name, profile, count
+            )
+        except TransportError as error:
+            self._deaf[topic] = f"{topic} is not heard: {error}"
+
+    def _subscribe(self, topic: str, type_name: str, profile: Any) -> tuple[Any, Any]:
+        ros = ros_class(type_name)
+        try:
+            subscription = self._node.create_subscription(
+                ros,
+                topic,
+                lambda message: None,
+                profile,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+                raw=True,
+            )
+        except (_rclpy.RCLError, ValueError) as error:
+            raise TransportError(" ".join(str(error).split())) from error
+        if topic == self._prefix + call_errors.TOPIC:
+            observe: Callable[..., Observation | None] = self._observe_error
+        elif is_event_topic(topic):
+            observe = self._observe_event
+        else:
+            observe = self._observe_message
+        observe = functools.partial(observe, topic, type_name)
+        handle = subscription.handle
+
+        def take() -> bool:
+            taken = None if self._closed else self._taker.take(handle)
+            if taken is None:
+                return False
+            try:
+                message = deserialize_message(taken.payload, ros)
+            except (_rclpy.RMWError, _rclpy.RCLError, RuntimeError) as error:
+                self._losses.undecodable(topic, self._graph.publisher_of(topic, taken.gid), error)
+                return True
+            observation = observe(taken, message)
+            if observation is not None:
+                self._handler(observation)
+            return True
+
+        self._executor.handle(subscription, take)
+        return subscription, ros
+
+    def _numbered(self, topic: str, channel: str, taken: native.Taken) -> tuple[str, int]:
+        source = self._graph.publisher_of(topic, taken.gid)
+        number = self._numbers.number(channel, source, taken.gid, taken.number)
+        if number >= 0:
+            self._losses.number(channel, source, number)
+        return source, number
+
+    def _observe_message(
+        self, topic: str, type_name: str, taken: native.Taken, message: Any
+    ) -> Observation:
+        channel = topic.removeprefix(self._prefix)
+        source, number = self._numbered(topic, channel, taken)
+        carried = carried_message(message.data) if type_name == STRING else None
+        received_ns = taken.received_ns or time.time_ns()
+        return Observation(
+            stamp_ns=taken.source_ns or received_ns,
+            received_ns=received_ns,
+            channel=channel,
+            kind=ObservationKind.MESSAGE,
+            type_name=type_name if carried is None else carried.m2c_type,
+            data=plain_of(message) if carried is None else carried.message,
+            source=source,
+            sequence=number,
+        )
+
+    def _observe_event(
+        self, topic: str, type_name: str, taken: native.Taken, message: Any
+    ) -> Observation:
+        service = topic.removesuffix(EVENT_SUFFIX)
+        channel = service.removeprefix(self._prefix)
+        source, number = self._numbered(topic, channel, taken)
+        info = message.info
+        kind = KIND_OF_EVENT[info.event_type]
+        is_request = kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+        contents = message.request if is_request else message.response
+        if not contents:
+            self._deaf.setdefault(
+                service,
+                f"the events of {service} carry no contents: ask for "
+                "ServiceIntrospectionState.CONTENTS instead of METADATA",
+            )
+        return Observation(
+            stamp_ns=info.stamp.sec * 10**9 + info.stamp.nanosec,
+            received_ns=taken.received_ns or time.time_ns(),
+            channel=channel,
+            kind=kind,
+            type_name=type_name.removesuffix(TYPE_SUFFIX)
+            + ("_Request" if is_request else "_Response"),
+            data=plain_of(contents[0]) if contents else None,
+            source=source,
+            sequence=number,
+            client=self._graph.client_of(service, bytes(info.client_gid)),
+            call=info.sequence_number,
+        )
+
+    def _observe_error(
+        self, topic: str, type_name: str, taken: native.Taken, message: Any
+    ) -> Observation | None:
+        try:
+            error = call_errors.read(message.data)
+        except msgspec.DecodeError as fault:
+            self._losses.undecodable(topic, self._graph.publisher_of(topic, taken.gid), fault)
+            return None
+        if not matches(error.service, self._globs):
+            return None
+        return Observation(
+            stamp_ns=error.stamp_ns,
+            received_ns=taken.received_ns or time.time_ns(),
+            channel=error.service.removeprefix(self._prefix),
+            kind=ObservationKind.RESPONSE_SENT
+            if error.by_server
+            else ObservationKind.RESPONSE_RECEIVED,
+            type_name=f"{error.type_name}_Response",
+            data=None,
+            source=error.node,
+            client=error.client,
+            call=error.call,
+            error=error.error,
+        )
+
+    def _silent_services(self) -> list[str]:
+        """Services without events: rcl publishes them only where somebody switched them on."""
+        found = []
+        actions = set()
+        for service, types in self._node.get_service_names_and_types():
+            if (
+                not matches(service, self._globs)
+                or types[0].startswith(_QUIET_PACKAGES)
+                or self._node.count_publishers(service + EVENT_SUFFIX)
+            ):
+                continue
+            action, is_part, _ = service.partition("/_action/")
+            if is_part:
+                actions.add(action)
+            else:
+                found.append(
+                    f"{service} has no service introspection: its calls are not heard; {_HOW}"
+                )
+        return found + [
+            f"the goals of {action} are not heard, its feedback and status are: ROS 2's own action "
+            "servers and clients have no service introspection in Jazzy"
+            for action in sorted(actions)
+        ]

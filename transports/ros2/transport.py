@@ -1,0 +1,272 @@
+"""One node on ROS 2: the transport interface, made of the parts beside this file."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from transports import actions
+from transports.interface import (
+    Action,
+    ActionClient,
+    GoalHandle,
+    Observation,
+    Service,
+    Topic,
+    TransportError,
+)
+from transports.ros2 import call_errors, qos, topics
+from transports.ros2.call_errors import CallErrors
+from transports.ros2.executor import Executor, Timer
+from transports.ros2.faults import Declared, Faults
+from transports.ros2.graph import Graph
+from transports.ros2.presence import Announcements
+from transports.ros2.services import Client, Request, Server
+from transports.ros2.session import open_node, prefix_of
+from transports.ros2.tap import Tap
+
+_FAULTS_DELAY_S = 0.5
+"""How long the graph must be quiet before it is looked at for what cannot work."""
+
+
+def connect(node: str, options: Mapping[str, str]) -> Ros2Transport:
+    """Start ``node``; for ``options`` see ``transports.ros2.session``.
+
+    Raises:
+        TransportError: an option is unknown or wrong, or ROS 2 refuses the name or cannot start.
+    """
+    if not node:
+        raise TransportError("a node needs a name")
+    return Ros2Transport(open_node(node, options), prefix_of(options))
+
+
+class Completion:
+    """A value that one thread waits for and another delivers."""
+
+    def __init__(self) -> None:
+        self._ready = threading.Event()
+        self._lock = threading.Lock()
+        self._value: Any = None
+
+    def set(self, value: Any) -> None:
+        """Deliver ``value``; only the first delivery counts."""
+        with self._lock:
+            if not self._ready.is_set():
+                self._value = value
+                self._ready.set()
+
+    def wait(self, timeout_s: float) -> Any:
+        """The value, or None after ``timeout_s`` seconds of real time."""
+        self._ready.wait(timeout_s)
+        return self._value
+
+
+class Ros2Transport:
+    """A node on ROS 2; see ``transports.interface.Transport`` for every method.
+
+    Args:
+        ros_node: an ``rclpy.node.Node`` in a context of its own; both are destroyed by ``close``.
+        prefix: put before every channel.
+    """
+
+    def __init__(self, ros_node: Any, prefix: str = "") -> None:
+        self._ros = ros_node
+        self._prefix = prefix
+        self._executor = Executor(ros_node)
+        self._graph = Graph(ros_node)
+        self._graph.listen(self._hear_of_change)
+        self._change_posted = threading.Event()
+        self._announcements = Announcements(ros_node, self._executor, self._graph, prefix)
+        self._own = self._announcements.own
+        self._declared = Declared()
+        self._faults = Faults(ros_node, self._declared)
+        self._faults_timer: Timer | None = None
+        self._errors: CallErrors | None = None
+        self._clients: dict[str, Client] = {}
+        self._taps: list[Tap] = []
+        self._closing = threading.Lock()
+        self._closer = 0
+        self._closed = threading.Event()
+        # A process that leaves DDS running at its end may crash in it.
+        atexit.register(self.close)
+
+    @property
+    def node(self) -> str:
+        """The name of this node."""
+        return self._ros.get_name()  # type: ignore[no-any-return]
+
+    @property
+    def ros_node(self) -> Any:
+        """The ``rclpy.node.Node``; what is declared on it runs on this transport's executor."""
+        return self._ros
+
+    def now_ns(self) -> int:
+        """The ROS clock, ns since the epoch (the simulation's time with ``use_sim_time``)."""
+        return self._ros.get_clock().now().nanoseconds  # type: ignore[no-any-return]
+
+    def publisher(self, topic: Topic) -> topics.Publisher:
+        """Declare a publisher."""
+        name = self._require_type(topic)
+        publisher = topics.Publisher(self._ros, name, topic)
+        self._declared.publishes[name] = (_ros_type(topic), qos.of_publisher(topic))
+        self._own.publishes.append(name)
+        return publisher
+
+    def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
+        """Call ``handler(message)`` for every message."""
+        name = self._require_type(topic)
+        topics.subscribe(self._ros, self._executor, name, topic, handler)
+        self._declared.subscribes[name] = (_ros_type(topic), qos.of_subscription(topic))
+        self._own.subscribes.append(name)
+
+    def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
+        """Serve ``service``; a second server of it, here or in another node, is reported."""
+        name = self._prefix + service.name
+        if name in self._declared.serves:
+            raise TransportError(f"{service.name} is served by {self.node} already")
+        errors = self._call_errors()
+        Server(self._ros, self._executor, self._graph, errors, name, service, handler)
+        self._declared.serves[name] = service.type_name
+        self._own.serves.append(name)
+
+    def client(self, service: Service) -> Client:
+        """A client of ``service``; the same one for the same service."""
+        name = self._prefix + service.name
+        client = self._clients.get(name)
+        if client is None:
+            client = Client(self._ros, self._executor, self._call_errors(), name, service)
+            self._clients[name] = client
+            self._declared.calls[name] = service.type_name
+            self._own.calls.append(name)
+        elif client.type_name != service.type_name:
+            raise TransportError(
+                f"cannot call {name} as {service.type_name}: this node calls it as "
+                f"{client.type_name} already"
+            )
+        return client
+
+    def serve_action(
+        self,
+        action: Action,
+        goal: Callable[[GoalHandle], None],
+        cancel: Callable[[GoalHandle], None],
+    ) -> None:
+        """Serve ``action``."""
+        actions.serve_action(self, action, goal, cancel)
+
+    def action_client(self, action: Action) -> ActionClient:
+        """A client of ``action``."""
+        return actions.action_client(self, action)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` every ``period_s`` seconds of the ROS clock, without drift."""
+        return self._executor.every(period_s, handler)
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` once, ``delay_s`` seconds of the ROS clock from now."""
+        return self._executor.after(delay_s, handler)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` on the executor thread; callable from any thread."""
+        self._executor.post(handler)
+
+    def completion(self) -> Completion:
+        """A fresh completion."""
+        return Completion()
+
+    def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
+        """Wait until all ``names`` are up; returns those still missing at the end."""
+        return self._announcements.wait(names, timeout_s)
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """``handler(name, up)`` whenever a node announces itself or goes away."""
+        self._announcements.watch(handler)
+
+    def up_since(self, name: str) -> int:
+        """When ``name`` began to connect: ns since the epoch, on its clock; 0 if not known."""
+        return self._announcements.up_since(name)
+
+    def announce(self) -> None:
+        """Say that this node has declared everything and is ready."""
+        self._announcements.announce()
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """Hear everything on channels that match one of the globs (empty: all), passively."""
+        tap = Tap(
+            self._ros,
+            self._executor,
+            self._graph,
+            self._announcements,
+            self._prefix,
+            channels,
+            handler,
+        )
+        self._taps.append(tap)
+        return tap
+
+    def spin(self, until: Callable[[], bool] | None = None) -> None:
+        """Run the executor on the calling thread until ``close()`` (or until ``until()``)."""
+        self._executor.spin(until)
+
+    def close(self) -> None:
+        """Stop and release everything; idempotent, from any thread."""
+        if not self._closing.acquire(blocking=False):
+            if self._closer != threading.get_ident():  # not a signal handler within close()
+                self._closed.wait()
+            return
+        self._closer = threading.get_ident()
+        self._executor.close()
+        for client in self._clients.values():
+            client.close()
+        self._announcements.close()
+        self._executor.wait_until_idle()
+        self._graph.stop()
+        self._announcements.release()
+        context = self._ros.context
+        self._executor.destroy()
+        self._ros.destroy_node()
+        context.try_shutdown()
+        self._closed.set()
+        atexit.unregister(self.close)
+
+    def _require_type(self, topic: Topic) -> str:
+        """The full name of ``topic``, which may have one type in this node: DDS allows no other."""
+        name = self._prefix + topic.name
+        for declared in (self._declared.publishes, self._declared.subscribes):
+            known = declared.get(name)
+            if known is not None and known[0] != _ros_type(topic):
+                raise TransportError(
+                    f"{topic.name}: {self.node} has declared it as {known[0]} already, and now as "
+                    f"{topic.type_name}; ROS 2 allows one type per topic in a node"
+                )
+        return name
+
+    def _call_errors(self) -> CallErrors:
+        if self._errors is None:
+            topic = self._prefix + call_errors.TOPIC
+            self._errors = CallErrors(self._ros, self._executor, topic)
+            self._own.publishes.append(topic)
+            self._own.subscribes.append(topic)
+        return self._errors
+
+    def _hear_of_change(self) -> None:
+        """On the graph's thread; a burst of changes is looked at once."""
+        if not self._change_posted.is_set():
+            self._change_posted.set()
+            self._executor.post(self._look_at_graph)
+
+    def _look_at_graph(self) -> None:
+        self._change_posted.clear()
+        for client in list(self._clients.values()):
+            client.graph_changed()
+        for tap in self._taps:
+            tap.refresh()
+        if self._faults_timer is not None:
+            self._faults_timer.cancel()
+        self._faults_timer = self._executor.after_real(_FAULTS_DELAY_S, self._faults.look)
+
+
+def _ros_type(topic: Topic) -> str:
+    return topics.STRING if topic.type_name.startswith(topics.OWN_PACKAGE) else topic.type_name
