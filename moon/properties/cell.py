@@ -213,7 +213,12 @@ class Cell:
 
     def _set_value(self, name: str, value: Any) -> None:
         self._values[name] = value
-        self._program.write({f"X{list(self.binding.ports).index(name)}": value})
+
+    def _port_values(self) -> dict[str, Any]:
+        """The ports' values under the names that the handlers keep them by."""
+        return {
+            f"X{place}": self._values.get(name) for place, name in enumerate(self.binding.ports)
+        }
 
     def _judge(self, text: str) -> bool | None:
         """The state predicate's value; None, and the doubt's reason, if it has none."""
@@ -248,8 +253,9 @@ class Cell:
                 self._doubtful()
                 return
         for text, value in values.items():
-            self._program.write({f"p{self._index[text]}": value})
+            self._program.put[self._index[text]](value)
             self._logs[text].append((stamp, value, None))
+        self._program.write(self._port_values())
         heappush(self._program.heap, (stamp, BEGINNING))
 
     def can_begin(self) -> bool:
@@ -305,7 +311,6 @@ class Cell:
         atoms: dict[str, bool | None] = {}
         for place, name in enumerate(self.binding.ports):
             if (value := read[f"X{place}"]) is not None and not fresh:
-                self._values.setdefault(name, value)
                 self._values[name] = value
         for text, index in self._index.items():
             events = text in self.binding.events
@@ -333,10 +338,7 @@ class Cell:
             if text not in self.binding.events
         }
         atoms.update({f"p{self._index[text]}": text in active for text in pulses})
-        self._program.write(
-            {f"X{place}": self._values.get(name) for place, name in enumerate(self.binding.ports)}
-        )
-        self._program.write(atoms)
+        self._program.write({**self._port_values(), **atoms})
         write_state(self._network, self._program, states, now)
         for text in active:
             self._logs[text].pop()

@@ -56,6 +56,8 @@ class Program(msgspec.Struct, frozen=True):
         clock: the instant that the network is at; -1 before the first.
         read: all variables by name.
         write: sets variables by name.
+        put: per atom (node index), sets it.
+        at: sets the instant.
         values: ``values()`` are the roots' values.
         changed: roots whose value changed since the list was last cleared.
         heap: instants of changes to come, with their causes; ends with ``NEVER``.
@@ -69,6 +71,8 @@ class Program(msgspec.Struct, frozen=True):
     clock: Callable[[], int]
     read: Callable[[], dict[str, Any]]
     write: Callable[[dict[str, Any]], None]
+    put: dict[int, Callable[[bool], None]]
+    at: Callable[[int], None]
     values: Callable[[], tuple[bool, ...]]
     changed: list[int]
     heap: list[tuple[int, int]]
@@ -196,13 +200,20 @@ class _Writer:
         for start in range(0, len(names), 200):
             parts.append(f"        nonlocal {', '.join(names[start : start + 200])}")
         parts += [f"        {name} = values.get({name!r}, {name})" for name in names]
+        atoms = [index for index, node in enumerate(self._nodes) if node.kind == "atom"]
+        for index in atoms:
+            parts += [f"    def put{index}(value):", f"        nonlocal p{index}"]
+            parts.append(f"        p{index} = value")
+        parts.append(f"    put = {{{', '.join(f'{index}: put{index}' for index in atoms)}}}")
+        parts += ["    def at(t):", "        nonlocal now", "        now = t"]
         parts.append("    def values():")
         roots = "".join(f"r{number}, " for number in range(len(self._network.roots)))
         parts.append(f"        return ({roots})")
         handlers = [line[4 : line.index("(")] for line in extra.splitlines() if line[:4] == "def "]
         named = ", ".join(f"{name!r}: {name}" for name in handlers)
         parts.append(
-            f"    return Program(step, settle, before, {{{named}}}, clock, read, write, values,"
+            f"    return Program(step, settle, before, {{{named}}}, clock, read, write, put, at,"
+            " values,"
             " changed, heap, source)"
         )
         return "\n".join(parts) + "\n"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from heapq import heapify
+from heapq import heapify, heappush
 from typing import Any
 
 from moon.properties.compiler import NEVER, Program, compile_network, mode, state_names
@@ -223,7 +223,7 @@ class Doubt:
     def step(self, now: int) -> None:
         """Evaluate both at ``now``."""
         for program in (self.best, self.worst):
-            program.write({"now": now})
+            program.at(now)
             program.step(now)
 
     def settle(self, now: int) -> None:
@@ -235,10 +235,9 @@ class Doubt:
         pulse = text in self._events and value is not False
         for index, helps in self._atoms.get(text, ()):
             for program, best in ((self.best, True), (self.worst, False)):
-                program.write({f"p{index}": helps == best if value is None else value})
+                program.put[index](helps == best if value is None else value)
                 if pulse:
-                    program.heap.append((now + 1, index))
-                    heapify(program.heap)
+                    heappush(program.heap, (now + 1, index))
 
     def next_deadline(self) -> int:
         """The earliest instant at which something changes by itself."""

@@ -98,6 +98,8 @@ class _Source:
                 if name not in self._names:
                     raise PredicateError(f"`{name}` is not declared")
                 return self._names[name]
+            case Member(object=Literal() | ArrayLiteral()):
+                raise PredicateError(f"`{expression_text(expression)}` has no value in a property")
             case Member(object=inner, name=name):
                 if name == "length":
                     return f"length({self.value(inner)})"

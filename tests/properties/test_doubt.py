@@ -29,7 +29,7 @@ def agrees(status: Status, value: bool) -> bool:
 
 
 @given(seed=st.integers(0, 2**40))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=250, deadline=None)
 def test_a_conclusive_verdict_holds_for_every_completion_of_unknown_values(seed):
     choice = random.Random(seed)
     formula = some_formula(choice)
@@ -58,7 +58,7 @@ def port(name: str, event: bool = False) -> Port:
 
 
 @given(seed=st.integers(0, 2**40))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=250, deadline=None)
 def test_a_loss_never_makes_a_verdict_that_the_lost_messages_contradict(seed):
     choice = random.Random(seed)
     formula = some_formula(choice)

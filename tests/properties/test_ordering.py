@@ -71,9 +71,8 @@ def test_a_verdict_is_given_exactly_where_every_order_agrees(seed):
         observation = seen(stamp, f"/{name}", v=choice.random() < 0.5)
         observations.append(by(choice.choice("ab"), observation))
     ordered = OrderedProperties([item], latency_ns=10, uncertainty_ns=REACH)
-    arrivals = sorted(
-        observations, key=lambda observation: observation.stamp_ns + choice.randint(0, 8)
-    )
+    delays = {source: choice.randint(0, 8) for source in "ab"}  # each source's own order is kept
+    arrivals = sorted(observations, key=lambda item: item.stamp_ns + delays[item.source])
     for observation in arrivals:
         ordered.observe(observation)
     end = stamp + 20

@@ -50,7 +50,7 @@ traces = st.lists(ticks, min_size=1, max_size=14) | st.lists(rare, min_size=1, m
 @pytest.mark.parametrize("scope", list(ScopeName))
 @pytest.mark.parametrize("name", list(PatternName))
 @given(data=st.data())
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_a_pattern_is_false_exactly_when_its_definition_is_broken(name, scope, data):
     bound = data.draw(bounds)
     if name is PatternName.RECURRENCE:

@@ -19,13 +19,13 @@ from tests.properties.runs import run
 
 
 @given(seed=st.integers(50_000_000, 2**40))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_dense_formulas_mean_what_reelay_says(seed):
     assert differential.disagreement(seed) is None
 
 
 @given(seed=st.integers(50_000_000, 2**40))
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_discrete_formulas_mean_what_reelay_says(seed):
     assert differential.disagreement(seed, dense=False) is None
 
@@ -43,7 +43,7 @@ def boolean_trace(choice: random.Random) -> list[dict[str, bool]]:
 
 
 @given(seed=st.integers(0, 2**40), sparse=st.booleans())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_a_monitor_agrees_with_the_operators_definitions(seed, sparse):
     choice = random.Random(seed)
     source = differential.random_formula(choice, choice.randint(1, 3), longest=4)

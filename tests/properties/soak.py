@@ -1,0 +1,150 @@
+"""Long runs: many pairs against Reelay, readers fuzzed from a corpus.
+
+``python -m tests.properties.soak --pairs 50000 --seconds 600`` exits with 1 if anything differs or
+crashes. What a fuzzing run finds belongs into ``corpus/``, which the normal suite reads, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import sys
+import time
+import traceback
+from pathlib import Path
+
+from m2c.model.diagnostics import DiagnosticLog
+from moon.properties.compiler import compile_network
+from moon.properties.network import build_network
+from moon.properties.predicates import PredicateError
+from moon.properties.steps import StepMonitor
+from moon.properties.syntax import FormulaError, parse_formula
+from moon.properties.xml_file import parse_property_xml
+from moon.properties.yaml_file import parse_property_yaml
+from tests.properties import differential
+
+CORPUS = Path(__file__).parent / "corpus"
+PIECES = [
+    *("historically", "once", "since", " not ", " and ", " or ", "->", "{p}", "{x > 3}", "(", ")"),
+    *(
+        "[1:2]",
+        "[:",
+        ":]",
+        "{",
+        "}",
+        "'",
+        '"',
+        ",",
+        ":",
+        "!",
+        "*",
+        "&a",
+        "*a",
+        "\t",
+        "\n",
+        "  ",
+        "- ",
+    ),
+    *(
+        "<",
+        "/>",
+        "&lt;",
+        "<event>",
+        "</event>",
+        "\x00",
+        "é",
+        "\ud7ff",
+        "9" * 30,
+        "1e999",
+        "?",
+        ".",
+        "[0]",
+    ),
+]
+SLOW_S = 5.0
+"""Longer than this for one input of a few kilobytes counts as a hang."""
+
+
+def read(kind: str, source: str) -> None:
+    """Read ``source`` as a file of ``kind`` is read; only the readers' own errors may come of it."""
+    match kind:
+        case ".xml":
+            parse_property_xml(source.encode("utf-8", "replace"), "fuzz.xml", DiagnosticLog())
+        case ".yaml":
+            parse_property_yaml(source.encode("utf-8", "replace"), "fuzz.yaml", DiagnosticLog())
+        case _:
+            try:
+                compile_network(build_network([parse_formula(source)])).step(0)
+                StepMonitor(parse_formula(source))
+            except (FormulaError, PredicateError):
+                return
+
+
+def damage(choice: random.Random, source: str, others: list[str]) -> str:
+    """``source`` with a few cuts, insertions, repetitions and transplants."""
+    for _ in range(choice.randint(1, 8)):
+        place = choice.randint(0, len(source))
+        length = choice.choice([1, 1, 2, 5, 20, 100])
+        match choice.randrange(5):
+            case 0:
+                source = source[:place] + source[place + length :]
+            case 1:
+                source = source[:place] + choice.choice(PIECES) + source[place:]
+            case 2:
+                source = (
+                    source[:place]
+                    + source[place : place + length] * choice.choice([2, 3, 40])
+                    + source[place:]
+                )
+            case 3:
+                other = choice.choice(others)
+                start = choice.randint(0, len(other))
+                source = source[:place] + other[start : start + length] + source[place:]
+            case _:
+                source = (
+                    source[:place]
+                    + choice.choice(PIECES) * choice.choice([3, 50, 400])
+                    + source[place:]
+                )
+    return source[:30_000]
+
+
+def fuzz(seconds: float, seed: int = 0) -> int:
+    """Feed damaged corpus entries to the readers for so long; returns how many crash or hang."""
+    corpus = [(path.suffix, path.read_text()) for path in sorted(CORPUS.iterdir())]
+    texts = [text for _, text in corpus]
+    choice = random.Random(seed)
+    end = time.monotonic() + seconds
+    failures = count = 0
+    while time.monotonic() < end:
+        kind, text = choice.choice(corpus)
+        source = damage(choice, text, texts)
+        begin = time.monotonic()
+        try:
+            read(kind, source)
+        except Exception:
+            failures += 1
+            print(f"{kind}: {source!r}")
+            traceback.print_exc()
+        if time.monotonic() - begin > SLOW_S:
+            failures += 1
+            print(f"{kind}: {time.monotonic() - begin:.1f} s for {source!r}")
+        count += 1
+    print(f"{count} damaged inputs in {seconds:.0f} s, {failures} crash or hang", flush=True)
+    return failures
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pairs", type=int, default=50_000)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    failures = fuzz(arguments.seconds, arguments.seed)
+    for dense in (True, False):
+        failures += differential.soak(arguments.pairs // 2, arguments.seed, dense)
+    sys.exit(1 if failures else 0)
+
+
+if __name__ == "__main__":
+    main()
