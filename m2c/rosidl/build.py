@@ -11,6 +11,7 @@ import hashlib
 import importlib.util
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -25,6 +26,8 @@ BUILD_TIMEOUT_S = 600
 
 _WHEEL_PYTHON_INCLUDE = re.compile(r"/opt/python/cp3\d+-cp3\d+/include/python3\.\d+")
 _WHEEL_NUMPY_INCLUDE = re.compile(r"/opt/python/[^;\" ]*/numpy/_?core/include")
+SETUP_SCRIPT = "setup.sh"
+"""What colcon's own would be, which needs more of ROS 2 than the wheels have."""
 _STAMP = "content.sha256"
 
 
@@ -56,6 +59,14 @@ class InterfaceInstall(msgspec.Struct, frozen=True):
             known = environment.get(variable, "")
             environment[variable] = os.pathsep.join([*map(str, parts), *([known] if known else [])])
         return environment
+
+    def setup_script(self) -> str:
+        """A shell script that does to a shell what ``environment`` does."""
+        lines = [
+            f"export {variable}={shlex.quote(value)}${{{variable}:+:${variable}}}"
+            for variable, value in self.environment({}).items()
+        ]
+        return "\n".join(["# Source it: processes started here find the packages.", *lines, ""])
 
 
 def find_packages(directories: Sequence[Path]) -> tuple[Path, ...]:
@@ -101,13 +112,18 @@ def build_interfaces(directories: Sequence[Path], output: Path) -> InterfaceInst
         and stamp.read_text() == digest
         and all((prefix / n).is_dir() for n in names)
     ):
-        return InterfaceInstall(prefix, names, cached=True)
+        return _with_setup(InterfaceInstall(prefix, names, cached=True), output)
     _require_tools()
     _repair_wheel_paths(Path(sys.prefix))
     _empty(output, stamp)
     _run_colcon(packages, output)
     stamp.write_text(digest)
-    return InterfaceInstall(prefix, names, cached=False)
+    return _with_setup(InterfaceInstall(prefix, names, cached=False), output)
+
+
+def _with_setup(install: InterfaceInstall, output: Path) -> InterfaceInstall:
+    (output / SETUP_SCRIPT).write_text(install.setup_script())
+    return install
 
 
 def _empty(output: Path, stamp: Path) -> None:

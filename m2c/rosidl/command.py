@@ -33,7 +33,7 @@ def build(directories: tuple[Path, ...], output: Path) -> None:
 
     Example: m2c interfaces build examples/lab_tour/interfaces
     """
-    from m2c.rosidl.build import InterfaceBuildError, build_interfaces
+    from m2c.rosidl.build import SETUP_SCRIPT, InterfaceBuildError, build_interfaces
 
     try:
         built = build_interfaces([path.resolve() for path in directories], output.resolve())
@@ -44,3 +44,4 @@ def build(directories: tuple[Path, ...], output: Path) -> None:
     click.echo(
         f"{len(built.packages)} interface packages {how} {output}: {', '.join(built.packages)}"
     )
+    click.echo(f"to use them in a shell: . {output / SETUP_SCRIPT}")
