@@ -80,6 +80,7 @@ class Cell:
         self._values: dict[str, Any] = {}
         self._waiting: set[str] = set()
         self._lost = ""
+        self._reported = -1
         self._program = self._compile()
         self.changed = self._program.changed
         self.handlers = self._program.handlers
@@ -377,6 +378,7 @@ class Cell:
             program.go_back(state)
         scalars = snapshot.scalars
         self.started, self.sealed, self._doubt_now, self._until_try, self._lost = scalars
+        self._reported = self.started
         self._values = dict(snapshot.values)
         self._waiting = set(snapshot.waiting)
         self.verdicts = list(snapshot.verdicts)
@@ -423,6 +425,7 @@ class Cell:
                 continue
             self.verdicts[number] = after = self._verdict(number, status, now)
             found.append((self.names[number], after))
+        self._reported = now
         return found
 
     def _verdict(self, number: int, status: Status, now: int) -> Verdict:
@@ -432,7 +435,7 @@ class Cell:
             assert self._doubt is not None
             reasons = list(dict.fromkeys(self._doubt.unknown.values())) or [self._lost]
             return Verdict(status, now, reason="; ".join(reasons))
-        witness = explain(self._formulas[number], self._logs, self.started, now)
+        witness = explain(self._formulas[number], self._logs, self.started, now, self._reported)
         at = witness.at_ns
         return Verdict(status, at, final=self.final[number], witness=witness)
 

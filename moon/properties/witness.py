@@ -22,6 +22,7 @@ from moon.properties.formula import (
     Or,
     Predicate,
     Since,
+    operands,
     predicates,
 )
 from moon.properties.signals import Signal, Signals, complement, intersect, union
@@ -32,8 +33,24 @@ Change = tuple[int, bool, Observation | None]
 """(instant, new value, the observation that brought it)."""
 
 
+def horizon(formula: Formula) -> int | None:
+    """How far back (ticks) ``formula`` looks from an instant; None: to the start."""
+    inner = [horizon(item) for item in operands(formula)]
+    if any(reach is None for reach in inner):
+        return None
+    deepest = max((reach for reach in inner if reach is not None), default=0)
+    if isinstance(formula, Once | Historically | Since):
+        upper = formula.interval.upper
+        return None if upper is None else deepest + upper + 1
+    return deepest
+
+
 def explain(
-    formula: Formula, logs: Mapping[str, Iterable[Change]], start: int, now: int
+    formula: Formula,
+    logs: Mapping[str, Iterable[Change]],
+    start: int,
+    now: int,
+    not_before: int = -1,
 ) -> Witness:
     """The witness of ``formula`` being false at ``now``.
 
@@ -42,8 +59,12 @@ def explain(
         logs: the predicates' changes, oldest first.
         start: when monitoring began.
         now: the instant (ns).
+        not_before: an instant at which it was not false yet: nothing that it did not see matters.
     """
-    changes = {text: _settled(logs.get(text, ()), now) for text in predicates(formula)}
+    reach = horizon(formula)
+    if reach is not None and not_before >= 0:
+        start = max(start, not_before - reach)
+    changes = {text: _between(logs.get(text, ()), start, now) for text in predicates(formula)}
     begins = max(
         [start, *(found[0][0] for found in changes.values() if found and found[0][0] > start)]
     )
@@ -68,11 +89,17 @@ def explain(
     return Witness(at, tuple(facts), complete)
 
 
-def _settled(changes: Iterable[Change], now: int) -> Sequence[Change]:
-    """The changes up to ``now`` of which each lasted: at one instant the last one counts, except that
-    a truth of no duration is kept for its one tick.
-    """
-    return [change for change in changes if change[0] <= now]
+def _between(changes: Iterable[Change], start: int, now: int) -> Sequence[Change]:
+    """The changes up to ``now``, from the one that holds at ``start`` on."""
+    kept: list[Change] = []
+    for change in reversed(changes if isinstance(changes, Sequence) else tuple(changes)):
+        if change[0] > now:
+            continue
+        kept.append(change)
+        if change[0] < start:
+            break
+    kept.reverse()
+    return kept
 
 
 def _signal(changes: Sequence[Change], start: int, end: int) -> Signal:
@@ -80,13 +107,13 @@ def _signal(changes: Sequence[Change], start: int, end: int) -> Signal:
     since: int | None = None
     for instant, value, _ in changes:
         if value and since is None:
-            since = max(instant, start)
+            since = instant
         elif not value and since is not None:
             signal.append((since, max(instant, since + 1)))
             since = None
     if since is not None:
         signal.append((since, end))
-    return union([], [(first, min(last, end)) for first, last in signal])
+    return intersect(union([], signal), [(start, end)])
 
 
 def _last(

@@ -30,7 +30,7 @@ def explained(seed: int):
 
 
 @given(seed=st.integers(0, 2**40))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=300, deadline=None)
 def test_every_trace_with_the_facts_of_a_witness_is_false_too(seed):
     choice, formula, trace, verdicts = explained(seed)
     for t, verdict in enumerate(verdicts):
@@ -48,7 +48,7 @@ def test_every_trace_with_the_facts_of_a_witness_is_false_too(seed):
 
 
 @given(seed=st.integers(0, 2**40))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_the_facts_of_a_witness_are_what_was_observed(seed):
     _, _, trace, verdicts = explained(seed)
     for verdict in verdicts:
