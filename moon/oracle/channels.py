@@ -8,6 +8,7 @@ Messages of others on its topics are not ordered against them.
 
 from __future__ import annotations
 
+import copy
 from enum import IntEnum
 from typing import Any
 
@@ -79,9 +80,12 @@ class Fact:
         lane: source and channel: facts of one lane keep their order.
         droppable: whether the machine may never have got it (set by the oracle).
         observation: what was observed.
+        base: the fact itself, where this is one that was perhaps taken already.
     """
 
     __slots__ = (
+        "_perhaps",
+        "base",
         "call",
         "data",
         "droppable",
@@ -115,7 +119,19 @@ class Fact:
         self.goal = goal
         self.call = (observation.client, observation.call)
         self.droppable = False
+        self.base = self
+        self._perhaps: Fact | None = None
         self.lane = (observation.source, observation.channel)
+
+    def perhaps(self) -> Fact:
+        """The same fact for a hypothesis in which it may have been taken already."""
+        if self.droppable:
+            return self
+        if self._perhaps is None:
+            twin = copy.copy(self)
+            twin.droppable, twin.base = True, self
+            self._perhaps = twin
+        return self._perhaps
 
 
 class Port:

@@ -253,9 +253,9 @@ class Hypothesis:
         """What two hypotheses must share to be one; times of timers are left out."""
         if self._key is None:
             self._key = (
+                tuple(map(id, self.pending)) if self.pending else (),
                 _data_key(self.instances),
                 tuple(owed.key() for owed in self.owed) if self.owed else (),
-                tuple(map(id, self.pending)) if self.pending else (),
                 tuple(
                     (p.instance, p.event, frozen(p.message), frozen(p.parts)) for p in self.posted
                 )
@@ -269,6 +269,31 @@ class Hypothesis:
                 self.free,
             )
         return self._key
+
+    def core(self) -> Any:
+        """The key without the messages under way."""
+        return self.key()[1:]
+
+    def joined(self, other: Hypothesis) -> Hypothesis | None:
+        """One hypothesis for both of one core: a message that only one of them still has may have
+        been taken. That allows more than either, and forgets what belongs together. None: self
+        allows all that ``other`` does.
+        """
+        pending = self.pending
+        if pending != other.pending:
+            mine = {id(fact.base): fact for fact in pending}
+            theirs = {id(fact.base): fact for fact in other.pending}
+            made = []
+            for key, fact in {**theirs, **mine}.items():
+                twin = theirs.get(key)
+                firm = key in mine and twin is not None and not twin.droppable
+                made.append(fact if firm else fact.perhaps())
+            made.sort(key=lambda fact: fact.stamp)
+            pending = tuple(made)
+        wide = self.merged(other)
+        if wide is None and pending == self.pending:
+            return None
+        return (wide or self).with_pending(pending)
 
     def with_pending(self, pending: tuple[Fact, ...]) -> Hypothesis:
         """The same, with other messages under way."""

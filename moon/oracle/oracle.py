@@ -228,7 +228,7 @@ class Oracle:
         role = fact.role
         if role is Role.ASKED:
             asked = (fact.interface, *fact.call)
-            if self._taken_up.pop(asked, None) is None:
+            if asked not in self._taken_up:
                 self._asked[asked] = fact
             return []
         if role is Role.OUTPUT or role is Role.STRANGE:
@@ -264,10 +264,13 @@ class Oracle:
     def _note_taken_up(self, fact: Fact) -> None:
         """A request was received; who sent it may be heard before or after."""
         place = (fact.interface, *fact.call)
-        if self._asked.pop(place, None) is None:
-            self._taken_up[place] = fact.stamp
-            if len(self._taken_up) > KEPT_CALLS:
-                del self._taken_up[next(iter(self._taken_up))]
+        self._asked.pop(place, None)
+        taken_up = self._taken_up
+        taken_up[place] = fact.stamp
+        if len(taken_up) > KEPT_CALLS:
+            oldest = next(iter(taken_up))
+            if taken_up[oldest] < self._finished - self.bounds.deadline:
+                del taken_up[oldest]
 
     def _begin(self, stamp: int, whole: bool = False) -> None:
         self._listening_since = stamp

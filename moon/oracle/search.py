@@ -43,6 +43,10 @@ KEPT_GOALS = 8
 """Ended goals are remembered for results that are asked for late."""
 
 
+EXACT = 96
+"""Up to so many hypotheses, each keeps its own messages under way."""
+
+
 class Bounds(msgspec.Struct, frozen=True):
     """What is assumed of the middleware and the machines (all in ns).
 
@@ -192,28 +196,52 @@ class Search:
         """
         if all(self._is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
+        found = self._explore(hypotheses, now, exactly=True)
+        if found is None:
+            found = self._explore(hypotheses, now, exactly=False)
+        if found is None:
+            raise TooManyError
+        found = [self._without_expired(h, due) for h in found]
+        return [h for h in found if h.owed or self._has_taken(h, due)]
+
+    def _without_expired(self, hypothesis: Hypothesis, due: int) -> Hypothesis:
+        """Messages that were perhaps taken, once they certainly are."""
+        limit = due - self.bounds.latency - self.bounds.skew
+        pending = hypothesis.pending
+        if not any(fact.droppable and fact.stamp <= limit for fact in pending):
+            return hypothesis
+        return hypothesis.with_pending(
+            tuple(fact for fact in pending if not fact.droppable or fact.stamp > limit)
+        )
+
+    def _explore(
+        self, hypotheses: list[Hypothesis], now: int, exactly: bool
+    ) -> list[Hypothesis] | None:
+        """All orders of taking what may have been taken; None if there are too many.
+
+        If not ``exactly``, hypotheses that differ in the messages under way only are joined: k
+        messages of different sources can be taken in k! orders, yet leave few different states.
+        """
         known: dict[Any, Hypothesis] = {}
         todo = list(hypotheses)
+        limit = EXACT if exactly else self.bounds.hypotheses
         while todo:
             hypothesis = todo.pop()
-            key = hypothesis.key()
+            key = hypothesis.key() if exactly else hypothesis.core()
             before = known.get(key)
             if before is not None:
-                merged = before.merged(hypothesis)
-                if merged is None:
+                wide = before.merged(hypothesis) if exactly else before.joined(hypothesis)
+                if wide is None:
                     continue
-                hypothesis = merged
+                hypothesis = wide
             known[key] = hypothesis
-            if len(known) > 4 * self.bounds.hypotheses:
-                raise TooManyError
+            if len(known) > limit:
+                return None
             if hypothesis.owed and not hypothesis.owed[0].optional:
                 continue  # no input is taken before the outputs of a step are out
             if hypothesis.pending or hypothesis.posted or hypothesis.alarms:
                 todo.extend(self._moves(hypothesis, now))
-        found = [h for h in known.values() if h.owed or self._has_taken(h, due)]
-        if len(found) > self.bounds.hypotheses:
-            raise TooManyError
-        return found
+        return list(known.values())
 
     def _slack(self, duration: int) -> int:
         """By how much a timer and the stamps may disagree after ``duration`` (ns).
@@ -240,7 +268,7 @@ class Search:
         What had to be taken earlier than something else can have been is taken before it.
         """
         earliest = max(self.last, hypothesis.moment)
-        latest = max(self._latest(hypothesis), self.last)
+        latest = max(self._latest(hypothesis, certainly=True), self.last)
         if hypothesis.pending:
             lanes = set()
             for place, fact in enumerate(hypothesis.pending):
@@ -249,7 +277,8 @@ class Search:
                     break
                 if fact.lane in lanes:
                     continue
-                lanes.add(fact.lane)
+                if not fact.droppable:
+                    lanes.add(fact.lane)
                 low = max(sent, earliest)
                 yield from self._take_message(hypothesis, place, fact, low, now)
         if hypothesis.posted:
@@ -265,11 +294,13 @@ class Search:
             if alarm.low <= min(now, latest) and self._matters(hypothesis, alarm):
                 yield from self._ring(hypothesis, place, alarm, max(alarm.low, earliest), now)
 
-    def _latest(self, hypothesis: Hypothesis) -> int:
-        """By when the next input has been taken."""
+    def _latest(self, hypothesis: Hypothesis, certainly: bool = False) -> int:
+        """By when the next input has been taken; ``certainly``: of those it certainly gets."""
         latency = self.bounds.latency
         latest = FOREVER
         for fact in hypothesis.pending:
+            if certainly and fact.droppable:
+                continue
             if fact.stamp + latency < latest and not self._is_held(hypothesis, fact):
                 latest = fact.stamp + latency + self.bounds.skew
         for posted in hypothesis.posted:
@@ -289,7 +320,11 @@ class Search:
     def _take_message(
         self, hypothesis: Hypothesis, place: int, fact: Fact, low: int, now: int
     ) -> Iterator[Hypothesis]:
-        rest = hypothesis.with_pending(hypothesis.pending[:place] + hypothesis.pending[place + 1 :])
+        earlier = hypothesis.pending[:place]
+        if any(item.lane == fact.lane for item in earlier):
+            # these are perhaps taken, and now certainly: a lane keeps its order
+            earlier = tuple(item for item in earlier if item.lane != fact.lane)
+        rest = hypothesis.with_pending(earlier + hypothesis.pending[place + 1 :])
         assert fact.event is not None
         high = max(low, min(fact.stamp + self.bounds.latency, now))
         parts: dict[str, Any] = {}

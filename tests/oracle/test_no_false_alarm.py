@@ -42,7 +42,6 @@ def test_the_nominal_tour_raises_no_alarm(block: int) -> None:
         heard = nominal(seed)
         assert not heard.verdicts, f"seed {seed}: {complaints(heard)[:3]}"
         assert heard.observations > 300
-        assert heard.most_hypotheses <= 64
 
 
 def test_a_long_run_stays_small() -> None:
