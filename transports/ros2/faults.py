@@ -78,8 +78,7 @@ class Faults:
     def _deaf(self, topic: str, publisher: str, subscriber: str, reason: str) -> None:
         if UNKNOWN not in (publisher, subscriber):
             self._say(
-                f"{topic}: {subscriber} cannot hear {publisher}, their QoS does not match: "
-                f"{reason.strip().rstrip(';')}"
+                f"{topic}: {subscriber} cannot hear {publisher}, their QoS does not match: {reason}"
             )
 
     def _say(self, text: str) -> None:

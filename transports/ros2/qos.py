@@ -11,10 +11,9 @@ from typing import Any
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
-    QoSCompatibility,
+    LivelinessPolicy,
     QoSProfile,
     ReliabilityPolicy,
-    qos_check_compatible,
 )
 
 from transports.interface import Reliability, Topic
@@ -22,6 +21,7 @@ from transports.interface import Reliability, Topic
 DEPTH = 1000
 """Messages kept for a reader that does not keep up. ROS 2's usual 10 lose most of a burst, and
 keeping all would have a slow reader hold up who publishes."""
+_INFINITE = 2**63 - 1
 LATCHED_DEPTH = 1
 """Who comes late gets the last message."""
 TAP_DEPTH = 5000
@@ -63,6 +63,36 @@ def to_hear_all(offered: Iterable[Any]) -> QoSProfile:
 
 
 def mismatch(offered: QoSProfile, requested: QoSProfile) -> str:
-    """Why a subscription that asks for ``requested`` cannot hear a publisher; empty if it can."""
-    compatible, reason = qos_check_compatible(offered, requested)
-    return reason if compatible == QoSCompatibility.ERROR else ""
+    """Why a subscription that asks for ``requested`` cannot hear a publisher; empty if it can.
+
+    What DDS compares (https://docs.ros.org/en/jazzy/Concepts/Intermediate/
+    About-Quality-of-Service-Settings.html); the graph tells infinite durations as such, a profile
+    written in Python as 0.
+    """
+    reasons = []
+    for what, weaker, stronger in _ORDERED:
+        asked_for, given_as = getattr(requested, what), getattr(offered, what)
+        if given_as == weaker and asked_for == stronger:
+            reasons.append(f"{_words(stronger)} {what} is asked for, {_words(weaker)} is offered")
+    for what in ("deadline", "liveliness_lease_duration"):
+        asked, given = _nanoseconds(requested, what), _nanoseconds(offered, what)
+        if asked < given:
+            reasons.append(f"a {what.replace('_', ' ')} of {asked / 1e9:g} s is asked for")
+    return ", ".join(reasons)
+
+
+_ORDERED: tuple[tuple[str, Any, Any], ...] = (
+    ("reliability", ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE),
+    ("durability", DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+    ("liveliness", LivelinessPolicy.AUTOMATIC, LivelinessPolicy.MANUAL_BY_TOPIC),
+)
+"""Policy, and of its values the one that is not enough for who asks for the other."""
+
+
+def _words(value: Any) -> str:
+    return str(value.name).lower().replace("_", " ")
+
+
+def _nanoseconds(found: QoSProfile, what: str) -> int:
+    value: int = getattr(found, what).nanoseconds
+    return value or _INFINITE
