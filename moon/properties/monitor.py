@@ -184,7 +184,6 @@ class PropertyMonitor:
         self.property = formula if isinstance(formula, Property) else Property("property", formula)
         self._set = PropertySet([self.property])
         self._cell = self._set.cells[0]
-        self._tables = self._set._tables
 
     @property
     def verdict(self) -> Verdict:
