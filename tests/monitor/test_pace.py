@@ -1,0 +1,64 @@
+"""The clock by which a monitor judges."""
+
+from __future__ import annotations
+
+from moon.monitor.pace import Pace
+
+MS = 1_000_000
+LATENCY = 200 * MS
+
+
+def ticking(pace: Pace, start: int, milliseconds: int, step: int = 10) -> int:
+    """Tick every ``step`` ms; the time of day at the end."""
+    now = start
+    for _ in range(milliseconds // step):
+        now += step * MS
+        pace.tick(now)
+    return now
+
+
+def test_while_all_is_heard_in_time_it_is_the_time_of_day() -> None:
+    pace = Pace(0, LATENCY)
+    now = 0
+    for _ in range(300):
+        pace.heard(90 * MS)
+        now = ticking(pace, now, 10)
+        assert pace.clock_ns == now
+
+
+def test_it_is_behind_by_what_comes_late_beyond_half_the_bound_and_catches_up() -> None:
+    pace = Pace(0, LATENCY)
+    now = ticking(pace, 0, 500)
+    pace.heard(300 * MS)
+    now = ticking(pace, now, 500)
+    assert now - pace.clock_ns == 200 * MS
+    now = ticking(pace, now, 3000)
+    assert pace.clock_ns == now
+
+
+def test_it_never_goes_back() -> None:
+    pace = Pace(0, LATENCY)
+    now, last = 0, 0
+    for round_ in range(200):
+        pace.heard((round_ * 37) % 500 * MS)
+        now = ticking(pace, now, 30)
+        assert pace.clock_ns >= last
+        last = pace.clock_ns
+
+
+def test_after_a_pause_it_lets_what_waits_be_heard_first() -> None:
+    pace = Pace(0, LATENCY)
+    now = ticking(pace, 0, 100)
+    pace.tick(now + 400 * MS)
+    assert pace.clock_ns <= now + 100 * MS
+    now = ticking(pace, now + 400 * MS, 400)
+    assert pace.clock_ns == now
+
+
+def test_a_monitor_that_always_ticks_late_is_lost() -> None:
+    pace = Pace(0, LATENCY)
+    ticking(pace, 0, 10_000, step=300)
+    assert pace.is_lost
+    pace.restart(20_000 * MS)
+    assert not pace.is_lost
+    assert pace.clock_ns == 20_000 * MS
