@@ -9,7 +9,7 @@ import msgspec
 
 from transports.ros2 import qos
 from transports.ros2.executor import LOG
-from transports.ros2.graph import UNKNOWN, request_topic
+from transports.ros2.graph import UNKNOWN, request_topic, service_type_of
 
 
 class Declared(msgspec.Struct):
@@ -53,13 +53,13 @@ class Faults:
 
     def _look_at_services(self) -> None:
         node, declared = self._node, self._declared
-        types = dict(node.get_service_names_and_types()) if declared.calls else {}
         for service, type_name in declared.calls.items():
-            served = [name for name in types.get(service, ()) if name != type_name]
-            if served and type_name not in types[service]:
+            servers = node.get_subscriptions_info_by_topic(request_topic(service), no_mangle=True)
+            served = {service_type_of(info.topic_type) for info in servers}
+            if served and type_name not in served:
                 self._say(
                     f"{service}: this node calls it as {type_name}, but it is served as "
-                    f"{', '.join(served)}: its calls will not be answered"
+                    f"{', '.join(sorted(served))}: its calls will not be answered"
                 )
         for service in declared.serves:
             servers = node.get_subscriptions_info_by_topic(request_topic(service), no_mangle=True)

@@ -36,6 +36,12 @@ def response_topic(service: str) -> str:
     return f"rr{service}Reply"
 
 
+def service_type_of(dds_type: str) -> str:
+    """``pkg/srv/Name`` of a request's DDS type, ``pkg::srv::dds_::Name_Request_``."""
+    package, kind, _, name = (*dds_type.split("::"), "", "", "", "")[:4]
+    return f"{package}/{kind}/{name.removesuffix('_Request_')}"
+
+
 class Graph:
     """Tells of changes, and finds names for GIDs."""
 
@@ -104,6 +110,10 @@ class Graph:
             )
             name = self._find(gid)
         return name
+
+    def learn_participants(self) -> None:
+        """Note which node is in which participant; every node has a publisher of ``/rosout``."""
+        self._learn(self._node.get_publishers_info_by_topic("/rosout"))
 
     def _learn(self, endpoints: Iterable[Any]) -> None:
         for endpoint in endpoints:

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 
 from transports.ros2 import native, qos
 from transports.ros2.executor import LOG, Executor
-from transports.ros2.graph import Graph
+from transports.ros2.graph import Graph, request_topic
 from transports.service_events import EVENT_SUFFIX
 
 TOPIC = "/_m2c/nodes"
@@ -178,11 +178,9 @@ class Announcements:
             for topic in declared:
                 if presence.node not in {info.node_name for info in topics_of(topic)}:
                     return False
-        if presence.serves:
-            served = {
-                name for name, _ in node.get_service_names_and_types() if name in presence.serves
-            }
-            if served != set(presence.serves):
+        for service in presence.serves:
+            readers = node.get_subscriptions_info_by_topic(request_topic(service), no_mangle=True)
+            if presence.node not in {info.node_name for info in readers}:
                 return False
         if not presence.taps or presence.node == self.own.node:
             return True

@@ -22,17 +22,16 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
-from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.parameter import Parameter
+from rclpy.validate_namespace import validate_namespace
+from rclpy.validate_node_name import validate_node_name
 
 from transports.interface import TransportError
 
 OPTIONS = ("domain", "namespace", "use_sim_time", "args")
 MAX_DOMAIN = 232
 """Beyond it DDS's port numbers would not fit."""
-
-__all__ = ["ExternalShutdownException", "open_node", "prefix_of"]
 
 
 def prefix_of(options: Mapping[str, str]) -> str:
@@ -55,6 +54,14 @@ def open_node(name: str, options: Mapping[str, str]) -> Any:
     simulated = options.get("use_sim_time", "false")
     if simulated not in ("true", "false"):
         raise TransportError(f"use_sim_time {simulated!r}: expected true or false")
+    prefix = prefix_of(options)
+    try:  # create_node checks too, but leaves a complaint of rcl behind
+        validate_node_name(name)
+        validate_namespace(prefix or "/")
+    except (InvalidNodeNameException, InvalidNamespaceException) as error:
+        raise TransportError(
+            f"ROS 2 does not take the name {prefix}/{name}: {_one_line(error)}"
+        ) from error
     context = Context()
     try:
         context.init(args=_arguments(options), domain_id=_domain(options))
@@ -62,14 +69,9 @@ def open_node(name: str, options: Mapping[str, str]) -> Any:
         return rclpy.create_node(
             name,
             context=context,
-            namespace=prefix_of(options) or None,
+            namespace=prefix or None,
             parameter_overrides=parameters,
         )
-    except (InvalidNodeNameException, InvalidNamespaceException) as error:
-        _shut_down(context)
-        raise TransportError(
-            f"ROS 2 does not take the name {prefix_of(options)}/{name}: {_one_line(error)}"
-        ) from error
     except (_rclpy.RCLError, _rclpy.UnknownROSArgsError, RuntimeError, ValueError) as error:
         _shut_down(context)
         raise TransportError(f"cannot start a ROS 2 node: {_one_line(error)}") from error

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -32,6 +33,9 @@ _QUIET = ("/rosout", "/parameter_events", "/clock")
 """Topics of ROS 2 itself, which every node has: heard only when a glob is their name."""
 _QUIET_PACKAGES = ("rcl_interfaces/", "type_description_interfaces/", "composition_interfaces/")
 """Types of the services that every node serves; nobody asks why they have no introspection."""
+_NAMELESS_S = 1.0
+"""How long a message waits for the name of who published it."""
+_RETRY_S = 0.02
 _NUMBERS = 2**63
 """Above it, an RMW says that it does not number publications."""
 _HOW = (
@@ -101,6 +105,9 @@ class Tap:
         self._numbers = Numbers()
         self._heard: dict[str, _Heard] = {}
         self._deaf: dict[str, str] = {}
+        self._waiting: deque[tuple[float, str, Callable[..., Any], native.Taken, Any]] = deque()
+        self._retrying = False
+        self._gone: set[bytes] = set()
         self._closed = False
         announcements.own.taps += self._globs
         executor.post(self.refresh)
@@ -142,6 +149,8 @@ class Tap:
         """Subscribe to what is new in the graph (on the executor)."""
         if self._closed:
             return
+        self._graph.learn_participants()
+        self._deliver()
         before = set(self._deaf)
         for topic, types in self._node.get_topic_names_and_types():
             if self._wants(topic):
@@ -217,13 +226,48 @@ class Tap:
             except (_rclpy.RMWError, _rclpy.RCLError, RuntimeError) as error:
                 self._losses.undecodable(topic, self._graph.publisher_of(topic, taken.gid), error)
                 return True
-            observation = observe(taken, message)
-            if observation is not None:
-                self._handler(observation)
+            self._waiting.append((time.monotonic() + _NAMELESS_S, topic, observe, taken, message))
+            self._deliver()
             return True
 
         self._executor.handle(subscription, take)
         return subscription, ros
+
+    def _deliver(self) -> None:
+        """Hand on what was taken, in its order, once the graph tells the names in it.
+
+        DDS shows an endpoint before ROS 2 says whose it is, so the first messages of a new node
+        may have to wait; not for long, and only once for who is never named.
+        """
+        waiting = self._waiting
+        while waiting and not self._closed:
+            deadline, topic, observe, taken, message = waiting[0]
+            nameless = self._nameless(topic, taken, message)
+            if nameless and time.monotonic() < deadline:
+                if not self._retrying:
+                    self._retrying = True
+                    self._executor.after_real(_RETRY_S, self._retry)
+                return
+            self._gone |= nameless
+            waiting.popleft()
+            observation = observe(taken, message)
+            if observation is not None:
+                self._handler(observation)
+
+    def _retry(self) -> None:
+        self._retrying = False
+        self._deliver()
+
+    def _nameless(self, topic: str, taken: native.Taken, message: Any) -> set[bytes]:
+        """The GIDs in a message that have no name yet, but may still get one."""
+        gids = set()
+        if not self._graph.publisher_of(topic, taken.gid):
+            gids.add(taken.gid)
+        if is_event_topic(topic):
+            client = bytes(message.info.client_gid)
+            if not self._graph.client_of(topic.removesuffix(EVENT_SUFFIX), client):
+                gids.add(client)
+        return gids - self._gone
 
     def _numbered(self, topic: str, channel: str, taken: native.Taken) -> tuple[str, int]:
         source = self._graph.publisher_of(topic, taken.gid)
@@ -313,6 +357,7 @@ class Tap:
             if (
                 not matches(service, self._globs)
                 or types[0].startswith(_QUIET_PACKAGES)
+                or not self._node.count_services(service)
                 or self._node.count_publishers(service + EVENT_SUFFIX)
             ):
                 continue
