@@ -1,0 +1,36 @@
+"""A node in a process of its own, for tests of how processes end: ``ros2_peer.py NAME HOW``.
+
+HOW: ``serve`` answers until a signal comes, ``silent`` never answers, ``leave`` ends without close.
+"""
+
+import signal
+import sys
+import threading
+
+from tests.transports import ros2_network
+from transports.conformance import DOUBLE, Answer
+from transports.ros2 import connect
+
+name, how = sys.argv[1:]
+ros2_network.load(ros2_network.built())
+node = connect(name, {})
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, lambda *_: node.post(node.close))
+
+
+def handle(request):
+    if how != "silent":
+        request.respond(Answer(2 * request.data.value))
+
+
+node.serve(DOUBLE, handle)
+node.announce()
+if how == "leave":
+    threading.Thread(target=node.spin, daemon=True).start()
+    assert not node.wait_for_nodes([name], 20)
+    print("left", flush=True)
+    sys.exit(0)
+node.post(lambda: print("spins", flush=True))
+node.spin()
+node.close()
+print("closed", flush=True)

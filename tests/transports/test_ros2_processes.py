@@ -1,0 +1,185 @@
+"""ROS 2 nodes as processes: generated ones, and how they end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from m2c.rosidl.build import build_interfaces
+from tests.transports import ros2_network
+from transports.conformance import DOUBLE, Ask, on
+from transports.interface import CallOutcome
+from transports.networks import PATIENCE_S, ThreadedNetwork
+
+pytestmark = [pytest.mark.ros2, pytest.mark.slow]
+
+ROOT = Path(__file__).parent.parent.parent
+LAB_TOUR = ROOT / "examples" / "lab_tour"
+TICK = """
+import rclpy
+from bt_interfaces.srv import TickCondition
+from std_msgs.msg import Int32
+
+rclpy.init()
+node = rclpy.create_node("bare")
+client = node.create_client(TickCondition, "/BatteryLevelSkill/tick")
+publisher = node.create_publisher(Int32, "/BatteryComponent/level", 10)
+assert client.wait_for_service(timeout_sec=30.0)
+while not publisher.get_subscription_count():
+    rclpy.spin_once(node, timeout_sec=0.01)
+
+def tick():
+    future = client.call_async(TickCondition.Request())
+    rclpy.spin_until_future_complete(node, future, timeout_sec=30.0)
+    return future.result()
+
+assert tick() == TickCondition.Response(status=TickCondition.Response.SUCCESS, is_ok=True)
+publisher.publish(Int32(data=5))
+for _ in range(500):
+    if tick().status == TickCondition.Response.FAILURE:
+        print("ticked")
+        break
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def domain() -> Iterator[int]:
+    ros2_network.load(ros2_network.built())
+    with ros2_network.own_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def network() -> Iterator[ThreadedNetwork]:
+    made = ros2_network.network()
+    yield made
+    made.close()
+
+
+def start(name: str, how: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "tests.transports.ros2_peer", name, how],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def say(process: subprocess.Popen[str], word: str) -> None:
+    assert process.stdout is not None
+    assert process.stdout.readline().strip() == word
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_that_waits_for_ever_ends_at_a_signal(number: signal.Signals) -> None:
+    with start("peer", "serve") as process:
+        say(process, "spins")
+        process.send_signal(number)
+        say(process, "closed")
+        assert process.wait(PATIENCE_S) == 0
+
+
+def test_a_process_that_forgets_to_close_ends() -> None:
+    with start("peer", "leave") as process:
+        say(process, "left")
+        assert process.wait(PATIENCE_S) == 0
+
+
+def test_a_server_in_another_process_answers_and_its_end_is_noticed(
+    network: ThreadedNetwork,
+) -> None:
+    node = network.node("node")
+    changes: list[tuple[str, bool]] = []
+    on(network, node, lambda: node.watch_nodes(lambda *change: changes.append(change)))
+    client = on(network, node, lambda: node.client(DOUBLE))
+    with start("peer", "serve") as process:
+        assert not node.wait_for_nodes(["peer"], PATIENCE_S)
+        answer = network.caller(lambda: client.call_and_wait(Ask(4), PATIENCE_S))()
+        assert answer.response.value == 8
+        assert 0 < node.up_since("peer") < node.now_ns()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 0
+    assert network.until(lambda: changes == [("peer", True), ("peer", False)])
+    # As soon as the graph shows nobody who serves, a call says so at once.
+    assert network.until(
+        lambda: client.call_and_wait(Ask(4), 1.0).outcome is CallOutcome.UNAVAILABLE
+    )
+
+
+def test_a_call_to_a_killed_server_times_out(network: ThreadedNetwork) -> None:
+    node = network.node("node")
+    client = on(network, node, lambda: node.client(DOUBLE))
+    with start("peer", "silent") as process:
+        assert not node.wait_for_nodes(["peer"], PATIENCE_S)
+        process.kill()
+        process.wait(PATIENCE_S)
+    assert client.call_and_wait(Ask(1), 0.5).outcome is CallOutcome.TIMEOUT
+
+
+@pytest.fixture(scope="module")
+def lab_tour() -> dict[str, str]:
+    """The environment in which the lab tour's packages are found."""
+    install = build_interfaces([LAB_TOUR / "interfaces"], ROOT / "build" / "interfaces")
+    return install.environment(os.environ)
+
+
+@pytest.mark.timeout(400)
+def test_a_generated_skill_is_ticked_by_an_ordinary_client(
+    lab_tour: dict[str, str], tmp_path: Path
+) -> None:
+    m2c = [sys.executable, "-m", "m2c.cli"]
+    model = [str(LAB_TOUR / "skills" / "BatteryLevelSkill.scxml")]
+    folders = ["--interfaces", str(LAB_TOUR / "interfaces"), "--transport", "ros2"]
+    subprocess.run(
+        [*m2c, "generate", *model, *folders, "-o", str(tmp_path)], check=True, capture_output=True
+    )
+    with subprocess.Popen(
+        [sys.executable, "-m", "battery_level_skill", "--transport", "ros2"],
+        cwd=tmp_path / "battery_level_skill",
+        env=lab_tour,
+    ) as skill:
+        ticked = subprocess.run(
+            [sys.executable, "-c", TICK],
+            env=lab_tour,
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+        )
+        skill.send_signal(signal.SIGINT)
+        assert skill.wait(PATIENCE_S) == 0
+    assert ticked.stdout.strip() == "ticked", ticked.stderr
+
+
+@pytest.mark.timeout(400)
+def test_the_lab_tour_runs_and_is_heard(lab_tour: dict[str, str]) -> None:
+    """Seventeen nodes and a policy; a tap hears the tree's ticks and what they make skills do."""
+    m2c = [sys.executable, "-m", "m2c.cli", "run", str(LAB_TOUR / "system.xml")]
+    with subprocess.Popen(
+        [sys.executable, "-m", "moon.cli", "tap", "--transport", "ros2", "--json"],
+        env=lab_tour,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as tap:
+        done = subprocess.run(
+            [*m2c, "--transport", "ros2", "--ticks", "10", "--rate", "10", "--quiet"],
+            env=lab_tour,
+            capture_output=True,
+            text=True,
+            timeout=200,
+            check=False,
+        )
+        tap.send_signal(signal.SIGINT)
+        heard, _ = tap.communicate(timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "stopped after 10 ticks" in done.stdout
+    for channel in ("/BatteryLevelSkill/tick", "/BlackboardComponent/GetInt", "/policy/ticks"):
+        assert channel in heard
