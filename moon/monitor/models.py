@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
-from moon.oracle.oracle import Oracle
+from moon.oracle.oracle import Losses, Oracle
 from moon.oracle.search import Bounds
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
@@ -21,6 +21,7 @@ class ModelMonitor:
         bounds: what is assumed of the middleware.
         synchronised: whether the nodes are known to start after the monitor (else they are found in
             the middle of a run).
+        lossy: whether observations are known to get lost; the first gap tells as well.
     """
 
     def __init__(
@@ -29,10 +30,12 @@ class ModelMonitor:
         library: InterfaceLibrary,
         bounds: Bounds | None = None,
         synchronised: bool = True,
+        lossy: bool = False,
     ) -> None:
         self.bounds = bounds or Bounds()
+        losses = Losses(lossy)
         self.oracles = {
-            machine.name: Oracle(machine, library, machine.name, self.bounds, synchronised)
+            machine.name: Oracle(machine, library, machine.name, self.bounds, synchronised, losses)
             for machine in machines
         }
         self.unconcerned = 0

@@ -23,6 +23,9 @@ from moon.oracle.steps import TooOpenError
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 
+KEPT_SUSPICIONS = 16
+"""Violations that wait for proof that no observation is missing."""
+
 KEPT_SOURCES = 4096
 """Sources and channels of which the last number is remembered; names come from the wire."""
 
@@ -31,6 +34,13 @@ KEPT_CALLS = 256
 
 EVIDENCE = 12
 """So many observations are kept for explanations."""
+
+
+class Losses:
+    """What the oracles of one tap know of it. ``happen``: observations have been lost."""
+
+    def __init__(self, happen: bool = False) -> None:
+        self.happen = happen
 
 
 class _Sequel(Enum):
@@ -62,6 +72,7 @@ class Oracle:
         node: the node that runs it; by default called as the machine.
         bounds: what is assumed of the middleware.
         synchronised: whether the first observation comes from a machine that has just started.
+        losses: whether observations get lost, known to all oracles of one tap.
     """
 
     def __init__(
@@ -71,7 +82,11 @@ class Oracle:
         node: str = "",
         bounds: Bounds | None = None,
         synchronised: bool = True,
+        losses: Losses | None = None,
     ) -> None:
+        self.losses = losses or Losses()
+        self._suspicions: list[tuple[Verdict, dict[tuple[str, str, bool], int]]] = []
+        self._cleared: list[Verdict] = []
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
         self.machine = machine
@@ -149,12 +164,16 @@ class Oracle:
                     self.repeated += 1
                     facts = []
                 case _Sequel.AFTER_A_GAP:
+                    self.losses.happen = True
                     verdicts += self._lose(
                         observation.stamp_ns,
                         f"observations on {observation.channel} from {observation.source} were lost",
                     )
                 case _Sequel.ANEW if observation.source == self.node:
                     verdicts += self._lose(observation.stamp_ns, f"{self.node} was restarted")
+            if self._cleared:
+                verdicts += self._cleared
+                self._cleared = []
             for fact in facts:
                 verdicts += self._take(fact)
         verdicts += self.advance(observation.received_ns)
@@ -178,7 +197,7 @@ class Oracle:
             if not entry.after and self._base is not None and entry.fact.role is not Role.MESSAGE:
                 del window[:taken]
                 self._finished = max(self._finished, entry.fact.stamp)
-                verdicts.append(self._violation(entry.fact))
+                verdicts += self._violation(entry.fact)
                 self._replay(0)
                 taken = 0
                 continue
@@ -220,6 +239,8 @@ class Oracle:
         if last is None and len(self._numbers) >= KEPT_SOURCES:
             del self._numbers[next(iter(self._numbers))]
         self._numbers[place] = (observation.sequence, observation.stamp_ns)
+        if self._suspicions:
+            self._cleared += self._examine(place, observation.sequence)
         if last is None or observation.sequence == last[0] + 1:
             return _Sequel.NEXT
         return _Sequel.AFTER_A_GAP if observation.sequence > last[0] else _Sequel.ANEW
@@ -362,7 +383,7 @@ class Oracle:
         finally:
             search.last = last
         if not grown and base:
-            return [self._overdue(settled, owing or base)]
+            return self._overdue(settled, owing or base)
         self._base = grown
         self._note_due()
         self._replay(0)
@@ -385,26 +406,27 @@ class Oracle:
                 continue  # perhaps its end is not instrumented
             observed = "nothing: the request was not taken up"
             expected = (f"request {fact.call[1]} of {fact.call[0]} to be received",)
-            verdicts.append(self._say(fact.stamp, observed, expected, "unresponsive: "))
+            verdicts += self._say(fact.stamp, observed, expected, "unresponsive: ")
         return verdicts
 
     # --- verdicts ----------------------------------------------------------------------------------
 
-    def _violation(self, fact: Fact) -> Verdict:
+    def _violation(self, fact: Fact) -> list[Verdict]:
         """``fact`` cannot be: say so, and go on from what is still certain."""
         before = self._base or []
         self.search.last = self._base_last
         explanation = explanation_of(self.search, before, fact, self._history)
-        verdict = self._verdict_of(fact.stamp, explanation)
+        certain = fact.role is Role.STRANGE
+        verdicts = self._convict(self._verdict_of(fact.stamp, explanation), certain)
         self._history.append(fact)
         self._recover(before, fact)
-        return verdict
+        return verdicts
 
-    def _overdue(self, settled: int, base: list[Hypothesis]) -> Verdict:
+    def _overdue(self, settled: int, base: list[Hypothesis]) -> list[Verdict]:
         explanation = explanation_of(self.search, base, None, self._history)
-        verdict = self._verdict_of(settled, explanation, "unresponsive: ")
+        verdicts = self._convict(self._verdict_of(settled, explanation, "unresponsive: "))
         self._recover(base, None)
-        return verdict
+        return verdicts
 
     def _recover(self, before: list[Hypothesis], fact: Fact | None) -> None:
         """After a violation: as if what was owed had come, else from any state."""
@@ -436,16 +458,51 @@ class Oracle:
 
     def _say(
         self, stamp: int, observed: str, expected: tuple[str, ...], prefix: str = ""
-    ) -> Verdict:
+    ) -> list[Verdict]:
         evidence = tuple(Evidence(f.stamp, told(f)) for f in self._history)
-        return self._verdict_of(stamp, Explanation(expected, observed, (), evidence), prefix)
+        explanation = Explanation(expected, observed, (), evidence)
+        return self._convict(self._verdict_of(stamp, explanation, prefix))
 
     def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
+        expected = " or ".join(explanation.expected) or "nothing"
+        reason = f"{prefix}expected {expected}, observed {explanation.observed}"
+        return Verdict(self.machine.name, self.node, Outcome.VIOLATED, stamp, reason, explanation)
+
+    def _convict(self, verdict: Verdict, certain: bool = False) -> list[Verdict]:
+        """Say ``verdict``; where observations get lost, only once none can be missing.
+
+        None is, when the next observation of every channel concerned has come and its number
+        follows.
+        """
+        if not certain and self.losses.happen:
+            lanes = {place: number for place, (number, _) in self._numbers.items()}
+            self._suspicions.append((verdict, lanes))
+            del self._suspicions[:-KEPT_SUSPICIONS]
+            if self.outcome is Outcome.INCONCLUSIVE:
+                return []
+            self.outcome = Outcome.INCONCLUSIVE
+            self._reason = f"observations are being lost; if none is missing here: {verdict.reason}"
+            return [self.verdict(verdict.stamp_ns)]
         self.violations += 1
         self.outcome = Outcome.VIOLATED
-        expected = " or ".join(explanation.expected) or "nothing"
-        self._reason = f"{prefix}expected {expected}, observed {explanation.observed}"
-        return Verdict(self.machine.name, self.node, self.outcome, stamp, self._reason, explanation)
+        self._reason = verdict.reason
+        return [verdict]
+
+    def _examine(self, place: tuple[str, str, bool], number: int) -> list[Verdict]:
+        """An observation's number clears its channel of having lost what a suspicion hangs on."""
+        verdicts: list[Verdict] = []
+        for suspicion in tuple(self._suspicions):
+            verdict, lanes = suspicion
+            if place not in lanes:
+                continue
+            if number != lanes[place] + 1:
+                self._suspicions.remove(suspicion)
+                continue
+            del lanes[place]
+            if not lanes:
+                self._suspicions.remove(suspicion)
+                verdicts += self._convict(verdict, certain=True)
+        return verdicts
 
     # --- losing and finding the thread -------------------------------------------------------------
 
@@ -519,7 +576,7 @@ class Oracle:
         while self._window and self._window[0].fact.stamp <= settled and self._base is not None:
             entry = self._window.pop(0)
             if not entry.after:
-                verdicts.append(self._violation(entry.fact))
+                verdicts += self._violation(entry.fact)
                 self._replay(0)
             else:
                 self._settle(entry)

@@ -43,7 +43,7 @@ KEPT_GOALS = 8
 """Ended goals are remembered for results that are asked for late."""
 
 
-EXACT = 96
+EXACT = 32
 """Up to so many hypotheses, each keeps its own messages under way."""
 
 
@@ -409,6 +409,21 @@ class Search:
                 made.append(alarm)
         return hypothesis.with_alarms(tuple(made))
 
+    def _awakened(
+        self, before: Hypothesis, made: Hypothesis, alarm: Alarm, low: int, high: int
+    ) -> Alarm:
+        """A periodic timer that a step makes matter: it may just have rung unheard, or just not."""
+        if not alarm.period or self._matters(before, alarm) or not self._matters(made, alarm):
+            return alarm
+        first, last, period = alarm.low, alarm.high, alarm.period
+        latency = self.bounds.latency
+        if last + latency < low:
+            missed = (low - latency - last) // period + 1
+            first, last = first + missed * period, last + missed * period
+        if first <= high:
+            last = min(last + period, high + period) + self._slack(period)
+        return Alarm(alarm.instance, alarm.event, first, max(last, first), period)
+
     # --- fixed points ------------------------------------------------------------------------------
 
     def take_input(self, candidates: Iterable[Hypothesis], fact: Fact) -> list[Hypothesis]:
@@ -736,6 +751,10 @@ class Search:
             before.free,
             max(low, before.moment),
         )
+        if before.alarms and step.state != instances[instance][0]:
+            made.alarms = tuple(
+                self._awakened(before, made, item, low, high) for item in made.alarms
+            )
         if step.scheduled:
             self._schedule(made, instance, step.scheduled, low, high)
         for output in step.outputs:

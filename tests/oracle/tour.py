@@ -76,7 +76,10 @@ def tour(
     world = SimulatedWorld(seed, conditions)
     if prepare is not None:
         prepare(world)
-    monitor = ModelMonitor(system.nodes, system.library, bounds, synchronised=not join_after_s)
+    lossy = conditions is not None and conditions.tap_loss > 0
+    monitor = ModelMonitor(
+        system.nodes, system.library, bounds, synchronised=not join_after_s, lossy=lossy
+    )
     verdicts: list[Verdict] = []
     count = 0
     most = 0
