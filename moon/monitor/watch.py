@@ -181,9 +181,10 @@ class SystemWatch:
         now_ns = self._transport.now_ns()
         self._look_at_clock(now_ns)
         # behind what the tap has already handed over
-        self._transport.post(functools.partial(self._advance, now_ns))
+        self._transport.post(functools.partial(self._advance, now_ns, time.monotonic_ns()))
 
-    def _advance(self, now_ns: int) -> None:
+    def _advance(self, now_ns: int, monotonic_ns: int) -> None:
+        self._monotonic_ns = monotonic_ns
         clock_ns = self._pace.tick(now_ns)
         if self._pace.is_lost:
             self._start_anew(now_ns, "this monitor does not keep up with what it hears")
@@ -198,10 +199,9 @@ class SystemWatch:
 
     def _look_at_clock(self, now_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is said."""
-        before_ns, self._monotonic_ns = self._monotonic_ns, time.monotonic_ns()
         gap_ns = now_ns - self._pace.now_ns
         if gap_ns > self._pace.limit_ns:
-            passed_ns = self._monotonic_ns - before_ns
+            passed_ns = time.monotonic_ns() - self._monotonic_ns
             if passed_ns > gap_ns // 2:
                 what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
             else:
@@ -222,6 +222,7 @@ class SystemWatch:
             )
         self._models = self._fresh_models()
         self._listening_since = now_ns
+        self._monotonic_ns = time.monotonic_ns()
         self._pace.restart(now_ns)
         self._say(f"warning: {why}: all machines are found anew")
         for name in self._nodes:
