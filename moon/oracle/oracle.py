@@ -50,6 +50,7 @@ class _Sequel(Enum):
     AGAIN = 1
     AFTER_A_GAP = 2
     ANEW = 3
+    UNKNOWN_BEFORE = 4
 
 
 class _Entry:
@@ -118,6 +119,7 @@ class Oracle:
         self._reason = ""
         self._next_due = FOREVER
         self._droppable_until = 0
+        self._lost_until = 0
 
     # --- what a user calls -------------------------------------------------------------------------
 
@@ -163,6 +165,11 @@ class Oracle:
                 case _Sequel.AGAIN:
                     self.repeated += 1
                     facts = []
+                case _Sequel.UNKNOWN_BEFORE:
+                    verdicts += self._lose(
+                        observation.stamp_ns,
+                        f"what came first on {observation.channel} was not heard",
+                    )
                 case _Sequel.AFTER_A_GAP:
                     self.losses.happen = True
                     verdicts += self._lose(
@@ -241,15 +248,25 @@ class Oracle:
         self._numbers[place] = (observation.sequence, observation.stamp_ns)
         if self._suspicions:
             self._cleared += self._examine(place, observation.sequence)
-        if last is None or observation.sequence == last[0] + 1:
+        if last is None:
+            # a number above 0 comes first where a tap joins later, or where the first was lost
+            whole = observation.sequence == 0 or not self._is_expected(observation)
+            return _Sequel.NEXT if whole else _Sequel.UNKNOWN_BEFORE
+        if observation.sequence == last[0] + 1:
             return _Sequel.NEXT
         return _Sequel.AFTER_A_GAP if observation.sequence > last[0] else _Sequel.ANEW
+
+    def _is_expected(self, observation: Observation) -> bool:
+        """Whether its channel's first observation should have been heard by now."""
+        if observation.source != self.node and not self.losses.happen:
+            return False
+        return self._base is not None
 
     def _take(self, fact: Fact) -> list[Verdict]:
         role = fact.role
         if role is Role.ASKED:
             asked = (fact.interface, *fact.call)
-            if asked not in self._taken_up:
+            if asked not in self._taken_up and fact.stamp > self._lost_until:
                 self._asked[asked] = fact
             return []
         if role is Role.OUTPUT or role is Role.STRANGE:
@@ -521,6 +538,7 @@ class Oracle:
         self._window.clear()
         self._asked.clear()
         self._recent.clear()
+        self._lost_until = stamp + self.bounds.latency
         self._listening_since = stamp
         self._last_output = stamp
 
