@@ -32,17 +32,16 @@ def explain(
     """
     import msgspec
 
-    from m2c.check.report import print_findings
     from m2c.model import ModelError
     from m2c.model.typing import nearest
     from moon.explain.observables import observables
     from moon.explain.report import ASSUMED, report
-    from moon.monitor.reading import read_checked
+    from moon.monitor.reading import read_checked, say_why
 
     try:
         system = read_checked(models, interfaces)
     except ModelError as error:
-        print_findings(error.diagnostics)
+        say_why(error)
         sys.exit(2)
     known = [machine.name for machine in (*system.nodes, *system.plugins)]
     for name in only:

@@ -114,7 +114,7 @@ def monitor(
     Example: moon monitor examples/lab_tour/system.xml --for 60
     """
     from m2c.model import ModelError
-    from moon.monitor.reading import SelectionError, read_checked, select
+    from moon.monitor.reading import SelectionError, read_checked, say_why, select
     from moon.oracle.search import Bounds
     from transports.interface import TransportError
     from transports.registry import connect
@@ -123,7 +123,8 @@ def monitor(
         system = read_checked(models, interfaces)
         machines = select(system, only, without)
     except ModelError as error:
-        _refuse(error)
+        say_why(error)
+        sys.exit(2)
     except SelectionError as error:
         _fail(str(error))
     bounds = Bounds(latency=round(latency_bound * 1e9), deadline=round(deadline * 1e9))
@@ -226,16 +227,6 @@ def _monitor(
         screen.close()
         if file is not None:
             file.close()
-
-
-def _refuse(error: object) -> NoReturn:
-    """Say what ``m2c check`` says."""
-    from m2c.check.report import print_findings
-    from m2c.model import ModelError
-
-    assert isinstance(error, ModelError)
-    print_findings(error.diagnostics)
-    sys.exit(2)
 
 
 def _fail(message: str) -> NoReturn:

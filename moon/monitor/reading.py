@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from m2c.check import check_system
+from m2c.check.report import print_findings
 from m2c.model import DiagnosticLog, ModelError, Position, System, load
 from m2c.model.machine import Machine
 from m2c.model.typing import nearest
@@ -39,6 +40,11 @@ def read_checked(
         log.error("no-models", Position(str(paths[0])), "", "no model in it")
         raise ModelError(log.diagnostics)
     return system
+
+
+def say_why(error: ModelError) -> None:
+    """Print on standard error what ``m2c check`` says of the models."""
+    print_findings(error.diagnostics)
 
 
 class SelectionError(ValueError):
