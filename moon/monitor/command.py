@@ -127,6 +127,8 @@ def monitor(
         sys.exit(2)
     except SelectionError as error:
         _fail(str(error))
+    if transport == "simulated":
+        _fail("--transport simulated: that world is in one process; watch it there (SystemWatch)")
     bounds = Bounds(latency=round(latency_bound * 1e9), deadline=round(deadline * 1e9))
     if not endpoint and zenoh_config is None and transport == "zenoh":
         endpoint = (DEFAULT_ENDPOINT,)

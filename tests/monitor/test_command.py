@@ -80,6 +80,7 @@ def test_a_policy_with_errors_is_refused(tmp_path) -> None:
         ([SYSTEM, "--latency-bound", "-1"], "Invalid value for '--latency-bound'"),
         ([SYSTEM, "--for", "inf"], "Invalid value for '--for'"),
         ([SYSTEM, "--transport", "telepathy"], "no transport `telepathy` is installed"),
+        ([SYSTEM, "--transport", "simulated"], "that world is in one process"),
         ([SYSTEM, "--endpoint", "localhost"], "endpoint 'localhost' is not an endpoint"),
         ([SYSTEM, "--zenoh-config", "/no/such.json5"], "'/no/such.json5' does not exist"),
     ],
