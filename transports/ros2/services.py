@@ -1,6 +1,6 @@
 """Services: requests and responses taken from rcl as they come, so that an answer can wait.
 
-Both ends have service introspection with contents switched on; rcl publishes the events.
+Both ends publish service events with contents, as service introspection does.
 """
 
 from __future__ import annotations
@@ -10,24 +10,20 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from rclpy.service_introspection import ServiceIntrospectionState
 
+from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
 from transports.ros2 import native, qos
 from transports.ros2.call_errors import CallError, CallErrors
 from transports.ros2.executor import Executor, Timer
 from transports.ros2.graph import Graph
 from transports.ros2.interfaces import ros_class
+from transports.ros2.introspection import FLUSH_DELAY_S, ServiceEvents
 from transports.ros2.messages import Codec
 
 SETTLE_S = 2.0
 """How long a new client looks for a server before a call of it is unavailable at once."""
-
-_WALL = Clock(clock_type=ClockType.SYSTEM_TIME)
-"""Events are stamped in real time, as DDS stamps messages, whatever a simulation says."""
 
 
 class Server:
@@ -39,6 +35,7 @@ class Server:
         executor: Executor,
         graph: Graph,
         errors: CallErrors,
+        events: ServiceEvents,
         name: str,
         service: Service,
         handler: Callable[[Request], None],
@@ -48,6 +45,7 @@ class Server:
         self.node = node.get_name()
         self.graph = graph
         self.errors = errors
+        self.events = events
         self.response = Codec(f"{service.type_name}_Response", service.response)
         self._request = Codec(f"{service.type_name}_Request", service.request)
         self._handler = handler
@@ -59,14 +57,18 @@ class Server:
         except (_rclpy.RCLError, ValueError) as error:
             text = " ".join(str(error).split())
             raise TransportError(f"cannot serve {name} ({service.type_name}): {text}") from error
-        self.declared.configure_introspection(_WALL, profile, ServiceIntrospectionState.CONTENTS)
         executor.handle(self.declared, self._take)
 
     def _take(self) -> bool:
         request, header = self.declared.handle.service_take_request(self._request.ros)
         if header is None:
             return False
-        self._handler(Request(self, header.request_id, self._request.decode(request)))
+        request_id, events = header.request_id, self.events
+        if stamp_ns := events.stamp():
+            gid, call = native.gid_of_request(request_id), request_id.sequence_number
+            events.record(event.REQUEST_RECEIVED, stamp_ns, gid, call, request)
+            events.flush_later()
+        self._handler(Request(self, request_id, self._request.decode(request)))
         return True
 
 
@@ -93,12 +95,18 @@ class Request:
 
     def respond(self, response: Message) -> None:
         """Answer; TransportError if it is answered already."""
-        encoded = self._server.response.encode(response)
+        server, request_id = self._server, self._id
+        encoded = server.response.encode(response)
         self._take()
+        stamp_ns = server.events.stamp()
         try:
-            self._server.declared.handle.service_send_response(encoded, self._id)
+            server.declared.handle.service_send_response(encoded, request_id)
         except (_rclpy.RCLError, _rclpy.InvalidHandle) as error:
-            raise TransportError(f"cannot answer {self._server.name}: {error}") from error
+            raise TransportError(f"cannot answer {server.name}: {error}") from error
+        if stamp_ns:
+            gid, call = native.gid_of_request(request_id), request_id.sequence_number
+            server.events.record(event.RESPONSE_SENT, stamp_ns, gid, call, encoded)
+            server.events.flush_later()
 
     def fail(self, error: str) -> None:
         """End the call with a remote error; TransportError if it is answered already."""
@@ -147,12 +155,14 @@ class Client:
         node: Any,
         executor: Executor,
         errors: CallErrors,
+        events: ServiceEvents,
         name: str,
         service: Service,
     ) -> None:
         self._node = node
         self._executor = executor
         self._errors = errors
+        self._events = events
         self.name = name
         self.type_name = service.type_name
         self._request = Codec(f"{service.type_name}_Request", service.request)
@@ -165,9 +175,9 @@ class Client:
         except (_rclpy.RCLError, ValueError) as error:
             text = " ".join(str(error).split())
             raise TransportError(f"cannot call {name} ({service.type_name}): {text}") from error
-        self.declared.configure_introspection(_WALL, profile, ServiceIntrospectionState.CONTENTS)
         self._handle = self.declared.handle
-        self._prefix = native.gid_of_client(self._handle)[: native.PREFIX_BYTES].hex()
+        self._gid = native.gid_of_client(self._handle)
+        self._prefix = self._gid[: native.PREFIX_BYTES].hex()
         self._settled = time.monotonic() + SETTLE_S
         self._lock = threading.Lock()
         self._sent: dict[int, _Call] = {}
@@ -186,6 +196,7 @@ class Client:
         call.timer = self._executor.after_real(timeout_s, lambda: self._timed_out(call))
         if not self._start(call):
             self._executor.post(lambda: self._give_up(call))
+        self._events.flush_later()
 
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and wait, on a thread that is not the executor's."""
@@ -194,6 +205,7 @@ class Client:
                 f"call_and_wait of {self.name} on the executor's own thread: nothing else would "
                 "run meanwhile; use call"
             )
+        deadline = time.monotonic() + timeout_s
         ended = threading.Event()
         results: list[CallResult] = []
 
@@ -204,7 +216,9 @@ class Client:
         call = _Call(self._request.encode(request), done)
         if not self._start(call):
             self._give_up(call)
-        if not ended.wait(timeout_s):
+        if timeout_s > FLUSH_DELAY_S and not ended.wait(FLUSH_DELAY_S):
+            self._events.flush()  # a call that takes its time: say that it is under way
+        if not ended.wait(max(deadline - time.monotonic(), 0.0)):
             self._timed_out(call)
             ended.wait()  # if not by this, then by what was ending it at the same moment
         return results[0]
@@ -228,18 +242,25 @@ class Client:
         return False
 
     def _send(self, call: _Call) -> None:
+        stamp_ns = self._events.stamp()
         try:
             call.number = self._handle.send_request(call.request)
         except (_rclpy.RCLError, _rclpy.InvalidHandle) as error:
             raise TransportError(f"cannot call {self.name}: {error}") from error
         self._sent[call.number] = call
+        if stamp_ns:
+            self._events.record(event.REQUEST_SENT, stamp_ns, self._gid, call.number, call.request)
 
     def _take(self) -> bool:
         with self._lock:
             header, response = self._handle.take_response(self._response.ros)
             if header is None:
                 return False
-            call = self._sent.pop(header.request_id.sequence_number, None)
+            number = header.request_id.sequence_number
+            call = self._sent.pop(number, None)
+        if stamp_ns := self._events.stamp():
+            self._events.record(event.RESPONSE_RECEIVED, stamp_ns, self._gid, number, response)
+            self._events.flush_later()
         if call is not None:
             self._end(call, CallResult(CallOutcome.RESPONSE, self._response.decode(response)))
         return True
@@ -275,6 +296,7 @@ class Client:
             if not self._closed:
                 self._send(call)
                 del self._sent[call.number]
+                self._events.flush_later()
         text = f"{self.name}: nobody answers: no node serves it, or it went away"
         self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
 
@@ -291,6 +313,7 @@ class Client:
                 for call in self._held:
                     self._send(call)
                 self._held.clear()
+                self._events.flush_later()
             else:
                 lost = list(self._sent.values())
                 self._sent.clear()

@@ -22,6 +22,7 @@ from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import Executor, Timer
 from transports.ros2.faults import Declared, Faults
 from transports.ros2.graph import Graph
+from transports.ros2.introspection import ServiceEvents
 from transports.ros2.presence import Announcements
 from transports.ros2.services import Client, Request, Server
 from transports.ros2.session import open_node, prefix_of
@@ -84,6 +85,7 @@ class Ros2Transport:
         self._faults = Faults(ros_node, self._declared)
         self._faults_timer: Timer | None = None
         self._errors: CallErrors | None = None
+        self._events: dict[str, ServiceEvents] = {}
         self._clients: dict[str, Client] = {}
         self._taps: list[Tap] = []
         self._closing = threading.Lock()
@@ -126,8 +128,8 @@ class Ros2Transport:
         name = self._prefix + service.name
         if name in self._declared.serves:
             raise TransportError(f"{service.name} is served by {self.node} already")
-        errors = self._call_errors()
-        Server(self._ros, self._executor, self._graph, errors, name, service, handler)
+        errors, events = self._call_errors(), self._events_of(name, service)
+        Server(self._ros, self._executor, self._graph, errors, events, name, service, handler)
         self._declared.serves[name] = service.type_name
         self._own.serves.append(name)
 
@@ -136,7 +138,8 @@ class Ros2Transport:
         name = self._prefix + service.name
         client = self._clients.get(name)
         if client is None:
-            client = Client(self._ros, self._executor, self._call_errors(), name, service)
+            errors, events = self._call_errors(), self._events_of(name, service)
+            client = Client(self._ros, self._executor, errors, events, name, service)
             self._clients[name] = client
             self._declared.calls[name] = service.type_name
             self._own.calls.append(name)
@@ -222,6 +225,8 @@ class Ros2Transport:
             client.close()
         self._announcements.close()
         self._executor.wait_until_idle()
+        for events in self._events.values():
+            events.flush()
         self._graph.stop()
         self._announcements.release()
         context = self._ros.context
@@ -242,6 +247,13 @@ class Ros2Transport:
                     f"{topic.type_name}; ROS 2 allows one type per topic in a node"
                 )
         return name
+
+    def _events_of(self, name: str, service: Service) -> ServiceEvents:
+        events = self._events.get(name)
+        if events is None:
+            events = ServiceEvents(self._ros, self._executor, name, service.type_name)
+            self._events[name] = events
+        return events
 
     def _call_errors(self) -> CallErrors:
         if self._errors is None:
