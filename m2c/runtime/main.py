@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import shlex
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -35,6 +36,25 @@ def transport_options(arguments: argparse.Namespace) -> dict[str, str]:
     return {name: value for name, value in options.items() if value}
 
 
+def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], str]:
+    """A command line without what ROS 2's launch puts between ``--ros-args`` and ``--``, and that.
+
+    Returns:
+        Our own arguments, and the others as one string (option ``args`` of the ros2 transport).
+    """
+    own: list[str] = []
+    theirs: list[str] = []
+    target = own
+    for argument in arguments:
+        if argument == "--ros-args":
+            target = theirs
+        elif argument == "--" and target is theirs:
+            target = own
+        else:
+            target.append(argument)
+    return own, shlex.join(theirs)
+
+
 def set_up_logging(level: str) -> None:
     """One line per record on standard error, flushed at once."""
     logging.basicConfig(
@@ -64,10 +84,14 @@ def main(
     parser.add_argument(
         "--call-timeout", type=float, default=5.0, help="seconds, for its own calls"
     )
-    parsed = parser.parse_args(arguments)
+    own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
+    parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)
+    options = transport_options(parsed)
+    if ros_arguments:
+        options["args"] = ros_arguments
     try:
-        transport = connect(parsed.transport, parsed.node_name, transport_options(parsed))
+        transport = connect(parsed.transport, parsed.node_name, options)
     except TransportError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

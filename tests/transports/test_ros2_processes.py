@@ -31,6 +31,8 @@ node = rclpy.create_node("bare")
 client = node.create_client(TickCondition, "/BatteryLevelSkill/tick")
 publisher = node.create_publisher(Int32, "/BatteryComponent/level", 10)
 assert client.wait_for_service(timeout_sec=30.0)
+while "battery" not in node.get_node_names():
+    rclpy.spin_once(node, timeout_sec=0.01)
 while not publisher.get_subscription_count():
     rclpy.spin_once(node, timeout_sec=0.01)
 
@@ -141,8 +143,9 @@ def test_a_generated_skill_is_ticked_by_an_ordinary_client(
     subprocess.run(
         [*m2c, "generate", *model, *folders, "-o", str(tmp_path)], check=True, capture_output=True
     )
+    as_launched = ["--ros-args", "-r", "__node:=battery", "-p", "use_sim_time:=false"]
     with subprocess.Popen(
-        [sys.executable, "-m", "battery_level_skill", "--transport", "ros2"],
+        [sys.executable, "-m", "battery_level_skill", "--transport", "ros2", *as_launched],
         cwd=tmp_path / "battery_level_skill",
         env=lab_tour,
     ) as skill:
