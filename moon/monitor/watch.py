@@ -269,7 +269,7 @@ class SystemWatch:
     # --- verdicts ----------------------------------------------------------------------------------
 
     def _lose(self, oracle: Oracle, why: str) -> None:
-        self._take(oracle._lose(self._pace.now_ns, why))
+        self._take(oracle.lose(self._pace.now_ns, why))
 
     def _take(self, verdicts: Sequence[Verdict]) -> None:
         for verdict in verdicts:

@@ -23,6 +23,9 @@ from moon.oracle.steps import TooOpenError
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 
+KEPT_FACTS = 20_000
+"""Facts kept while the oracle looks for a moment that is certain."""
+
 KEPT_SUSPICIONS = 16
 """Violations that wait for proof that no observation is missing."""
 
@@ -158,7 +161,7 @@ class Oracle:
         except (KeyError, TypeError, ValueError, AttributeError):
             self.late += 1
             text = f"an observation on {observation.channel} cannot be read"
-            return [*self._lose(observation.stamp_ns, text), *self.advance(observation.received_ns)]
+            return [*self.lose(observation.stamp_ns, text), *self.advance(observation.received_ns)]
         verdicts: list[Verdict] = []
         if observation.source == self.node or facts:
             match self._sequel(observation):
@@ -166,18 +169,18 @@ class Oracle:
                     self.repeated += 1
                     facts = []
                 case _Sequel.UNKNOWN_BEFORE:
-                    verdicts += self._lose(
+                    verdicts += self.lose(
                         observation.stamp_ns,
                         f"what came first on {observation.channel} was not heard",
                     )
                 case _Sequel.AFTER_A_GAP:
                     self.losses.happen = True
-                    verdicts += self._lose(
+                    verdicts += self.lose(
                         observation.stamp_ns,
                         f"observations on {observation.channel} from {observation.source} were lost",
                     )
                 case _Sequel.ANEW if observation.source == self.node:
-                    verdicts += self._lose(observation.stamp_ns, f"{self.node} was restarted")
+                    verdicts += self.lose(observation.stamp_ns, f"{self.node} was restarted")
             if self._cleared:
                 verdicts += self._cleared
                 self._cleared = []
@@ -277,7 +280,7 @@ class Oracle:
             self._note_taken_up(fact)
         if fact.stamp <= self._finished and self._base is not None:
             self.late += 1
-            return self._lose(
+            return self.lose(
                 fact.stamp, f"an observation on {fact.observation.channel} came too late"
             )
         if self._listening_since is None:
@@ -330,7 +333,7 @@ class Oracle:
                 entry.last = self.search.last
         except (TooManyError, TooOpenError) as error:
             text = str(error) or "too many possibilities to follow"
-            return self._lose(window[place].fact.stamp, text)
+            return self.lose(window[place].fact.stamp, text)
         return []
 
     def _after(self, before: list[Hypothesis], fact: Fact) -> list[Hypothesis]:
@@ -396,7 +399,7 @@ class Oracle:
                 search.normalised(h, settled) for h in grown if not self._owes_since(h, settled)
             ]
         except (TooManyError, TooOpenError) as error:
-            return self._lose(settled, str(error) or "too many possibilities to follow")
+            return self.lose(settled, str(error) or "too many possibilities to follow")
         finally:
             search.last = last
         if not grown and base:
@@ -523,8 +526,13 @@ class Oracle:
 
     # --- losing and finding the thread -------------------------------------------------------------
 
-    def _lose(self, stamp: int, text: str) -> list[Verdict]:
-        """Something is missing: nothing is said until the machine's doing is certain again."""
+    def lose(self, stamp: int, text: str) -> list[Verdict]:
+        """Something is missing: nothing is said until the machine's doing is certain again.
+
+        Args:
+            stamp: since when (ns).
+            text: what is missing, for people.
+        """
         self._forget(stamp)
         if self.outcome is Outcome.INCONCLUSIVE:
             return []
@@ -545,7 +553,8 @@ class Oracle:
     def _remember(self, fact: Fact) -> None:
         """A fact from before the oracle knows anything."""
         self._recent.append(fact)
-        while self._recent[0].stamp < fact.stamp - 4 * self.bounds.latency:
+        oldest = self._finished - 4 * self.bounds.latency
+        while self._recent[0].stamp < oldest or len(self._recent) > KEPT_FACTS:
             self._recent.popleft()
 
     def _try_to_anchor(self, settled: int) -> list[Verdict]:

@@ -15,7 +15,7 @@ from transports.simulated import Conditions
 
 RUNS = 200
 BLOCKS = 10
-SECONDS = 12.0
+SECONDS = 6.0
 
 DELAYS_S = (0.0001, 0.002, 0.02, LATENCY_S / 2 - 0.001)
 """Longest delays, of messages and of observations; both together stay within the latency bound."""
