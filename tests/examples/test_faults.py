@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import subprocess
 import sys
@@ -27,12 +28,23 @@ FAULTS = EXAMPLE / "faults"
 
 @pytest.fixture
 def inject() -> Iterator[Any]:
+    yield from _imported("inject")
+
+
+@pytest.fixture
+def faults_run() -> Iterator[Any]:
+    yield from _imported("run")
+
+
+def _imported(name: str) -> Iterator[ModuleType]:
+    """A script of the example, which finds the others beside it."""
     sys.path.insert(0, str(FAULTS))
     try:
-        yield _module("inject")
+        yield _module(name)
     finally:
         sys.path.remove(str(FAULTS))
-        sys.modules.pop("catalogue", None)
+        for other in ("catalogue", "inject", "onset"):
+            sys.modules.pop(other, None)
 
 
 def _module(name: str) -> ModuleType:
@@ -137,7 +149,7 @@ def test_a_fault_in_the_code_changes_one_channel_of_the_generated_node(
 ) -> None:
     chosen = inject.fault(name)
     package = inject.replacement(chosen, tmp_path)
-    generated = inject._generated(chosen.node)
+    generated = inject.generated(chosen.node)
     (node,) = package.glob("*/node.py")
     changed = [
         (before, after)
@@ -156,7 +168,7 @@ def test_a_fault_in_the_code_changes_one_channel_of_the_generated_node(
 
 def test_a_patch_that_no_longer_fits_says_what_it_looked_for(inject: Any) -> None:
     chosen = inject.fault("T5")
-    files = inject._generated(chosen.node)
+    files = inject.generated(chosen.node)
     path = next(name for name in files if name.endswith("/node.py"))
     files[path] = files[path].replace("LEVEL = ", "CHARGE = ")
     with pytest.raises(inject.PatchError) as caught:
@@ -189,3 +201,71 @@ def test_the_table_in_the_readme_lists_every_fault_with_its_node(inject: Any) ->
     text = (FAULTS / "README.md").read_text()
     for item in inject.FAULTS:
         assert f"| {item.id} | {item.node} | {item.kind} |" in text
+
+
+def test_every_fault_is_found_in_virtual_time_and_nobody_else_is_blamed() -> None:
+    command = [sys.executable, str(FAULTS / "run.py"), "--transport", "simulated", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [row["id"] for row in rows] == ["nominal", "T1", "T2", "T3", "T4", "T5", "T6"]
+    assert rows[0]["violated"] == []
+    for row in rows[1:]:
+        assert row["violated"] == [row["node"]]
+        assert row["detected"], row
+        assert row["first"] if row["id"] > "T2" else 0 <= row["after_deadline_ms"] <= 200
+
+
+def test_a_faulty_node_is_found_on_zenoh(faults_run: Any) -> None:
+    for name in ("T2", "T6"):
+        chosen = faults_run.fault(name)
+        run = faults_run.on_zenoh(chosen, _system(), 30.0)
+        row = faults_run.judged(chosen, run)
+        # how late depends on the machine that tests run on
+        assert row.violated == (chosen.node,), row
+        assert row.latency_ms is not None
+
+
+def _heard(faults_run: Any) -> Any:
+    return faults_run.simulated(faults_run.fault("T3"), _system(), 30.0)
+
+
+def test_a_fault_that_nobody_reports_counts_as_missed(faults_run: Any) -> None:
+    deaf = msgspec.structs.replace(_heard(faults_run), violations=())
+    row = faults_run.judged(faults_run.fault("T3"), deaf)
+    assert not row.detected
+    assert row.problem.startswith("missed: FAILURE was answered with enough charge")
+
+
+def test_a_fault_that_is_reported_late_or_early_counts_as_failed(faults_run: Any) -> None:
+    run = _heard(faults_run)
+    (said,) = run.violations
+    for shift_ns, problem in (
+        (400_000_000, "not the first wrong output, but one 400 ms later"),
+        (-400_000_000, "blamed 400 ms before the first wrong output"),
+    ):
+        moved = msgspec.structs.replace(said.verdict, stamp_ns=said.verdict.stamp_ns + shift_ns)
+        changed = msgspec.structs.replace(
+            run, violations=(msgspec.structs.replace(said, verdict=moved),)
+        )
+        row = faults_run.judged(faults_run.fault("T3"), changed)
+        assert (row.detected, row.problem) == (False, problem)
+
+
+def test_who_is_blamed_without_a_fault_fails_the_run(faults_run: Any) -> None:
+    run = _heard(faults_run)
+    (said,) = run.violations
+    other = msgspec.structs.replace(said.verdict, node="WaitSkill")
+    both = msgspec.structs.replace(
+        run, violations=(said, msgspec.structs.replace(said, verdict=other))
+    )
+    assert not faults_run.judged(faults_run.fault("T3"), both).detected
+    assert faults_run.judged_nominal(both).problem == "a false alarm"
+
+
+def test_a_fault_that_never_shows_is_not_counted_as_found(faults_run: Any) -> None:
+    run = faults_run.simulated(None, _system(), 2.0)
+    assert faults_run.judged_nominal(run).detected
+    for name in ("T3", "T4", "T5"):
+        row = faults_run.judged(faults_run.fault(name), run)
+        assert row.problem == "the fault never showed itself: nothing could be found"

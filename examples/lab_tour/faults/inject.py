@@ -41,7 +41,7 @@ def replacement(chosen: Fault, folder: Path) -> Path:
     if chosen.kind is Kind.MODEL:
         return chosen.path
     package = folder / chosen.id
-    files = _generated(chosen.node)
+    files = generated(chosen.node)
     for path, text in patched(files, chosen.path).items():
         target = package / path
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -49,7 +49,7 @@ def replacement(chosen: Fault, folder: Path) -> Path:
     return package
 
 
-def _generated(node: str) -> dict[str, str]:
+def generated(node: str) -> dict[str, str]:
     """The files of ``node``'s package, as ``m2c generate`` writes them."""
     from m2c.codegen.package import system_files
     from m2c.model import DiagnosticLog, load
