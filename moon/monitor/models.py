@@ -8,6 +8,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
 from moon.oracle.oracle import Losses, Oracle
 from moon.oracle.search import Bounds
+from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
 
@@ -22,6 +23,7 @@ class ModelMonitor:
         synchronised: whether the nodes are known to start after the monitor (else they are found in
             the middle of a run).
         lossy: whether observations are known to get lost; the first gap tells as well.
+        policy: the oracle of the behaviour tree that ticks them, if it is monitored too.
     """
 
     def __init__(
@@ -31,7 +33,9 @@ class ModelMonitor:
         bounds: Bounds | None = None,
         synchronised: bool = True,
         lossy: bool = False,
+        policy: PolicyOracle | None = None,
     ) -> None:
+        self.policy = policy
         self.bounds = bounds or Bounds()
         losses = Losses(lossy)
         self.oracles = {
@@ -45,7 +49,7 @@ class ModelMonitor:
             for channel in oracle.channels.ports:
                 by_channel.setdefault(channel, []).append(oracle)
         self._by_channel = {channel: tuple(found) for channel, found in by_channel.items()}
-        self._targets: dict[tuple[str, str, ObservationKind], Sequence[Oracle]] = {}
+        self._targets: dict[tuple[str, str, ObservationKind], Sequence[Oracle | PolicyOracle]] = {}
 
     def feed(self, observation: Observation) -> list[Verdict]:
         """Take one observation; the verdicts it brings about."""
@@ -60,10 +64,12 @@ class ModelMonitor:
             return targets[0].feed(observation)
         return [verdict for oracle in targets for verdict in oracle.feed(observation)]
 
-    def _find_targets(self, channel: str, source: str, kind: ObservationKind) -> Sequence[Oracle]:
+    def _find_targets(
+        self, channel: str, source: str, kind: ObservationKind
+    ) -> Sequence[Oracle | PolicyOracle]:
         if len(self._targets) > _KEPT_TARGETS:
             self._targets.clear()  # names come from the wire: there is no end of them
-        found = [
+        found: list[Oracle | PolicyOracle] = [
             oracle
             for oracle in self._by_channel.get(channel, ())
             if oracle.channels.concerns(channel, source, kind)
@@ -71,17 +77,22 @@ class ModelMonitor:
         own = self.oracles.get(source)
         if own is not None and own not in found:
             found.append(own)
+        if self.policy is not None and self.policy.concerns(channel, source, kind):
+            found.append(self.policy)
         return tuple(found)
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed (ns, on the clock of ``Observation.received_ns``)."""
-        return [verdict for oracle in self.oracles.values() for verdict in oracle.advance(now_ns)]
+        verdicts = [v for oracle in self.oracles.values() for v in oracle.advance(now_ns)]
+        return verdicts if self.policy is None else verdicts + self.policy.advance(now_ns)
 
     def node_started(self, node: str, stamp_ns: int) -> None:
         """``node`` has just come up: its machine is in its initial state."""
         oracle = self.oracles.get(node)
         if oracle is not None:
             oracle.start(stamp_ns)
+        if self.policy is not None and node == self.policy.node:
+            self.policy.start(stamp_ns)
 
 
 _KEPT_TARGETS = 65_536

@@ -1,0 +1,284 @@
+"""One run of the very tree of a policy, answer by answer.
+
+BehaviorTree.CPP calls a leaf and wants its status at once; here the status is what was observed, later.
+So the tree is ticked on a thread of its own that stands still in the leaf until the answer is known.
+Threads are used for their stacks alone: whoever asks a run to go on waits until it stands still again.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from enum import Enum
+from typing import Any
+
+import msgspec
+
+from m2c.policy.program import Leaf, Policy
+from m2c.policy.ticking import STATUS_CODES, Children, PolicyError, TreeNode, tick_tree
+
+Place = tuple[int, ...]
+"""A node of the tree: its number in its tree, after those of the timed nodes that it stands under."""
+
+BEGIN = ""
+"""The answer to the end of a tick: the next one begins."""
+
+ELAPSED, WAITING = "elapsed", "waiting"
+"""What the clock may have said to a ``Sleep``, ``Delay`` or ``Timeout``."""
+
+
+class AskKind(Enum):
+    """What a run waits for."""
+
+    TICK = "tick"
+    """The status that the leaf's tick service answers."""
+    HALT = "halt"
+    """The answer of the leaf's halt service."""
+    OPEN = "open"
+    """Something that nobody hears: what a plugin or the clock says."""
+    END = "end"
+    """The tick is over; ``status`` is the tree's."""
+
+
+class Ask(msgspec.Struct, frozen=True):
+    """What a run waits for, and where in the tree; ``choices`` are the answers that can be."""
+
+    kind: AskKind
+    leaf: Leaf | None = None
+    place: Place = ()
+    choices: tuple[str, ...] = ()
+    status: str = ""
+
+    @property
+    def channel(self) -> str:
+        """The service that is called; "" if none is."""
+        if self.leaf is None or self.kind not in (AskKind.TICK, AskKind.HALT):
+            return ""
+        return self.leaf.tick if self.kind is AskKind.TICK else self.leaf.halt
+
+
+_OUTCOMES = ("SUCCESS", "FAILURE", "RUNNING")
+_thread = threading.local()
+
+
+class Trees:
+    """Makes trees of one policy; all its runs share it.
+
+    Args:
+        policy: the tree and its leaves.
+        hidden: channels that plugins of the policy call too: what is heard there tells nothing.
+        records: whether runs keep their answers, so that they can be forked.
+    """
+
+    def __init__(self, policy: Policy, hidden: frozenset[str], records: bool) -> None:
+        import behaviortreepy
+
+        self.policy = policy
+        self.hidden = hidden
+        self.records = records
+        self.statuses = {
+            name: getattr(behaviortreepy.NodeStatus, name) for name in STATUS_CODES.values()
+        }
+        self.factory = behaviortreepy.BehaviorTreeFactory()
+        for leaf in policy.leaves:
+            tick = self._tick_of(leaf)
+            if leaf.action:
+                self.factory.register_simple_stateful_action(
+                    leaf.id, tick, tick, self._halt_of(leaf)
+                )
+            else:
+                self.factory.register_simple_condition(leaf.id, tick)
+        try:
+            self.factory.register_behavior_tree_from_text(policy.xml)
+            self.factory.create_tree(policy.main)
+        except RuntimeError as error:
+            raise PolicyError(f"BehaviorTree.CPP refuses the policy: {error}") from error
+
+    # The callbacks find their run by the thread they are called on: one that knew its run would keep
+    # it alive for ever, as Python cannot see references that go through C++.
+
+    def _tick_of(self, leaf: Leaf) -> Callable[[TreeNode], Any]:
+        def tick(node: TreeNode) -> Any:
+            run: TreeRun | None = getattr(_thread, "run", None)
+            return self.statuses["FAILURE" if run is None else run.tick_leaf(leaf, node)]
+
+        return tick
+
+    def _halt_of(self, leaf: Leaf) -> Callable[[TreeNode], None]:
+        def halt(node: TreeNode) -> None:
+            run: TreeRun | None = getattr(_thread, "run", None)
+            if run is not None:  # a tree that is thrown away halts itself
+                run.halt_leaf(leaf, node)
+
+        return halt
+
+
+class _Timed:
+    """One ``Sleep``, ``Delay`` or ``Timeout`` in the tree."""
+
+    def __init__(self, children: Children) -> None:
+        self.children = children
+        self.elapsed = False
+
+
+class TreeRun:
+    """One tree being ticked. It stands still at ``ask`` until :meth:`step`.
+
+    Attributes:
+        ask: what it waits for.
+        memory: the leaves that were RUNNING when the tick began.
+        running: those that are now, and how each is called.
+        taken: the steps that lead here from a fresh tree.
+        due_ns: the tree is not ticked again before.
+    """
+
+    def __init__(self, trees: Trees) -> None:
+        self._trees = trees
+        self._tree = trees.factory.create_tree(trees.policy.main)
+        self._timed: dict[Place, _Timed] = {}
+        self._above: Place = ()
+        self._answer = BEGIN
+        self._abandoned = False
+        self._error: BaseException | None = None
+        self._go = threading.Semaphore(0)
+        self._back = threading.Semaphore(0)
+        self._thread: threading.Thread | None = None
+        self.ask = Ask(AskKind.END)
+        self.memory: frozenset[Place] = frozenset()
+        self.running: dict[Place, Leaf] = {}
+        self.taken: list[str] = []
+        self.due_ns = 0
+
+    # --- the watcher's side ------------------------------------------------------------------------
+
+    def step(self, answer: str) -> Ask:
+        """Answer ``ask`` and go on to the next one."""
+        if self.ask.kind is AskKind.END:
+            self.memory = frozenset(self.running)
+        if self._trees.records:
+            self.taken.append(answer)
+        self._answer = answer
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._work, name="policy run", daemon=True)
+            self._thread.start()
+        self._go.release()
+        self._back.acquire()
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+        return self.ask
+
+    def fork(self) -> TreeRun:
+        """Another run that stands where this one stands."""
+        other = TreeRun(self._trees)
+        other.follow(self.taken)
+        other.due_ns = self.due_ns
+        return other
+
+    def follow(self, steps: Sequence[str]) -> None:
+        """Take ``steps``, from a fresh tree."""
+        for step in steps:
+            self.step(step)
+
+    @property
+    def key(self) -> object:
+        """Two runs of a tree that remembers only its RUNNING leaves go on alike if this is equal."""
+        return (self.memory, self.ask.kind, self.ask.place, frozenset(self.running))
+
+    def close(self) -> None:
+        """Throw the run away; its thread ends."""
+        if self._thread is not None and not self._abandoned:
+            self._abandoned = True
+            self._go.release()
+            self._thread.join()
+
+    # --- the tree's side ---------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        _thread.run = self
+        self._go.acquire()
+        try:
+            while not self._abandoned:
+                try:
+                    status = tick_tree(self._tree)
+                except PolicyError:
+                    status = "ERROR"  # the policy halts its tree then, and ends
+                self._wait(Ask(AskKind.END, status=status))
+        except BaseException as error:  # raised again by ``step``
+            self._error = error
+            self._back.release()
+        finally:
+            _thread.run = None
+
+    def _wait(self, ask: Ask) -> str:
+        """Stand still at ``ask``; its answer."""
+        if not self._abandoned:
+            self.ask = ask
+            self._back.release()
+            self._go.acquire()
+        return "FAILURE" if self._abandoned else self._answer
+
+    def tick_leaf(self, leaf: Leaf, node: TreeNode) -> str:
+        """The status of ``leaf``, which the tree ticks at ``node``."""
+        place = (*self._above, node.uid())
+        if leaf.timed:
+            status = self._tick_timed(leaf, node, place)
+        elif leaf.plugin or leaf.tick in self._trees.hidden:
+            choices = _OUTCOMES if leaf.action else _OUTCOMES[:2]
+            status = self._wait(Ask(AskKind.OPEN, leaf, place, choices))
+        else:
+            status = self._wait(Ask(AskKind.TICK, leaf, place))
+        if status not in _OUTCOMES or (status == "RUNNING" and not leaf.action):
+            status = "FAILURE"  # as the policy takes it
+        if status == "RUNNING":
+            self.running[place] = leaf
+        else:
+            self.running.pop(place, None)
+        return status
+
+    def halt_leaf(self, leaf: Leaf, node: TreeNode) -> None:
+        """The tree halts ``leaf`` at ``node``."""
+        place = (*self._above, node.uid())
+        if leaf.timed:
+            self._end(place)
+        elif leaf.halt and not leaf.plugin and leaf.halt not in self._trees.hidden:
+            self._wait(Ask(AskKind.HALT, leaf, place))
+        self.running.pop(place, None)
+
+    def _tick_timed(self, leaf: Leaf, node: TreeNode, place: Place) -> str:
+        """As ``m2c.policy.timed`` does it, with the clock's word for an answer."""
+        timed = self._timed.get(place)
+        if timed is None:
+            children = Children(self._trees.factory, leaf.id, leaf.children, node)
+            timed = self._timed[place] = _Timed(children)
+        if not timed.elapsed:
+            ask = Ask(AskKind.OPEN, leaf, place, (ELAPSED, WAITING))
+            timed.elapsed = self._wait(ask) == ELAPSED
+        match leaf.timed:
+            case "Sleep":
+                status = "SUCCESS" if timed.elapsed else "RUNNING"
+            case "Delay":
+                status = self._tick_child(timed, place) if timed.elapsed else "RUNNING"
+            case _:
+                status = "FAILURE" if timed.elapsed else self._tick_child(timed, place)
+        if status != "RUNNING":
+            self._end(place)
+        return status
+
+    def _tick_child(self, timed: _Timed, place: Place) -> str:
+        above, self._above = self._above, place
+        try:
+            return timed.children.tick(0)
+        except PolicyError:
+            return "FAILURE"  # must not unwind through C++
+        finally:
+            self._above = above
+
+    def _end(self, place: Place) -> None:
+        timed = self._timed.get(place)
+        if timed is None:
+            return
+        timed.elapsed = False
+        above, self._above = self._above, place
+        timed.children.halt_all()
+        self._above = above

@@ -1,0 +1,75 @@
+"""What a tree remembers from tick to tick, and what of it cannot be heard."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree import ElementTree
+
+import msgspec
+
+from m2c.model.machine import InterfaceKind, Machine
+from m2c.policy.program import Policy
+from m2c.policy.tree import CONDITIONS
+
+_PLAIN = {
+    *("root", "BehaviorTree", "SubTree", "Sequence", "ReactiveSequence", "Fallback"),
+    *("ReactiveFallback", "IfThenElse", "Inverter", "ForceSuccess", "ForceFailure"),
+    *("AlwaysSuccess", "AlwaysFailure"),
+}
+"""Nodes that remember nothing but which of their children is RUNNING."""
+
+
+class Shape(msgspec.Struct, frozen=True):
+    """What kind of tree it is.
+
+    Attributes:
+        plain: all that it remembers is which leaf is RUNNING (with the timed nodes above it): its
+            nodes keep the place of a RUNNING child and nothing else, and at most one child of each
+            runs. So there are few memories, and each can be reached in one tick of a fresh tree.
+        is_open: some leaf's status cannot be heard.
+        hidden: channels that plugins call from inside the policy.
+        strangers: whether plugins may call channels that are not known.
+        unchecked: why the policy cannot be checked; "" if it can.
+    """
+
+    plain: bool
+    is_open: bool
+    hidden: frozenset[str]
+    strangers: bool
+    unchecked: str = ""
+
+
+def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
+    """The :class:`Shape` of ``policy``; ``plugins`` are the machines that run leaves of it."""
+    machines = {plugin.name: plugin for plugin in plugins}
+    hidden: set[str] = set()
+    strangers = False
+    unchecked = ""
+    plain = _is_plain(policy)
+    for leaf in policy.leaves:
+        if not leaf.plugin:
+            continue
+        hidden |= {leaf.tick, leaf.halt}
+        machine = machines.get(leaf.plugin)
+        strangers |= machine is None
+        values = {port.key: str(port.value) for port in leaf.inputs}
+        for interface in machine.interfaces if machine is not None else ():
+            if interface.kind in (InterfaceKind.CLIENT, InterfaceKind.ACTION_CLIENT):
+                hidden.add(interface.channel or values.get(interface.port or "", ""))
+        if leaf.children:
+            unchecked = f"the plugin {leaf.plugin} decides, unheard, which of its children it ticks"
+        elif leaf.outputs and not plain:
+            unchecked = (
+                f"the tree may depend on values that the plugin {leaf.plugin} writes, unheard"
+            )
+    hidden.discard("")
+    is_open = any(leaf.plugin or leaf.timed or leaf.tick in hidden for leaf in policy.leaves)
+    return Shape(plain, is_open, frozenset(hidden), strangers, unchecked)
+
+
+def _is_plain(policy: Policy) -> bool:
+    known = _PLAIN | {leaf.id for leaf in policy.leaves}
+    return all(
+        element.tag in known and not any(key in CONDITIONS for key in element.attrib)
+        for element in ElementTree.fromstring(policy.xml).iter()
+    )
