@@ -165,6 +165,7 @@ class Channels:
         """Type of the message of each output."""
         self.aliases: dict[tuple[InterfaceKind, str], str] = {}
         self._goals: dict[tuple[str, str, int], str] = {}
+        self._sent: dict[str, None] = {}
         for interface in machine.interfaces:
             channel, name, kind = interface.channel, interface.name, interface.kind
             if channel is None:
@@ -250,10 +251,18 @@ class Channels:
         place = (fact.observation.channel, *fact.call)
         if fact.goal:
             self._goals[place] = fact.goal
+            if fact.output is OutputKind.SEND_GOAL:
+                self._sent[fact.goal] = None
+                if len(self._sent) > _KEPT_CALLS:
+                    del self._sent[next(iter(self._sent))]
             if len(self._goals) > _KEPT_CALLS:
                 del self._goals[next(iter(self._goals))]
         else:
             fact.goal = self._goals.get(place, "")
+
+    def was_sent(self, goal: str) -> bool:
+        """Whether the machine was heard sending this goal."""
+        return goal in self._sent
 
     def _is_strange(self, observation: Observation) -> bool:
         if observation.kind not in _SENDINGS:

@@ -237,8 +237,11 @@ class Search:
             known[key] = hypothesis
             if len(known) > limit:
                 return None
-            if hypothesis.owed and not hypothesis.owed[0].optional:
-                continue  # no input is taken before the outputs of a step are out
+            if hypothesis.owed:
+                # no input is taken before the outputs of a step are out
+                if all(owed.optional for owed in hypothesis.owed):
+                    todo.append(hypothesis.with_owed(()))
+                continue
             if hypothesis.pending or hypothesis.posted or hypothesis.alarms:
                 todo.extend(self._moves(hypothesis, now))
         return list(known.values())
@@ -253,8 +256,8 @@ class Search:
 
     def _is_still(self, hypothesis: Hypothesis, now: int) -> bool:
         """Whether nothing can have been taken before ``now``."""
-        if hypothesis.owed and not hypothesis.owed[0].optional:
-            return True
+        if hypothesis.owed:
+            return not all(owed.optional for owed in hypothesis.owed)
         if hypothesis.posted or hypothesis.pending:
             return False
         return all(
@@ -331,7 +334,7 @@ class Search:
         if fact.event[0] is EventKind.FEEDBACK:
             goal = _goal_called(hypothesis, fact.goal, served=False)
             if goal is None:
-                if hypothesis.free:
+                if hypothesis.free and not self._channels.was_sent(fact.goal):
                     rest_too, adopted = self._adopt(
                         rest, fact.interface, fact.goal, False, "running"
                     )
@@ -536,8 +539,8 @@ class Search:
         assert event is not None
         goal = _goal_called(hypothesis, fact.goal, served=False)
         if goal is None:
-            if not hypothesis.free:
-                yield hypothesis  # not a goal of this machine's model
+            if not hypothesis.free or self._channels.was_sent(fact.goal):
+                yield hypothesis  # not a goal of this machine's model, or one that has ended
                 return
             hypothesis, goal = self._adopt(hypothesis, fact.interface, fact.goal, False, "sent")
         codes = {EventKind.SUCCEEDED: 4, EventKind.CANCELED: 5, EventKind.ABORTED: 6}
