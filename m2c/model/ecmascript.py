@@ -167,7 +167,10 @@ def _bound(text: str) -> None:
             raise _Outside(f"nested more than {MAX_NESTING} deep", offset=offset)
     if text.count("?") > MAX_NESTING or text.count("typeof") > MAX_NESTING:
         raise _Outside(f"nested more than {MAX_NESTING} deep")
-    if sum(text.count(operator) for operator in ("+", "-", "*", "/", "%", "&&", "||", ".", "[")) > 400:
+    if (
+        sum(text.count(operator) for operator in ("+", "-", "*", "/", "%", "&&", "||", ".", "["))
+        > 400
+    ):
         raise _Outside("more than 400 operators")
 
 

@@ -38,7 +38,10 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
             (source / path.name).write_bytes(path.read_bytes())
     target = tmp_path_factory.mktemp("installed")
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([*pip, "--no-build-isolation", "--no-deps", "--target", str(target), str(source)], check=True)
+    subprocess.run(
+        [*pip, "--no-build-isolation", "--no-deps", "--target", str(target), str(source)],
+        check=True,
+    )
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(target), str(ROOT)])}
 
 
