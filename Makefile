@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO_VENV ?= .venv-demo
 
-.PHONY: demo test lint types imports unit interfaces benchmarks clean
+.PHONY: demo test lint types imports unit interfaces benchmarks mutants soak clean
 
 # The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions.
 demo: $(DEMO_VENV)/.installed
@@ -44,6 +44,15 @@ unit: $(VENV)/.installed
 # Every figure of docs/performance.md.
 benchmarks: $(VENV)/.installed
 	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+# Every fault that one change can make in a lab-tour model, against the oracle: docs/mutants.md.
+mutants: $(VENV)/.installed
+	$(BIN)/python -m tests.mutation.run
+
+# Hours: the oracle against a brute-force checker, and the nominal tour under every condition.
+soak: $(VENV)/.installed
+	$(BIN)/python -m tests.oracle.test_against_reference 0 100000
+	$(BIN)/python -m tests.oracle.test_no_false_alarm 10000
 
 clean:
 	rm -rf build $(VENV) $(DEMO_VENV) .mypy_cache .ruff_cache .pytest_cache

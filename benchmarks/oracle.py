@@ -1,0 +1,293 @@
+"""What the oracle of models costs: the lab tour's traffic, recorded once, judged again and again.
+
+Usage: python benchmarks/oracle.py [--seconds S] [--tours N] [--observations N] [--profile]
+
+* speed: observations per second of processor time, one core, all seventeen machines; p50 and p99;
+* hypotheses: how many are followed at once;
+* fleet: the same for many tours side by side (names and channels prefixed), and memory per machine;
+* memory over a long run;
+* beside python-statemachine, which only steps the same inputs through the same chart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import cProfile
+import gc
+import os
+import pstats
+import resource
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from machine import BatteryLevelChart
+from msgspec.structs import replace
+
+from m2c.launch.in_process import Program, SimulatedRun, compile_system
+from m2c.model import DiagnosticLog, load
+from m2c.model.machine import Machine
+from m2c.model.system import System
+from moon.monitor.models import ModelMonitor
+from transports.interface import Observation, ObservationKind
+from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+
+SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
+CONDITIONS = Conditions(delay_s=(0.0, 0.002), tap_delay_s=(0.0, 0.002))
+PERIOD_NS = 10_000_000
+"""Time passes for the oracles this often, as in `moon monitor`."""
+FLEET_OBSERVATIONS = 120_000
+"""Judged for each size of fleet, in all."""
+BATCH = 60_000
+"""Copies that are made at once, outside the time measured."""
+
+
+# -- traffic --------------------------------------------------------------------------------------
+
+
+def tour(program: Program, seconds: float, hear: Callable[[Observation], None]) -> int:
+    """Run the tour; ``hear`` gets all of it. When it began, ns."""
+    world = SimulatedWorld(1, CONDITIONS)
+    SimulatedTransport(world, "listener").tap([], hear)
+    began_ns = world.now_ns
+    run = SimulatedRun(program, world)
+    for _ in range(max(1, round(seconds))):
+        run.run(1.0)
+        run.ticks.clear()
+    world.close()
+    return began_ns
+
+
+def monitor_of(machines: Sequence[Machine], system: System, began_ns: int) -> ModelMonitor:
+    """All oracles, synchronised with nodes that start at ``began_ns``."""
+    monitor = ModelMonitor(machines, system.library)
+    for oracle in monitor.oracles.values():
+        oracle.start(began_ns)
+    return monitor
+
+
+def judge(
+    monitor: ModelMonitor, observations: Sequence[Observation], advanced_ns: int = 0
+) -> tuple[float, int]:
+    """Processor seconds taken, and when time last passed; every verdict is a mistake."""
+    feed = monitor.feed
+    began = time.process_time()
+    for observation in observations:
+        if observation.received_ns >= advanced_ns + PERIOD_NS:
+            advanced_ns = observation.received_ns
+            assert not monitor.advance(advanced_ns)
+        assert not feed(observation)
+    return time.process_time() - began, advanced_ns
+
+
+# -- a fleet --------------------------------------------------------------------------------------
+
+
+def prefixed(machine: Machine, number: int) -> Machine:
+    """The machine of tour ``number``: its name and its channels have a prefix."""
+    interfaces = tuple(
+        replace(item, channel=f"/r{number}{item.channel}")
+        if item.channel and item.channel.startswith("/")
+        else item
+        for item in machine.interfaces
+    )
+    return replace(machine, name=f"r{number}_{machine.name}", interfaces=interfaces)
+
+
+def copy_of(seen: Observation, number: int) -> Observation:
+    """The same thing, in tour ``number``."""
+    return replace(
+        seen,
+        channel=f"/r{number}{seen.channel}",
+        source=f"r{number}_{seen.source}",
+        client=f"r{number}_{seen.client}" if seen.client else "",
+    )
+
+
+def batches(observations: Sequence[Observation], tours: int) -> Iterator[list[Observation]]:
+    """What ``tours`` tours do at once, a part at a time."""
+    size = max(1, BATCH // tours)
+    for first in range(0, len(observations), size):
+        part = observations[first : first + size]
+        yield [copy_of(seen, number) for seen in part for number in range(tours)]
+
+
+def fleet_speed(
+    system: System, observations: Sequence[Observation], began_ns: int, tours: int
+) -> float:
+    """Observations per second of a fleet."""
+    machines = [prefixed(item, number) for number in range(tours) for item in system.nodes]
+    monitor = monitor_of(machines, system, began_ns)
+    part = observations[: max(1000, FLEET_OBSERVATIONS // tours)]
+    count, seconds, advanced_ns = 0, 0.0, 0
+    for batch in batches(part, tours):
+        taken, advanced_ns = judge(monitor, batch, advanced_ns)
+        seconds += taken
+        count += len(batch)
+    return count / seconds
+
+
+def memory_per_machine(
+    system: System, observations: Sequence[Observation], began_ns: int, tours: int
+) -> float:
+    """KB that each machine of a running fleet holds, models included."""
+    gc.collect()
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    machines = [prefixed(item, number) for number in range(tours) for item in system.nodes]
+    monitor = monitor_of(machines, system, began_ns)
+    for batch in batches(observations[:3000], tours):
+        judge(monitor, batch)
+    del batch, machines
+    gc.collect()
+    after, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return (after - before) / 1024 / len(monitor.oracles)
+
+
+# -- figures --------------------------------------------------------------------------------------
+
+
+def quantiles_us(
+    system: System, observations: Sequence[Observation], began_ns: int
+) -> tuple[float, float]:
+    """p50 and p99 of the processor time of one observation, the passing of time included, µs."""
+    monitor = monitor_of(system.nodes, system, began_ns)
+    clock, taken, advanced_ns = time.thread_time_ns, [], 0
+    for seen in observations:
+        began = clock()
+        if seen.received_ns >= advanced_ns + PERIOD_NS:
+            advanced_ns = seen.received_ns
+            monitor.advance(advanced_ns)
+        monitor.feed(seen)
+        taken.append(clock() - began)
+    taken.sort()
+    return taken[len(taken) // 2] / 1000, taken[len(taken) * 99 // 100] / 1000
+
+
+def most_hypotheses(system: System, observations: Sequence[Observation], began_ns: int) -> int:
+    """The largest set of any oracle after any observation."""
+    monitor = monitor_of(system.nodes, system, began_ns)
+    most = 0
+    for seen in observations:
+        monitor.feed(seen)
+        most = max(most, *(len(oracle.hypotheses) for oracle in monitor.oracles.values()))
+    return most
+
+
+def memory_over_time(program: Program, system: System, wanted: int) -> list[tuple[int, int]]:
+    """(observations judged, KB of this process) at eight moments of one long run."""
+    monitor: ModelMonitor | None = None
+    count, advanced_ns = 0, 0
+    marks: list[tuple[int, int]] = []
+
+    def hear(seen: Observation) -> None:
+        nonlocal monitor, count, advanced_ns
+        if monitor is None:
+            monitor = monitor_of(system.nodes, system, seen.stamp_ns - 1)
+        count += 1
+        if seen.received_ns >= advanced_ns + PERIOD_NS:
+            advanced_ns = seen.received_ns
+            monitor.advance(advanced_ns)
+        monitor.feed(seen)
+        if count % (wanted // 8) == 0:
+            gc.collect()
+            marks.append((count, _resident_kb()))
+
+    # the tour makes about 190 observations a second
+    tour(program, wanted / 180, hear)
+    return marks
+
+
+def _resident_kb() -> int:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGESIZE") // 1024
+
+
+def beside_statemachine(
+    system: System, observations: Sequence[Observation], began_ns: int
+) -> tuple[float, float, int]:
+    """Seconds that the oracle of BatteryLevelSkill takes, those of the peer, and how many inputs."""
+    machine = system.node("BatteryLevelSkill")
+    assert machine is not None
+    channels = {item.channel for item in machine.interfaces}
+    own = [seen for seen in observations if seen.channel in channels]
+    ours, _ = judge(monitor_of([machine], system, began_ns), own)
+    steps = [
+        "level" if seen.kind is ObservationKind.MESSAGE else "tick"
+        for seen in own
+        if seen.kind in (ObservationKind.MESSAGE, ObservationKind.REQUEST_RECEIVED)
+    ]
+    chart = BatteryLevelChart()
+    began = time.process_time()
+    for step in steps:
+        if step == "level":
+            chart.send("level", data=50)
+        else:
+            chart.send("tick")
+    return ours, time.process_time() - began, len(steps)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=120.0, help="of the recorded tour")
+    parser.add_argument(
+        "--tours", type=int, default=59, help="of the largest fleet (59: 1003 machines)"
+    )
+    parser.add_argument(
+        "--observations", type=int, default=200_000, help="of the long run for memory"
+    )
+    parser.add_argument("--profile", action="store_true", help="show where the time goes, only")
+    arguments = parser.parse_args()
+
+    system = load([SYSTEM], DiagnosticLog())
+    assert system is not None
+    program = compile_system(system)
+    heard: list[Observation] = []
+    began_ns = tour(program, arguments.seconds, heard.append)
+    if arguments.profile:
+        profile = cProfile.Profile()
+        profile.runcall(judge, monitor_of(system.nodes, system, began_ns), heard)
+        pstats.Stats(profile).sort_stats("tottime").print_stats(25)
+        return
+
+    print(
+        f"lab tour, {arguments.seconds:g} s: {len(heard)} observations, {len(system.nodes)} machines"
+    )
+    runs = [judge(monitor_of(system.nodes, system, began_ns), heard)[0] for _ in range(3)]
+    speed = len(heard) / min(runs)
+    p50, p99 = quantiles_us(system, heard, began_ns)
+    print(f"  speed                {speed:10,.0f} observations/s   (target ≥ 100,000)")
+    print(f"  one observation      p50 {p50:.1f} µs, p99 {p99:.1f} µs   (target p99 ≤ 40 µs)")
+    most = most_hypotheses(system, heard, began_ns)
+    print(f"  hypotheses at once   {most:10d}                  (target ≤ 16)")
+
+    print("fleet of tours:")
+    sizes = [size for size in (1, 3, 10, 30) if size < arguments.tours] + [arguments.tours]
+    speeds = []
+    for size in sizes:
+        speeds.append(fleet_speed(system, heard, began_ns, size))
+        print(f"  {size * len(system.nodes):5d} machines       {speeds[-1]:10,.0f} observations/s")
+    print(f"  largest / smallest   {speeds[0] / speeds[-1]:10.2f} × the cost   (linear: 1.0)")
+    size = min(arguments.tours, 10)
+    per_machine = memory_per_machine(system, heard, began_ns, size)
+    print(f"  memory               {per_machine:10.1f} KB per machine   (target ≤ 100)")
+
+    print(f"one run of {arguments.observations:,} observations:")
+    marks = memory_over_time(program, system, arguments.observations)
+    print("  resident, MB         " + ", ".join(f"{kb / 1024:.1f}" for _, kb in marks))
+    grown = (marks[-1][1] - marks[1][1]) * 1024 / (marks[-1][0] - marks[1][0])
+    print(f"  growth               {grown:10.2f} bytes per observation   (flat: about 0)")
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"  highest of this run  {peak_mb:10.1f} MB")
+
+    ours, theirs, steps = beside_statemachine(system, heard, began_ns)
+    print(f"BatteryLevelSkill, {steps} inputs:")
+    print(f"  oracle               {ours / steps * 1e6:10.1f} µs per input, its answer judged")
+    print(f"  python-statemachine  {theirs / steps * 1e6:10.1f} µs per input, only stepped")
+    print(f"  ratio                {theirs / ours:10.2f}")
+
+
+if __name__ == "__main__":
+    main()
