@@ -103,7 +103,7 @@ def state_text(search: Search, hypothesis: Hypothesis) -> str:
         values = ", ".join(
             f"{name}={_short(value)}"
             for name, value in zip(program.names, data, strict=True)
-            if name in program.assigned
+            if name in program.assigned and name in program.live
         )
         texts.append(f"{program.states[state].name}{f' ({values})' if values else ''}")
     return " | ".join(texts)

@@ -1,12 +1,13 @@
 """The oracle of one machine: observations in, verdicts out.
 
-Observations of different channels do not come in the order in which things happened, so the newest
-``latency`` of them are kept: a late one is put in its place and what came after is considered again.
-A violation is therefore only said when nothing that could still come would explain it.
+Observations of different channels do not come in the order in which things happened, so each is
+kept for one latency bound before it is judged, in its place among the others. A violation is
+therefore only said when nothing that could still come would explain it, and never taken back.
 """
 
 from __future__ import annotations
 
+from bisect import insort
 from collections import deque
 from enum import Enum
 from pathlib import Path
@@ -56,17 +57,6 @@ class _Sequel(Enum):
     UNKNOWN_BEFORE = 4
 
 
-class _Entry:
-    """A fact within the latency bound, and what can be so after it."""
-
-    __slots__ = ("after", "fact", "last")
-
-    def __init__(self, fact: Fact) -> None:
-        self.fact = fact
-        self.after: list[Hypothesis] = []
-        self.last = 0
-
-
 class Oracle:
     """Checks one running machine against its model.
 
@@ -107,8 +97,9 @@ class Oracle:
         self.late = 0
         """Observations that came after their time, and others that could not be used."""
         self._base: list[Hypothesis] | None = None
-        self._base_last = 0
-        self._window: list[_Entry] = []
+        self._window: list[tuple[int, int, Fact]] = []
+        """(stamp, number, fact) of what is not judged yet, in order."""
+        self._count = 0
         self._history: deque[Fact] = deque(maxlen=EVIDENCE)
         self._finished = 0
         self._synchronised = synchronised
@@ -199,20 +190,8 @@ class Oracle:
         if settled <= self._finished:
             return []
         verdicts: list[Verdict] = []
-        window = self._window
-        taken = 0
-        while taken < len(window) and window[taken].fact.stamp <= settled:
-            entry = window[taken]
-            taken += 1
-            if not entry.after and self._base is not None and entry.fact.role is not Role.MESSAGE:
-                del window[:taken]
-                self._finished = max(self._finished, entry.fact.stamp)
-                verdicts += self._violation(entry.fact)
-                self._replay(0)
-                taken = 0
-                continue
-            self._settle(entry)
-        del window[:taken]
+        if self._window:
+            verdicts += self._judge(settled)
         self._finished = settled
         if self._base is not None and self._next_due <= settled:
             verdicts += self._time_passed(settled)
@@ -224,10 +203,22 @@ class Oracle:
 
     @property
     def hypotheses(self) -> list[Hypothesis]:
-        """What the machine may be doing, as far as is known."""
-        if self._window:
-            return self._window[-1].after
-        return self._base or []
+        """What the machine may be doing, by all that was heard until now."""
+        base = self._base or []
+        if not base or not self._window:
+            return base
+        last = self.search.last
+        try:
+            for _, _, fact in self._window:
+                after = self._after(base, fact)
+                if not after:
+                    break  # late observations may still explain it
+                base = after
+        except (TooManyError, TooOpenError):
+            return self._base or []
+        finally:
+            self.search.last = last
+        return base
 
     def states(self) -> list[str]:
         """Names of the states in which the machine may be."""
@@ -295,12 +286,18 @@ class Oracle:
             return []
         if fact.stamp < self._droppable_until:
             fact.droppable = True
+        self._keep(fact)
+        return []
+
+    def _keep(self, fact: Fact) -> None:
+        """Put ``fact`` in its place; mostly that is the last."""
+        self._count += 1
         window = self._window
-        place = len(window)
-        while place and window[place - 1].fact.stamp > fact.stamp:
-            place -= 1
-        window.insert(place, _Entry(fact))
-        return self._replay(place)
+        item = (fact.stamp, self._count, fact)
+        if not window or window[-1][0] <= fact.stamp:
+            window.append(item)
+        else:
+            insort(window, item)
 
     def _note_taken_up(self, fact: Fact) -> None:
         """A request was received; who sent it may be heard before or after."""
@@ -316,30 +313,40 @@ class Oracle:
     def _begin(self, stamp: int, whole: bool = False) -> None:
         self._listening_since = stamp
         self._base = self.search.started(stamp, whole)
-        self._base_last = 0
         self.search.last = 0
         self._note_due()
 
-    def _replay(self, place: int) -> list[Verdict]:
-        """Consider the window again from ``place``."""
+    def _judge(self, settled: int) -> list[Verdict]:
+        """Take in order what can have nothing before it any more."""
         window = self._window
-        try:
-            if place:
-                before, self.search.last = window[place - 1].after, window[place - 1].last
+        verdicts: list[Verdict] = []
+        taken = 0
+        while taken < len(window) and window[taken][0] <= settled and self._base is not None:
+            stamp, _, fact = window[taken]
+            taken += 1
+            try:
+                after = self._after(self._base, fact)
+            except (TooManyError, TooOpenError) as error:
+                text = str(error) or "too many possibilities to follow"
+                return [*verdicts, *self.lose(stamp, text)]
+            if after:
+                self._base = after
+                self._history.append(fact)
             else:
-                before, self.search.last = self._base or [], self._base_last
-            for entry in window[place:]:
-                before = entry.after = self._after(before, entry.fact)
-                entry.last = self.search.last
-        except (TooManyError, TooOpenError) as error:
-            text = str(error) or "too many possibilities to follow"
-            return self.lose(window[place].fact.stamp, text)
-        return []
+                self._finished = max(self._finished, stamp)
+                verdicts += self._violation(fact)
+        if taken:
+            del self._window[:taken]
+            self._note_due()
+            self._note_knowledge()
+        return verdicts
 
     def _after(self, before: list[Hypothesis], fact: Fact) -> list[Hypothesis]:
         """What can be so after ``fact``; empty if it cannot be."""
         search, stamp = self.search, fact.stamp
         if fact.role is Role.MESSAGE:
+            if not search.changes_something(fact.event):
+                return before
             return [h.with_pending((*h.pending, fact)) for h in before]
         if fact.role is Role.STRANGE:
             return []
@@ -363,15 +370,6 @@ class Oracle:
         search.last = stamp
         return found
 
-    def _settle(self, entry: _Entry) -> None:
-        """Nothing before ``entry`` can change any more."""
-        if self._base is None:
-            return
-        self._base, self._base_last = entry.after, entry.last
-        self._history.append(entry.fact)
-        self._note_due()
-        self._note_knowledge()
-
     def _note_due(self) -> None:
         due = FOREVER
         for hypothesis in self._base or ():
@@ -390,7 +388,6 @@ class Oracle:
         """Inputs that must have been taken, outputs that should have come."""
         search = self.search
         base = self._base or []
-        last, search.last = search.last, self._base_last
         try:
             alive = [h for h in base if not self._owes_since(h, settled)]
             grown = search.reachable(alive, settled, settled)
@@ -400,13 +397,10 @@ class Oracle:
             ]
         except (TooManyError, TooOpenError) as error:
             return self.lose(settled, str(error) or "too many possibilities to follow")
-        finally:
-            search.last = last
         if not grown and base:
             return self._overdue(settled, owing or base)
         self._base = grown
         self._note_due()
-        self._replay(0)
         return []
 
     def _owes_since(self, hypothesis: Hypothesis, now: int) -> bool:
@@ -434,7 +428,6 @@ class Oracle:
     def _violation(self, fact: Fact) -> list[Verdict]:
         """``fact`` cannot be: say so, and go on from what is still certain."""
         before = self._base or []
-        self.search.last = self._base_last
         explanation = explanation_of(self.search, before, fact, self._history)
         certain = fact.role is Role.STRANGE
         verdicts = self._convict(self._verdict_of(fact.stamp, explanation), certain)
@@ -464,7 +457,7 @@ class Oracle:
         except (TooManyError, TooOpenError):
             self._forget(stamp)
             return
-        self._base, self._base_last = found, stamp
+        self._base, search.last = found, stamp
         self._note_due()
 
     def _unsettled(self, stamp: int) -> tuple[Fact, ...]:
@@ -591,20 +584,13 @@ class Oracle:
             self._base = self.search.anything(anchor, tuple(pending))
         except TooManyError:
             return []
-        self._base_last = self.search.last = anchor
+        self.search.last = anchor
         self._note_due()
-        for fact in sorted(self._recent, key=lambda f: f.stamp):
+        for fact in facts:
             if fact.stamp > anchor:
-                self._window.append(_Entry(fact))
+                self._keep(fact)
+        for fact in self._recent:
+            if fact.stamp > settled:
+                self._keep(fact)
         self._recent.clear()
-        if self._window:
-            self._replay(0)
-        verdicts: list[Verdict] = []
-        while self._window and self._window[0].fact.stamp <= settled and self._base is not None:
-            entry = self._window.pop(0)
-            if not entry.after:
-                verdicts += self._violation(entry.fact)
-                self._replay(0)
-            else:
-                self._settle(entry)
-        return verdicts
+        return self._judge(settled)

@@ -99,6 +99,13 @@ class Search:
             for interface in machine.interfaces
             if interface.kind is InterfaceKind.TIMER and interface.rate_hz > 0
         }
+        self._effective = {
+            event
+            for program in self.programs
+            for state in program.states
+            for event, transitions in state.by_event.items()
+            if any(t.body is not None or t.targets for t in transitions)
+        }
         self._draws = any(program.draws for program in self.programs)
         self._timers = [
             (instance, (EventKind.TIMER, name), period)
@@ -183,6 +190,10 @@ class Search:
                 Hypothesis(instances, pending=pending, alarms=(*alarms, *delays), free=True)
             )
         return found
+
+    def changes_something(self, event: EventKey | None) -> bool:
+        """Whether ``event`` can make a difference to what is seen, in any state."""
+        return event in self._effective
 
     # --- between fixed points ----------------------------------------------------------------------
 
@@ -431,12 +442,11 @@ class Search:
 
     def take_input(self, candidates: Iterable[Hypothesis], fact: Fact) -> list[Hypothesis]:
         """The machine took ``fact`` at its stamp; none of ``candidates`` owes anything for sure."""
-        found: dict[Any, Hypothesis] = {}
+        made: list[Hypothesis] = []
         for hypothesis in candidates:
             rest = hypothesis.with_owed(()) if hypothesis.owed else hypothesis
-            for made in self._input(self.normalised(rest, fact.stamp), fact):
-                _put(found, made)
-        return list(found.values())
+            made += self._input(self.normalised(rest, fact.stamp), fact)
+        return _distinct(made)
 
     def _input(self, hypothesis: Hypothesis, fact: Fact) -> Iterator[Hypothesis]:
         event, stamp = fact.event, fact.stamp
@@ -572,15 +582,14 @@ class Search:
 
     def take_output(self, candidates: Iterable[Hypothesis], fact: Fact) -> list[Hypothesis]:
         """The machine sent ``fact``: those of ``candidates`` that owe it next."""
-        found: dict[Any, Hypothesis] = {}
+        made: list[Hypothesis] = []
         for hypothesis in candidates:
-            owed = hypothesis.owed
-            for place, expected in enumerate(owed):
+            for place, expected in enumerate(hypothesis.owed):
                 if self._is(hypothesis, expected, fact):
-                    _put(found, self._paid(hypothesis, place, fact))
+                    made.append(self._paid(hypothesis, place, fact))
                 if not expected.optional:
                     break
-        return list(found.values())
+        return _distinct(made)
 
     def _is(self, hypothesis: Hypothesis, owed: Owed, fact: Fact) -> bool:
         if owed.kind is not fact.output or owed.interface != fact.interface:
@@ -968,6 +977,16 @@ _INTERFACE_OF = {
     OutputKind.ABORT: InterfaceKind.ACTION_SERVER,
     OutputKind.CANCEL: InterfaceKind.ACTION_SERVER,
 }
+
+
+def _distinct(made: list[Hypothesis]) -> list[Hypothesis]:
+    """Each hypothesis once."""
+    if len(made) <= 1:
+        return made
+    found: dict[Any, Hypothesis] = {}
+    for hypothesis in made:
+        _put(found, hypothesis)
+    return list(found.values())
 
 
 def _put(found: dict[Any, Hypothesis], made: Hypothesis) -> None:

@@ -35,6 +35,7 @@ from m2c.model.scopes import event_parts, output_data_type
 from m2c.model.typing import Scope, type_of
 from m2c.runtime import ecmascript
 from moon.oracle.expressions import Closures, zero
+from moon.oracle.liveness import live_variables, root_of, statements_of
 from moon.oracle.unknowns import Unknown, anything
 
 MAX_STEPS = 1000
@@ -212,6 +213,8 @@ class MachineProgram:
         self.names = [data.name for data in machine.data]
         self._indices = {state.name: index for index, state in enumerate(machine.states)}
         self.initial = self._indices[machine.initial]
+        self.live = live_variables(machine)
+        """Variables that make a difference to what is seen; others are left as they begin."""
         self._exact = self._compile(symbolic=False)
         self._symbolic = self._compile(symbolic=True)
         self.states = self._exact
@@ -223,8 +226,9 @@ class MachineProgram:
             for transition in state.transitions
         )
         self.assigned = frozenset(
-            _root(item.location) for item in statements_of(machine) if isinstance(item, Assign)
+            root_of(item.location) for item in statements_of(machine) if isinstance(item, Assign)
         )
+        """Variables that change."""
 
     # --- taking steps ------------------------------------------------------------------------------
 
@@ -246,7 +250,7 @@ class MachineProgram:
         """The datamodel when nothing is known of what happened: only what never changes is."""
         known = self.initial_data()
         return tuple(
-            anything() if name in self.assigned else value
+            anything() if name in self.assigned and name in self.live else value
             for name, value in zip(self.names, known, strict=True)
         )
 
@@ -431,7 +435,13 @@ class MachineProgram:
         """Executable content; an expression that fails ends it, as SCXML says."""
         if not statements:
             return None
-        actions = [self._statement(statement, closures) for statement in statements]
+        actions = [
+            self._statement(statement, closures)
+            for statement in statements
+            if not self._is_dead(statement)
+        ]
+        if not actions:
+            return None
 
         def run(step: Step) -> None:
             try:
@@ -441,6 +451,9 @@ class MachineProgram:
                 step.internal.append(("error.execution", None))
 
         return run
+
+    def _is_dead(self, statement: Statement) -> bool:
+        return isinstance(statement, Assign) and root_of(statement.location) not in self.live
 
     def _statement(self, statement: Statement, closures: Closures) -> Action:
         match statement:
@@ -464,7 +477,7 @@ class MachineProgram:
         made = [
             (
                 None if test is None else closures.condition(test),
-                [self._statement(item, closures) for item in body],
+                [self._statement(item, closures) for item in body if not self._is_dead(item)],
             )
             for test, body in branches
         ]
@@ -489,7 +502,7 @@ class MachineProgram:
             return assign
         kind = type_of(location, Scope(self._types))
         new = closures.value(value, kind)
-        root = self.variables[_root(location)]
+        root = self.variables[root_of(location)]
         assert isinstance(location, Member | Index)
         holder = closures.value(location.object)
         index = None if isinstance(location, Member) else closures.value(location.index)
@@ -629,28 +642,3 @@ def _matches(name: str, descriptor: str) -> bool:
         return True
     prefix = descriptor.removesuffix("*").removesuffix(".")
     return name == prefix or name.startswith(f"{prefix}.") or not prefix
-
-
-def _root(location: Expression) -> str:
-    while isinstance(location, Member | Index):
-        location = location.object
-    return location.name if isinstance(location, Variable) else ""
-
-
-def statements_of(machine: Machine) -> Iterator[Statement]:
-    """Every statement of ``machine``, those inside ``if`` included."""
-
-    def inside(statements: tuple[Statement, ...]) -> Iterator[Statement]:
-        for statement in statements:
-            yield statement
-            if isinstance(statement, If):
-                for _, body in statement.branches:
-                    yield from inside(body)
-
-    for state in machine.states:
-        yield from inside(state.on_entry)
-        yield from inside(state.on_exit)
-        for transition in state.transitions:
-            yield from inside(transition.body)
-            for target in transition.targets:
-                yield from inside(target.body)
