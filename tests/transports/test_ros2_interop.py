@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from m2c.policy.runner import TICKS, LeafTick, TreeTick
 from tests.transports import ros2_network
 from transports.conformance import (
     COUNTING,
@@ -348,6 +349,24 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     assert not tap.problems()
 
 
+def test_of_an_ordinary_action_server_a_tap_says_that_its_goals_are_not_heard(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from conformance.action import Count
+    from rclpy.action import ActionServer
+
+    served = ActionServer(bare.node, Count, COUNTING.name, lambda handle: Count.Result())
+    _, tap, _ = tapped(network, [COUNTING.name])
+    assert network.until(
+        lambda: any(
+            text.startswith(f"the goals of {COUNTING.name} are not heard")
+            for text in tap.problems()
+        )
+    )
+    assert len(tap.problems()) == 1
+    served.destroy()
+
+
 def test_events_without_contents_are_told_apart(network: ThreadedNetwork, bare: Bare) -> None:
     from conformance.srv import Double
     from rclpy.qos import qos_profile_services_default
@@ -540,6 +559,33 @@ def test_two_servers_are_reported(
     for node in nodes:
         on(network, node, lambda node=node: node.serve(DOUBLE, lambda request: None))
     assert says(network, reports, f"two nodes serve {DOUBLE.name}: first and second")
+
+
+def test_two_nodes_of_one_name_are_reported(
+    network: ThreadedNetwork, reports: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(2):
+        node = network.node("twin")
+        on(network, node, node.announce)
+    assert says(network, reports, "two nodes are named twin")
+
+
+def test_what_the_tools_tell_each_other_travels_without_a_ros_type(
+    network: ThreadedNetwork,
+) -> None:
+    source, sink = network.node("source"), network.node("sink")
+    ticks = [TreeTick(1, "RUNNING", [LeafTick("Battery", "SUCCESS", 1.5)]), TreeTick(2)]
+    heard: list[TreeTick] = []
+    _, _, observations = tapped(network)
+    on(network, sink, lambda: sink.subscribe(TICKS, heard.append))
+    publisher = on(network, source, lambda: source.publisher(TICKS))
+    ready(network, source, sink)
+    on(network, source, lambda: [publisher.publish(tick) for tick in ticks])
+    assert network.until(lambda: heard == ticks)
+    assert network.until(lambda: bool(observations) and observations[-1].data["tick"] == 2)
+    assert observations[-1].type_name == TreeTick.__type_name__
+    with pytest.raises(TransportError, match="expected a message of type m2c/msg/TreeTick"):
+        on(network, source, lambda: publisher.publish(Number()))
 
 
 def test_one_topic_has_one_type_in_a_node(network: ThreadedNetwork) -> None:

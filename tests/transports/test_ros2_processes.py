@@ -137,6 +137,21 @@ def lab_tour() -> dict[str, str]:
 
 
 @pytest.mark.timeout(400)
+def test_a_shell_that_sources_the_setup_script_finds_the_packages(
+    lab_tour: dict[str, str],
+) -> None:
+    code = "from bt_interfaces.srv import TickAction; print(TickAction.Response(status=2))"
+    done = subprocess.run(
+        ["bash", "-euc", f'. build/interfaces/setup.sh; "{sys.executable}" -c "{code}"'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "bt_interfaces.srv.TickAction_Response(status=2, is_ok=False)"
+
+
+@pytest.mark.timeout(400)
 def test_a_generated_skill_is_ticked_by_an_ordinary_client(
     lab_tour: dict[str, str], tmp_path: Path
 ) -> None:

@@ -36,6 +36,8 @@ _QUIET_PACKAGES = ("rcl_interfaces/", "type_description_interfaces/", "compositi
 _NAMELESS_S = 1.0
 """How long a message waits for the name of who published it."""
 _RETRY_S = 0.02
+_SILENT_S = 1.0
+"""A service that has had no events for so long has none: its endpoints come and go one by one."""
 _NUMBERS = 2**63
 """Above it, an RMW says that it does not number publications."""
 _HOW = (
@@ -108,6 +110,7 @@ class Tap:
         self._waiting: deque[tuple[float, str, Callable[..., Any], native.Taken, Any]] = deque()
         self._retrying = False
         self._gone: set[bytes] = set()
+        self._silent_since: dict[str, float] = {}
         self._closed = False
         announcements.own.taps += self._globs
         executor.post(self.refresh)
@@ -151,6 +154,7 @@ class Tap:
             return
         self._graph.learn_participants()
         self._deliver()
+        self._note_silence()
         before = set(self._deaf)
         for topic, types in self._node.get_topic_names_and_types():
             if self._wants(topic):
@@ -349,18 +353,29 @@ class Tap:
             error=error.error,
         )
 
+    def _note_silence(self) -> None:
+        """Note since when services have no events: rcl and this transport publish them only where
+        they are switched on.
+        """
+        now = time.monotonic()
+        silent = {
+            service
+            for service, types in self._node.get_service_names_and_types()
+            if matches(service, self._globs)
+            and not types[0].startswith(_QUIET_PACKAGES)
+            and self._node.count_services(service)
+            and not self._node.count_publishers(service + EVENT_SUFFIX)
+        }
+        known = self._silent_since
+        self._silent_since = {service: known.get(service, now) for service in silent}
+
     def _silent_services(self) -> list[str]:
-        """Services without events: rcl publishes them only where somebody switched them on."""
+        """Services whose calls cannot be heard; not those that are just coming or going."""
+        self._note_silence()
         found = []
         actions = set()
-        for service, types in self._node.get_service_names_and_types():
-            if (
-                not matches(service, self._globs)
-                or types[0].startswith(_QUIET_PACKAGES)
-                or not self._node.count_services(service)
-                or self._node.count_publishers(service + EVENT_SUFFIX)
-            ):
-                continue
+        limit = time.monotonic() - _SILENT_S
+        for service in sorted(s for s, since in self._silent_since.items() if since <= limit):
             action, is_part, _ = service.partition("/_action/")
             if is_part:
                 actions.add(action)

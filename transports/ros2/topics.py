@@ -1,7 +1,7 @@
 """Topics: publications and subscriptions.
 
-Types of the package ``m2c`` (what the tools tell each other) have no ROS definition: they travel as
-JSON in a ``std_msgs/msg/String``.
+Types of the packages ``m2c`` and ``moon_msgs`` (what the tools tell each other) have no ROS
+definition: they travel as JSON in a ``std_msgs/msg/String``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from transports.ros2 import qos
 from transports.ros2.executor import LOG, Executor
 from transports.ros2.messages import Codec
 
-OWN_PACKAGE = "m2c/"
+OWN_PACKAGES = ("m2c/", "moon_msgs/")
 STRING = "std_msgs/msg/String"
 
 
@@ -67,7 +67,7 @@ def carried_message(text: str) -> Carried | None:
 
 def codec_of(topic: Topic) -> Codec | CarriedCodec:
     """The codec of ``topic``."""
-    if topic.type_name.startswith(OWN_PACKAGE):
+    if topic.type_name.startswith(OWN_PACKAGES):
         return CarriedCodec(topic.type_name, topic.message)
     return Codec(topic.type_name, topic.message)
 

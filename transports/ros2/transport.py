@@ -281,4 +281,4 @@ class Ros2Transport:
 
 
 def _ros_type(topic: Topic) -> str:
-    return topics.STRING if topic.type_name.startswith(topics.OWN_PACKAGE) else topic.type_name
+    return topics.STRING if topic.type_name.startswith(topics.OWN_PACKAGES) else topic.type_name
