@@ -260,8 +260,12 @@ class Channels:
         else:
             fact.goal = self._goals.get(place, "")
 
+    def forget_goals(self) -> None:
+        """From here on, goals that were sent before may or may not be under way."""
+        self._sent.clear()
+
     def was_sent(self, goal: str) -> bool:
-        """Whether the machine was heard sending this goal."""
+        """Whether the machine was heard sending this goal since its past is known."""
         return goal in self._sent
 
     def _is_strange(self, observation: Observation) -> bool:

@@ -155,6 +155,7 @@ class Search:
 
     def anything(self, now: int, pending: tuple[Fact, ...]) -> list[Hypothesis]:
         """The machine is between two steps at ``now``, and nothing more is known of it."""
+        self._channels.forget_goals()
         alarms = tuple(
             Alarm(instance, event, now - self.bounds.latency, now + period, period)
             for instance, event, period in self._timers

@@ -141,8 +141,12 @@ class PolicyOracle:
             whole: nothing was missed; it makes no difference here, as numbers show what was.
         """
         self._synchronised = self._fresh = True
-        self._window.clear()
-        self._numbers.clear()
+        # what has come of it already stays, if that is all of it
+        window, numbers = self._window, self._numbers
+        window[:] = [entry for entry in window if entry[0] >= stamp_ns]
+        for channel in [c for c, (_, last_ns) in numbers.items() if last_ns < stamp_ns]:
+            del numbers[channel]
+        begun = {entry[2].channel for entry in window if entry[2].sequence <= 0}
         self._elsewhere.clear()
         self._unanswered.clear()
         self._own.clear()
@@ -153,6 +157,8 @@ class PolicyOracle:
         if not self._shape.unchecked:
             self._follower.start()
             self.outcome, self._reason = Outcome.CONFORMING, ""
+            if not begun.issuperset(numbers):
+                self._lose(self._finished, f"what {self.node} did first was missed")
 
     def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
         """Whether such an observation tells something of the policy."""
@@ -196,7 +202,7 @@ class PolicyOracle:
         while window and window[0][0] <= settled:
             verdicts += self._judge(window.pop(self._next())[2])
         if self._owed and settled - self._last_ns > self.bounds.deadline:
-            verdicts.append(self._overdue(settled))
+            verdicts += self._overdue(settled)
         return verdicts
 
     @property
@@ -351,7 +357,7 @@ class PolicyOracle:
         missed = [call for call, at in kept.items() if at <= stamp_ns - self.bounds.skew]
         for call in missed:
             del kept[call]
-        return bool(missed) and self._follower.certain
+        return bool(missed)
 
     def _told(self, observation: Observation) -> str:
         """What a call does, in words."""
@@ -371,8 +377,10 @@ class PolicyOracle:
             observed += f" {follower.early_ns / 1e6:.1f} ms before the next tick of the tree is due"
         return self._say(observation.stamp_ns, follower.wanted, observed)
 
-    def _overdue(self, settled: int) -> Verdict:
-        return self._say(settled, self._follower.owes(), "nothing", "unresponsive: ")
+    def _overdue(self, settled: int) -> list[Verdict]:
+        if self._missed_before(settled):
+            return self._doubt(settled, f"a call of {self.node} was heard at its other end only")
+        return [self._say(settled, self._follower.owes(), "nothing", "unresponsive: ")]
 
     def _impatient(self, answer: Observation, later: Observation) -> Verdict:
         expected = f"the answer on {answer.channel}"

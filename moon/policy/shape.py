@@ -16,7 +16,11 @@ _PLAIN = {
     *("ReactiveFallback", "IfThenElse", "Inverter", "ForceSuccess", "ForceFailure"),
     *("AlwaysSuccess", "AlwaysFailure"),
 }
-"""Nodes that remember nothing but which of their children is RUNNING."""
+"""Nodes that remember nothing but which of their children is RUNNING.
+
+``IfThenElse`` is one only with three children: with two, it does not reset a condition that has
+failed, which then fails again and again without being ticked.
+"""
 
 
 class Shape(msgspec.Struct, frozen=True):
@@ -70,6 +74,8 @@ def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
 def _is_plain(policy: Policy) -> bool:
     known = _PLAIN | {leaf.id for leaf in policy.leaves}
     return all(
-        element.tag in known and not any(key in CONDITIONS for key in element.attrib)
+        element.tag in known
+        and not any(key in CONDITIONS for key in element.attrib)
+        and (element.tag != "IfThenElse" or len(element) == 3)
         for element in ElementTree.fromstring(policy.xml).iter()
     )
