@@ -576,10 +576,10 @@ def test_what_the_tools_tell_each_other_travels_without_a_ros_type(
     source, sink = network.node("source"), network.node("sink")
     ticks = [TreeTick(1, "RUNNING", [LeafTick("Battery", "SUCCESS", 1.5)]), TreeTick(2)]
     heard: list[TreeTick] = []
-    _, _, observations = tapped(network)
+    listener, _, observations = tapped(network)
     on(network, sink, lambda: sink.subscribe(TICKS, heard.append))
     publisher = on(network, source, lambda: source.publisher(TICKS))
-    ready(network, source, sink)
+    ready(network, source, sink, listener)
     on(network, source, lambda: [publisher.publish(tick) for tick in ticks])
     assert network.until(lambda: heard == ticks)
     assert network.until(lambda: bool(observations) and observations[-1].data["tick"] == 2)
@@ -620,6 +620,38 @@ def test_a_bad_option_or_name_is_one_clear_error(
         connect(name, options)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_closed_node_says_so(network: ThreadedNetwork) -> None:
+    server, node = network.node("server"), network.node("node")
+    kept: list[Any] = []
+    on(network, server, lambda: server.serve(DOUBLE, kept.append))
+    client = on(network, node, lambda: node.client(DOUBLE))
+    publisher = on(network, node, lambda: node.publisher(NUMBERS))
+    results: list[CallResult] = []
+    on(network, node, lambda: [client.call(Ask(n), results.append) for n in range(2)])
+    assert network.until(lambda: len(kept) == 2)
+    server.close()
+    node.close()
+    for late in (
+        lambda: kept[0].respond(Answer(1)),
+        lambda: kept[1].fail("too late"),
+        lambda: publisher.publish(Number(1)),
+        lambda: client.call(Ask(1), results.append),
+        lambda: node.publisher(LATCHED),
+        lambda: node.subscribe(LATCHED, lambda message: None),
+        lambda: node.serve(DOUBLE, kept.append),
+        lambda: node.client(DOUBLE),
+        lambda: node.tap([], lambda observation: None),
+        node.announce,
+    ):
+        with pytest.raises(TransportError):
+            late()
+    assert client.call_and_wait(Ask(1)).outcome is CallOutcome.UNAVAILABLE
+    assert node.wait_for_nodes(["server"], PATIENCE_S) == ["server"]
+    node.spin()
+    node.post(lambda: None)
+    assert node.node == "node"
 
 
 def test_a_topic_whose_package_is_missing_is_refused_with_how_to_build_it(

@@ -14,8 +14,10 @@ from typing import Any
 
 import msgspec
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from std_msgs.msg import String
 
+from transports.interface import TransportError
 from transports.ros2 import qos
 from transports.ros2.executor import LOG, Executor
 
@@ -83,8 +85,11 @@ class CallErrors:
         self._listeners[service] = listener
 
     def publish(self, error: CallError) -> None:
-        """Say how a call ended."""
-        self._publisher.publish(String(data=_encode(error).decode()))
+        """Say how a call ended; TransportError if the node is closed."""
+        try:
+            self._publisher.publish(String(data=_encode(error).decode()))
+        except _rclpy.InvalidHandle as fault:
+            raise TransportError(f"cannot end a call of {error.service}: {fault}") from fault
 
     def _take(self) -> bool:
         taken = self._subscription.handle.take_message(String, False)

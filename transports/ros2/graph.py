@@ -91,10 +91,9 @@ class Graph:
     def publisher_of(self, topic: str, gid: bytes) -> str:
         """The node whose publisher of ``topic`` has this GID; empty while nobody knows."""
         name = self._names.get(gid)
-        if name is None:
+        if name is None and not self._stopping.is_set():
             self._learn(self._node.get_publishers_info_by_topic(topic))
-            name = self._find(gid)
-        return name
+        return self._find(gid) if name is None else name
 
     def client_of(self, service: str, gid: bytes) -> str:
         """The node whose client of ``service`` has this GID; empty while nobody knows.
@@ -102,14 +101,13 @@ class Graph:
         The client's end names itself by its request writer, the server by the response reader.
         """
         name = self._names.get(gid)
-        if name is None:
+        if name is None and not self._stopping.is_set():
             node = self._node
             self._learn(node.get_publishers_info_by_topic(request_topic(service), no_mangle=True))
             self._learn(
                 node.get_subscriptions_info_by_topic(response_topic(service), no_mangle=True)
             )
-            name = self._find(gid)
-        return name
+        return self._find(gid) if name is None else name
 
     def learn_participants(self) -> None:
         """Note which node is in which participant; every node has a publisher of ``/rosout``."""

@@ -36,6 +36,7 @@ class ServiceEvents:
         self._event = ros_class(type_name + TYPE_SUFFIX)
         self._pending: deque[tuple[int, int, bytes, int, Any]] = deque()
         self._scheduled = False
+        self._closed = False
         self._lock = threading.Lock()
         self._publisher = node.create_publisher(
             self._event,
@@ -47,7 +48,7 @@ class ServiceEvents:
 
     def stamp(self) -> int:
         """Now in real time, ns since the epoch; 0 if nobody listens, and nothing need be recorded."""
-        return time.time_ns() if self._listeners() else 0
+        return time.time_ns() if not self._closed and self._listeners() else 0
 
     def record(self, event_type: int, stamp_ns: int, gid: bytes, call: int, message: Any) -> None:
         """Keep an event for ``flush``.
@@ -88,5 +89,11 @@ class ServiceEvents:
                     event.response = [message]
                 try:
                     self._publisher.publish(event)
-                except _rclpy.InvalidHandle:  # closed meanwhile
+                except _rclpy.InvalidHandle:  # a caller's thread was ending its call as it closed
                     return
+
+    def close(self) -> None:
+        """Publish what is left, and no more: the node is about to close."""
+        if not self._closed:
+            self._closed = True
+            self.flush()

@@ -192,6 +192,8 @@ class Client:
         self, request: Message, done: Callable[[CallResult], None], timeout_s: float = 5.0
     ) -> None:
         """Send ``request``; ``done`` gets the result on the executor thread, exactly once."""
+        if self._closed:
+            raise TransportError(f"cannot call {self.name}: this node is closed")
         call = _Call(self._request.encode(request), done)
         call.timer = self._executor.after_real(timeout_s, lambda: self._timed_out(call))
         if not self._start(call):

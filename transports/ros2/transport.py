@@ -74,6 +74,8 @@ class Ros2Transport:
 
     def __init__(self, ros_node: Any, prefix: str = "") -> None:
         self._ros = ros_node
+        self._name: str = ros_node.get_name()
+        self._clock = ros_node.get_clock()
         self._prefix = prefix
         self._executor = Executor(ros_node)
         self._graph = Graph(ros_node)
@@ -97,7 +99,7 @@ class Ros2Transport:
     @property
     def node(self) -> str:
         """The name of this node."""
-        return self._ros.get_name()  # type: ignore[no-any-return]
+        return self._name
 
     @property
     def ros_node(self) -> Any:
@@ -106,7 +108,7 @@ class Ros2Transport:
 
     def now_ns(self) -> int:
         """The ROS clock, ns since the epoch (the simulation's time with ``use_sim_time``)."""
-        return self._ros.get_clock().now().nanoseconds  # type: ignore[no-any-return]
+        return self._clock.now().nanoseconds  # type: ignore[no-any-return]
 
     def publisher(self, topic: Topic) -> topics.Publisher:
         """Declare a publisher."""
@@ -125,6 +127,7 @@ class Ros2Transport:
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
         """Serve ``service``; a second server of it, here or in another node, is reported."""
+        self._require_open()
         name = self._prefix + service.name
         if name in self._declared.serves:
             raise TransportError(f"{service.name} is served by {self.node} already")
@@ -135,6 +138,7 @@ class Ros2Transport:
 
     def client(self, service: Service) -> Client:
         """A client of ``service``; the same one for the same service."""
+        self._require_open()
         name = self._prefix + service.name
         client = self._clients.get(name)
         if client is None:
@@ -193,10 +197,12 @@ class Ros2Transport:
 
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
+        self._require_open()
         self._announcements.announce()
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Hear everything on channels that match one of the globs (empty: all), passively."""
+        self._require_open()
         tap = Tap(
             self._ros,
             self._executor,
@@ -226,7 +232,7 @@ class Ros2Transport:
         self._announcements.close()
         self._executor.wait_until_idle()
         for events in self._events.values():
-            events.flush()
+            events.close()
         self._graph.stop()
         self._announcements.release()
         context = self._ros.context
@@ -236,8 +242,13 @@ class Ros2Transport:
         self._closed.set()
         atexit.unregister(self.close)
 
+    def _require_open(self) -> None:
+        if self._closer:
+            raise TransportError(f"{self._name} is closed")
+
     def _require_type(self, topic: Topic) -> str:
         """The full name of ``topic``, which may have one type in this node: DDS allows no other."""
+        self._require_open()
         name = self._prefix + topic.name
         for declared in (self._declared.publishes, self._declared.subscribes):
             known = declared.get(name)
