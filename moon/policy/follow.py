@@ -130,7 +130,11 @@ class Follower:
     def owes(self) -> list[Ask]:
         """The calls one of which the policy has to make now, whatever is not heard; [] if none."""
         asks = [run.ask for run in self.runs]
-        if self._stops or any(ask.kind in (AskKind.END, AskKind.OPEN) for ask in asks):
+        if (
+            not self.certain
+            or self._stops
+            or any(ask.kind in (AskKind.END, AskKind.OPEN) for ask in asks)
+        ):
             return []
         return asks
 
