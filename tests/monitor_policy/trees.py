@@ -34,7 +34,7 @@ def random_tree(draw: Random, remembering: bool = False, depth: int = 0) -> str:
         return "".join(random_tree(draw, remembering, depth + 1) for _ in range(count))
 
     def node(tag: str, count: int) -> str:
-        return f"<{tag}>{children(count)}</{tag.split()[0]}>"
+        return f"<{tag}>{children(count)}</{tag.split(maxsplit=1)[0]}>"
 
     kind = draw.random()
     if depth >= DEEPEST or kind < 0.25 + 0.1 * depth:
