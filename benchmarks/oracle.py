@@ -260,7 +260,7 @@ def main() -> None:
         "--tours", type=int, default=59, help="of the largest fleet (59: 1003 machines)"
     )
     parser.add_argument(
-        "--observations", type=int, default=200_000, help="of the long run for memory"
+        "--observations", type=int, default=300_000, help="of the long run for memory"
     )
     parser.add_argument("--profile", action="store_true", help="show where the time goes, only")
     arguments = parser.parse_args()
@@ -306,7 +306,7 @@ def main() -> None:
     with ProcessPoolExecutor(1, mp_context=context) as fresh:
         marks = fresh.submit(memory_over_time, arguments.observations).result()
     print("  resident, MB         " + ", ".join(f"{kb / 1024:.1f}" for _, kb in marks))
-    grown = (marks[-1][1] - marks[1][1]) * 1024 / (marks[-1][0] - marks[1][0])
+    grown = (marks[-1][1] - marks[3][1]) * 1024 / (marks[-1][0] - marks[3][0])
     print(f"  growth               {grown:10.2f} bytes per observation   (flat: about 0)")
 
     ours, theirs, steps = beside_statemachine(system, heard, began_ns)

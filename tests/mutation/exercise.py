@@ -18,6 +18,7 @@ from m2c.model.expressions import Literal
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.runtime.messages import message_class
+from transports.actions import CancelRequest, parts_of
 from transports.interface import (
     Action,
     CallResult,
@@ -39,7 +40,7 @@ far, so that timers come to their end."""
 _LONG_PAUSE_S = 4.0
 _LONG_PAUSES = 0.03
 
-_ANSWERS_AFTER_S = (0.0, 0.0, 0.001, 0.01, 0.08, 0.3)
+_ANSWERS_AFTER_S = (0.0, 0.0, 0.001, 0.01, 0.08, 0.3, 1.0)
 _NO_ANSWER = 0.01
 _FAILED = 0.12
 
@@ -221,9 +222,10 @@ class _Answerer:
                 kind = library.service(interface.type_name).response
                 node.serve(service_of(interface, library), self._answer(kind))
             elif interface.kind is InterfaceKind.ACTION_CLIENT:
-                found = library.action(interface.type_name)
+                found, action = library.action(interface.type_name), action_of(interface, library)
                 drive = _Drives(node, self._draw, self._values, found.feedback, found.result)
-                node.serve_action(action_of(interface, library), drive.goal, drive.cancel)
+                node.serve_action(action, drive.goal, drive.cancel)
+                _cancel_others(world, action)
         node.announce()
 
     def _answer(self, kind: Structure) -> Callable[[Request], None]:
@@ -240,6 +242,20 @@ class _Answerer:
                 node.after(after, lambda: request.respond(self._values.message(kind)))
 
         return handle
+
+
+def _cancel_others(world: SimulatedWorld, action: Action) -> None:
+    """A node that now and then has all goals canceled, whoever sent them."""
+    draw = Random(f"{world.seed}/meddler")
+    node = SimulatedTransport(world, "meddler")
+    client = node.client(parts_of(action).cancel_goal)
+
+    def meddle() -> None:
+        client.call(CancelRequest(), _forget_result)
+        node.after(0.5 + 3 * draw.random(), meddle)
+
+    node.announce()
+    node.after(1.0, meddle)
 
 
 class _Drives:

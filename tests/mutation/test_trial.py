@@ -1,0 +1,107 @@
+"""Trials of mutants: what is found, what is equivalent, and that the original is left in peace."""
+
+from __future__ import annotations
+
+import pytest
+
+from m2c.launch.in_process import compile_node
+from m2c.model.machine import Machine
+from moon.mutation import equivalence, mutants
+from moon.mutation.waiting import without_unawaited_responses
+from tests.mutation.by_hand import BY_HAND
+from tests.mutation.report import Found, Result, document, summary
+from tests.mutation.trial import SCENES, Scene, trial
+from tests.oracle.tour import lab_tour
+
+
+def _machine(name: str) -> Machine:
+    machine = lab_tour()[0].node(name)
+    assert machine is not None
+    return machine
+
+
+def _mutant(name: str, what: str) -> Machine:
+    (found,) = [item for item in mutants(_machine(name)) if item.description.endswith(what)]
+    return found.machine
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("name", [machine.name for machine in lab_tour()[0].nodes])
+def test_a_machine_as_it_should_be_is_not_blamed(name: str, scene: Scene) -> None:
+    system, program = lab_tour()
+    found = trial(system, program, _machine(name), program.nodes[name], scene, 25.0, 5)
+    assert found.verdict is None
+    assert found.inconclusive == 0
+    assert found.said
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "scene"),
+    [
+        ("BatteryLevelSkill", "condition negated", Scene.TOUR),
+        ("WaitSkill", "`RUNNING` became `3`", Scene.TOUR),
+        ("SchedulerComponent", "the assignment to `current` dropped", Scene.TOUR),
+        ("GoToPoiSkill", "`arrived` on request /GoToPoiSkill/halt dropped", Scene.ALONE),
+        ("SetPoi2Skill", "`setting` on call_error /SchedulerComponent/SetPoi dropped", Scene.ALONE),
+    ],
+)
+def test_a_mutant_is_killed(name: str, what: str, scene: Scene) -> None:
+    system, program = lab_tour()
+    machine = _machine(name)
+    known = [item for item in mutants(machine) if item.description.endswith(what)]
+    assert known, "no such mutant"
+    node = compile_node(known[0].machine, system)
+    found = trial(system, program, machine, node, scene, 60.0, 1)
+    assert found.verdict is not None
+    assert found.verdict.machine == name
+    assert found.after_s < 60.0
+
+
+def test_a_second_response_to_one_request_is_not_sent() -> None:
+    machine = _machine("WaitSkill")
+    doubled = _mutant("WaitSkill", "13: response /WaitSkill/tick sent twice")
+    assert not equivalence(machine, doubled)
+    assert equivalence(machine, without_unawaited_responses(doubled))
+
+
+def test_a_second_response_where_another_request_may_wait_is_sent() -> None:
+    machine = _machine("GoToPoiSkill")
+    busy = _mutant("GoToPoiSkill", "46: response /GoToPoiSkill/tick sent twice")
+    stripped = without_unawaited_responses(busy)
+    assert stripped == busy
+    assert not equivalence(machine, stripped)
+
+
+@pytest.mark.parametrize("name", [machine.name for machine in lab_tour()[0].nodes])
+def test_every_response_of_the_lab_tour_finds_a_request(name: str) -> None:
+    assert without_unawaited_responses(_machine(name)) == _machine(name)
+
+
+def test_every_argument_by_hand_is_about_a_mutant() -> None:
+    named = {
+        f"{place.rpartition('/')[2]}: {what}"
+        for machine in lab_tour()[0].nodes
+        for place, _, what in (item.description.partition(": ") for item in mutants(machine))
+    }
+    assert set(BY_HAND) <= named
+
+
+def test_the_page_counts_what_was_found_and_lists_who_survived() -> None:
+    def result(number: int, found: Found, reason: str = "") -> Result:
+        return Result(
+            machine="M",
+            number=number,
+            operator="" if number < 0 else "dropped output",
+            description=f"M.scxml:{number}: output dropped",
+            found=found,
+            scene="" if found is not Found.KILLED else SCENES[0],
+            reason=reason,
+        )
+
+    results = [result(-1, Found.NOMINAL), result(1, Found.KILLED), result(2, Found.KILLED)]
+    results += [result(3, Found.SURVIVED, "nobody saw it"), result(4, Found.EQUIVALENT, "the same")]
+    assert "66.67% of the non-equivalent killed" in summary(results)
+    page = document(results)
+    assert "| dropped output | 4 | 2 | 1 | 0 | 1 |" in page
+    assert "* M.scxml:3: output dropped (dropped output): nobody saw it" in page
+    assert "| M | 4 | 2 | 1 | 0 | 1 | no alarm |" in page
