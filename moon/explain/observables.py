@@ -31,7 +31,7 @@ from moon.explain.contents import (
     variables_read,
     with_threads,
 )
-from moon.oracle.search import Bounds
+from moon.oracle.bounds import Bounds
 
 OWN = "its node, when it takes it"
 OTHERS = "its publisher; taken within the latency bound of that"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from m2c.model.machine import Machine
     from m2c.model.system import System
     from moon.monitor.watch import Sink
-    from moon.oracle.search import Bounds
+    from moon.oracle.bounds import Bounds
     from transports.interface import Transport
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -115,7 +115,7 @@ def monitor(
     """
     from m2c.model import ModelError
     from moon.monitor.reading import SelectionError, read_checked, say_why, select
-    from moon.oracle.search import Bounds
+    from moon.oracle.bounds import Bounds
     from transports.interface import TransportError
     from transports.registry import connect
 

@@ -17,8 +17,8 @@ from moon.monitor.models import ModelMonitor
 from moon.monitor.pace import NS, PERIOD_S, Pace
 from moon.monitor.reception import Reception, Rejected
 from moon.monitor.status import UNSEEN, Counts, MachineStatus, Summary
+from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
-from moon.oracle.search import Bounds
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap, Transport
 

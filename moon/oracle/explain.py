@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
+from moon.oracle.bounds import TooManyError
 from moon.oracle.channels import Fact, Role
 from moon.oracle.hypothesis import Hypothesis, Owed
-from moon.oracle.search import Search, TooManyError
+from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
 from moon.verdict import Evidence, Explanation
 

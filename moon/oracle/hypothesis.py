@@ -484,3 +484,19 @@ def learned(expected: Any, observed: Any, found: dict[int, tuple[Unknown, Any]])
     elif isinstance(expected, list) and isinstance(observed, list):
         for item, seen in zip(expected, observed, strict=False):
             learned(item, seen, found)
+
+
+def distinct(made: list[Hypothesis]) -> list[Hypothesis]:
+    """Each hypothesis once."""
+    if len(made) <= 1:
+        return made
+    found: dict[Any, Hypothesis] = {}
+    for hypothesis in made:
+        _put_in(found, hypothesis)
+    return list(found.values())
+
+
+def _put_in(found: dict[Any, Hypothesis], made: Hypothesis) -> None:
+    key = made.key()
+    before = found.get(key)
+    found[key] = made if before is None else before.merged(made) or before

@@ -16,10 +16,11 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for
+from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.channels import Channels, Fact, Role
 from moon.oracle.explain import explanation_of, told
 from moon.oracle.hypothesis import Hypothesis
-from moon.oracle.search import FOREVER, Bounds, Search, TooManyError
+from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind

@@ -24,7 +24,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from m2c.policy.ticking import STATUS_CODES
-from moon.oracle.search import Bounds
+from moon.oracle.bounds import Bounds
 from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.run import Ask, TreeRun
 from moon.policy.shape import shape_of
@@ -331,10 +331,12 @@ class PolicyOracle:
         return []
 
     def _begin(self) -> None:
-        """Before the first call that is judged."""
-        if self._synchronised and not self._follower.certain:
+        """Before a call is judged: what is known of the policy, if nothing was so far."""
+        if self._follower.certain:
+            return
+        if self._synchronised:
             self._follower.start()
-        elif not self._synchronised and self.outcome is Outcome.CONFORMING:
+        elif self.outcome is Outcome.CONFORMING:
             self.outcome = Outcome.INCONCLUSIVE
             self._reason = "started in the middle: waiting for a moment that is certain"
         self._synchronised = False

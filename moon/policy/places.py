@@ -8,7 +8,7 @@ from m2c.policy.leaves import bind_leaves
 from m2c.policy.plugins import has_children
 from m2c.policy.program import read_policy
 from m2c.policy.reader import read_policy_file
-from moon.oracle.search import Bounds
+from moon.oracle.bounds import Bounds
 from moon.policy.oracle import PolicyOracle
 
 

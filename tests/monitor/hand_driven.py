@@ -7,7 +7,7 @@ from pathlib import Path
 from m2c.model import load
 from m2c.model.diagnostics import DiagnosticLog
 from moon.monitor.watch import SystemWatch
-from moon.oracle.search import Bounds
+from moon.oracle.bounds import Bounds
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
 

@@ -15,8 +15,8 @@ from random import Random
 
 import msgspec
 
+from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
-from moon.oracle.search import Bounds
 from moon.verdict import Outcome
 from tests.oracle.machines import TIMER_HZ, library
 from tests.oracle.strategies import Case, case

@@ -11,8 +11,8 @@ from random import Random
 import pytest
 
 from m2c.model.machine import InterfaceKind
+from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
-from moon.oracle.search import Bounds
 from moon.verdict import Outcome, Verdict
 from tests.oracle.machines import library
 from tests.oracle.strategies import Case, case

@@ -16,7 +16,7 @@ from m2c.model.machine import InterfaceKind
 from m2c.model.system import System
 from m2c.runtime.messages import message_class
 from moon.monitor.models import ModelMonitor
-from moon.oracle.search import Bounds
+from moon.oracle.bounds import Bounds
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, Topic
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld

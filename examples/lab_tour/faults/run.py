@@ -101,7 +101,7 @@ class Listener:
 
     def __init__(self, transport: Transport, system: System, faulty: str) -> None:
         from moon.monitor.watch import SystemWatch
-        from moon.oracle.search import Bounds
+        from moon.oracle.bounds import Bounds
 
         self._transport = transport
         self._faulty = faulty

@@ -1,0 +1,33 @@
+"""What the oracle assumes of the middleware and of the machines."""
+
+from __future__ import annotations
+
+import msgspec
+
+FOREVER = 1 << 62
+"""Later than any stamp (ns)."""
+
+EXACT = 32
+"""Up to so many hypotheses, each keeps its own messages under way."""
+
+
+class Bounds(msgspec.Struct, frozen=True):
+    """What is assumed of the middleware and the machines (all in ns).
+
+    Attributes:
+        latency: a message is taken, and an observation heard, within this time of its stamp.
+        deadline: an output comes within this time of the step that owes it.
+        skew: clocks of different machines differ by at most this.
+        tolerance: a timer may ring by this, and 0.1 % of its delay, too early or too late.
+        hypotheses: more of them at once are not followed: the verdict is inconclusive.
+    """
+
+    latency: int = 200_000_000
+    deadline: int = 1_000_000_000
+    skew: int = 0
+    tolerance: int = 1_000_000
+    hypotheses: int = 512
+
+
+class TooManyError(Exception):
+    """The hypothesis set is over its cap."""
