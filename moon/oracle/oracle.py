@@ -115,6 +115,7 @@ class Oracle:
         self._next_due = FOREVER
         self._droppable_until = 0
         self._lost_until = 0
+        self._from_start = False
 
     # --- what a user calls -------------------------------------------------------------------------
 
@@ -253,9 +254,9 @@ class Oracle:
 
     def _is_expected(self, observation: Observation) -> bool:
         """Whether its channel's first observation should have been heard by now."""
-        if observation.source != self.node and not self.losses.happen:
-            return False
-        return self._base is not None
+        if self.losses.happen:
+            return self._base is not None
+        return self._from_start and observation.source == self.node
 
     def _take(self, fact: Fact) -> list[Verdict]:
         role = fact.role
@@ -313,6 +314,7 @@ class Oracle:
 
     def _begin(self, stamp: int, whole: bool = False) -> None:
         self._listening_since = stamp
+        self._from_start = True
         self._base = self.search.started(stamp, whole)
         self.search.last = 0
         self._note_due()
@@ -536,6 +538,7 @@ class Oracle:
 
     def _forget(self, stamp: int) -> None:
         self._synchronised = False
+        self._from_start = False
         self._base = None
         self._window.clear()
         self._asked.clear()

@@ -364,7 +364,9 @@ class PolicyOracle:
     def _told(self, observation: Observation) -> str:
         """What a call does, in words."""
         channel = observation.channel
-        return f"{self._leaves.get(channel, 'call')} ({channel})"
+        if channel not in self._leaves:
+            return f"a call of {channel}, which no leaf of the tree makes"
+        return f"{self._leaves[channel]} ({channel})"
 
     def _remember(self, stamp_ns: int, text: str) -> None:
         self._history.append(Evidence(stamp_ns, text))

@@ -15,7 +15,7 @@ from transports.simulated import Conditions
 LATE = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.15))
 LOSSY = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.15), tap_loss=0.02, duplication=0.03)
 BLOCKS = 4
-BLOCK = 25
+BLOCK = 20
 
 
 @pytest.mark.parametrize("block", range(BLOCKS))
