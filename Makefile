@@ -37,6 +37,7 @@ imports: $(VENV)/.installed
 # The example's interface packages, built by colcon for ROS 2.
 interfaces: $(VENV)/.installed
 	$(BIN)/m2c interfaces build examples/lab_tour/interfaces -o build/interfaces
+	$(BIN)/m2c interfaces build tests/transports/ros2_interfaces -o build/test-interfaces
 
 unit: $(VENV)/.installed
 	$(BIN)/pytest -n 2 --dist loadfile
