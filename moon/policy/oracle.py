@@ -229,7 +229,8 @@ class PolicyOracle:
                 self._fresh = False
             self._numbers[observation.channel] = (number, stamp)
             if last is not None and number <= last[0]:
-                self._unanswered.clear()  # calls are numbered anew
+                self._numbers = {observation.channel: (number, stamp)}  # all are numbered anew
+                self._unanswered.clear()
                 self._own.clear()
                 verdicts = self._lose(stamp - 1, f"{self.node} was restarted")
             elif number != last[0] + 1 if last is not None else number > 0 and self._fresh:
@@ -256,8 +257,10 @@ class PolicyOracle:
             if stamp != oldest:
                 break
             answer = observation.kind is ObservationKind.RESPONSE_RECEIVED
-            if answer == (self._pending is not None):
-                return place
+            pending = self._pending
+            if answer if pending is None else not answer or _call(observation) != _call(pending):
+                continue
+            return place
         return 0
 
     def _heard_elsewhere(self, observation: Observation) -> None:

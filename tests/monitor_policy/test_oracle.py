@@ -1,0 +1,193 @@
+"""What becomes of single observations: repeated, renumbered, unreadable, of equal stamps."""
+
+from __future__ import annotations
+
+import functools
+import gc
+import threading
+from collections.abc import Iterable
+
+import msgspec
+import pytest
+
+from moon.policy import PolicyOracle
+from moon.verdict import Outcome, Verdict
+from tests.monitor_policy.scripted import Heard, leaf, run, tree
+from transports.interface import Observation, ObservationKind
+
+BODY = (
+    f"<ReactiveSequence>{leaf('BatteryLevel')}<Fallback>{leaf('SetPoi1')}{leaf('SetPoi2')}</Fallback>"
+    f"{leaf('GoToPoi')}</ReactiveSequence>"
+)
+
+
+@functools.cache
+def nominal() -> Heard:
+    """A run with nothing wrong in it."""
+    heard = run(tree(BODY), 5)
+    assert not heard.verdicts
+    return heard
+
+
+def own() -> list[Observation]:
+    """What the policy did in that run, in order."""
+    found = [
+        seen
+        for seen in nominal().observations
+        if seen.source == "policy" and seen.kind is not ObservationKind.MESSAGE
+    ]
+    return sorted(found, key=lambda seen: seen.stamp_ns)
+
+
+def judged(
+    observations: Iterable[Observation], oracle: PolicyOracle | None = None
+) -> tuple[PolicyOracle, list[Verdict]]:
+    """An oracle that has heard ``observations`` and then nothing for long."""
+    oracle = oracle or PolicyOracle(tree(BODY))
+    verdicts: list[Verdict] = []
+    last = 0
+    for seen in observations:
+        verdicts += oracle.feed(seen)
+        last = max(last, seen.received_ns)
+    return oracle, verdicts + oracle.advance(last + 10**10)
+
+
+def test_observations_in_any_order_within_the_latency_bound_are_put_in_order() -> None:
+    seen = own()
+    shuffled = [
+        msgspec.structs.replace(each, received_ns=each.stamp_ns + (k * 7919) % 190 * 1_000_000)
+        for k, each in enumerate(seen)
+    ]
+    # on one channel, nothing overtakes: numbers would show it
+    latest: dict[str, int] = {}
+    for k, each in enumerate(shuffled):
+        at = max(each.received_ns, latest.get(each.channel, 0))
+        latest[each.channel] = at
+        shuffled[k] = msgspec.structs.replace(each, received_ns=at)
+    shuffled.sort(key=lambda each: each.received_ns)
+    assert [each.stamp_ns for each in shuffled] != [each.stamp_ns for each in seen]
+    oracle, verdicts = judged(shuffled)
+    assert not verdicts
+    assert oracle.outputs == len(seen) / 2
+
+
+def test_an_observation_that_is_heard_twice_counts_once() -> None:
+    oracle, verdicts = judged(each for seen in own() for each in (seen, seen))
+    assert not verdicts
+    assert oracle.repeated == len(own())
+
+
+def twice() -> tuple[list[Observation], list[Observation]]:
+    """A run that is cut off in the middle of a tick, and another, whose numbers begin anew."""
+    first = own()[:100]
+    later = first[-1].stamp_ns - first[0].stamp_ns + 10**9
+    again = [
+        msgspec.structs.replace(
+            seen, stamp_ns=seen.stamp_ns + later, received_ns=seen.received_ns + later
+        )
+        for seen in own()
+    ]
+    return first, again
+
+
+def test_a_policy_that_starts_again_is_found_by_its_numbers() -> None:
+    first, again = twice()
+    oracle, verdicts = judged([*first, *again])
+    assert [v.outcome for v in verdicts] == [Outcome.INCONCLUSIVE]
+    assert "was restarted" in verdicts[0].reason
+    assert oracle.outcome is Outcome.CONFORMING
+
+
+def test_a_policy_that_is_known_to_start_again_is_followed_from_its_first_tick() -> None:
+    first, again = twice()
+    oracle = PolicyOracle(tree(BODY))
+    for seen in first:
+        assert not oracle.feed(seen)
+    oracle.start(again[0].stamp_ns - 1)
+    _, verdicts = judged(again, oracle)
+    assert not verdicts
+    assert oracle.outcome is Outcome.CONFORMING
+
+
+def test_what_a_policy_did_before_it_was_known_to_be_up_is_not_lost() -> None:
+    first, again = twice()
+    oracle = PolicyOracle(tree(BODY))
+    for seen in [*first, *again[:2]]:
+        oracle.feed(seen)
+    oracle.start(again[0].stamp_ns - 1)
+    assert oracle.outcome is Outcome.CONFORMING
+    _, verdicts = judged(again[2:], oracle)
+    assert not verdicts
+
+
+def test_a_policy_whose_first_call_was_not_heard_is_found_in_the_middle() -> None:
+    oracle, verdicts = judged(own()[1:])
+    assert [v.outcome for v in verdicts] == [Outcome.INCONCLUSIVE]
+    assert oracle.outcome is Outcome.CONFORMING
+
+
+@pytest.mark.parametrize("data", [None, {}, {"other": 1}, 5])
+def test_an_answer_that_cannot_be_read_makes_it_inconclusive(data: object) -> None:
+    seen = own()
+    place = next(
+        k for k, s in enumerate(seen) if k > 50 and s.kind is ObservationKind.RESPONSE_RECEIVED
+    )
+    seen[place] = msgspec.structs.replace(seen[place], data=data, error="")
+    _, verdicts = judged(seen)
+    assert [v.outcome for v in verdicts] == [Outcome.INCONCLUSIVE]
+    assert "cannot be read" in verdicts[0].reason
+
+
+def test_a_call_and_the_answer_before_it_may_have_equal_stamps() -> None:
+    """An answer is told as late as the call that follows it; they are heard the wrong way round."""
+    seen = own()
+    for place in range(1, len(seen) - 1, 2):
+        answer, call = seen[place], seen[place + 1]
+        if answer.channel != call.channel and call.stamp_ns - answer.stamp_ns < 10**6:
+            seen[place] = msgspec.structs.replace(call, stamp_ns=answer.stamp_ns)
+            seen[place + 1] = answer
+    oracle, verdicts = judged(seen)
+    assert not verdicts
+    assert oracle.outcome is Outcome.CONFORMING
+
+
+@pytest.mark.parametrize("skew_ns", [-(10**9), -(10**6)])
+def test_what_comes_after_its_time_is_not_judged(skew_ns: int) -> None:
+    seen = own()
+    seen[60] = msgspec.structs.replace(seen[60], stamp_ns=seen[60].stamp_ns + skew_ns)
+    oracle, verdicts = judged(seen)
+    assert Outcome.VIOLATED not in {v.outcome for v in verdicts} or skew_ns == -(10**6)
+    assert oracle.outcome is Outcome.CONFORMING
+
+
+def test_a_violation_is_told_with_what_led_there() -> None:
+    """One answer is heard as another than the policy got: what it does next is wrong then."""
+    seen = own()
+    place = next(
+        k
+        for k, s in enumerate(seen)
+        if s.channel == "/BatteryLevelSkill/tick"
+        and s.kind is ObservationKind.RESPONSE_RECEIVED
+        and isinstance(s.data, dict)
+        and not s.error
+        and s.data["status"] == 0
+    )
+    seen[place] = msgspec.structs.replace(seen[place], data={"status": 1})
+    oracle, verdicts = judged(seen)
+    first = verdicts[0]
+    assert first.outcome is Outcome.VIOLATED
+    assert first.stamp_ns == seen[place + 1].stamp_ns
+    assert first.explanation is not None
+    assert first.explanation.evidence[-1].text == "answer FAILURE on /BatteryLevelSkill/tick"
+    assert oracle.violations == len([v for v in verdicts if v.outcome is Outcome.VIOLATED])
+    assert oracle.outcome is Outcome.CONFORMING, "not found again"
+
+
+def test_an_oracle_leaves_no_threads_behind() -> None:
+    oracle, _ = judged(own()[:31])
+    assert oracle.states()
+    running = [thread for thread in threading.enumerate() if thread.name == "policy run"]
+    del oracle
+    gc.collect()
+    left = [thread for thread in threading.enumerate() if thread.name == "policy run"]
+    assert len(left) < len(running)
