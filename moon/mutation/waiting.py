@@ -96,8 +96,8 @@ class _Waiting:
                     self._run(body, (*here, number), counts)
                     for number, (_, body) in enumerate(statement.branches)
                 ]
-                # perhaps no branch is taken
-                counts = counts.union(*branches)
+                certain = any(condition is None for condition, _ in statement.branches)
+                counts = frozenset().union(*branches, () if certain else counts)
             elif self._answers(statement):
                 self._seen.setdefault(here, set()).update(counts)
                 counts = frozenset(after for count in counts for after in _answered(count))

@@ -36,3 +36,11 @@ BY_HAND: dict[str, str] = {
     ),
 }
 """Argument by description."""
+
+HOLES: dict[str, str] = {
+    "server /": (
+        "the node serves under a wrong name only and so never hears anything: it does nothing, and an "
+        "oracle that has not seen its node take any request holds the node for not instrumented"
+    ),
+}
+"""Why mutants that did something else survived, by what their description has in it."""

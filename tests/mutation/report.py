@@ -77,19 +77,23 @@ _INTRODUCTION = """# Mutants: what the oracle would miss
 
 Written by `make mutants`. Every first-order mutant of every lab-tour machine (`moon/mutation`) is generated
 as code, put in the original's place on the simulated transport, and watched by the oracle of the *original*
-model. A mutant is killed when the oracle says *violated*. Each is tried, one virtual minute each, then if
-need be ten, in three scenes, in this order:
+model. A mutant is killed when the oracle says *violated*. Each is tried for one virtual minute in each of
+three scenes, and who survives that, for ten (the last scene first):
 
-* the tour: the lab tour as it is;
-* the tour with further callers: nodes that also call the machine's services, send it goals, cancel them, and
+* the tour: the lab tour as it is. Whatever it never does, it cannot show: most of what handles errors,
+  refusals and second requests;
+* the tour, and further callers: nodes that also call the machine's services, send it goals, cancel them, and
   publish to it, alone and at once;
 * among moody partners: the machine's node with those callers, and one node in the place of everything it
   calls, that answers rightly, wrongly, late, with an error or never, and rejects, aborts and cancels goals.
 
-The machines as they should be run in the same scenes, as long; an alarm there would count as a failure of the
-run. A mutant is equivalent when a normal form that keeps everything observable is the same
-(`moon/mutation/equivalence.py`): the argument is listed. A survivor is run beside the original in the same
-world, to tell whether it ever did anything else."""
+The machines as they should be run in the same scenes, as long; an alarm there would be a failure of the run.
+
+A mutant is equivalent if a normal form that keeps everything observable is the original's
+(`moon/mutation/equivalence.py`); if it only adds responses that nobody can be waiting for
+(`moon/mutation/waiting.py`); or by an argument written by hand (`tests/mutation/by_hand.py`), which counts
+only if the mutant never did anything else than the original did in the same worlds. What a survivor did
+otherwise is listed with it."""
 
 
 def _by_operator(results: Sequence[Result]) -> str:

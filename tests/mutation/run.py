@@ -26,7 +26,7 @@ from m2c.launch.in_process import NodeClass, compile_node
 from m2c.model.machine import Machine
 from moon.mutation import Mutant, equivalence, mutants
 from moon.mutation.waiting import UNAWAITED, without_unawaited_responses
-from tests.mutation.by_hand import BY_HAND
+from tests.mutation.by_hand import BY_HAND, HOLES
 from tests.mutation.report import GOAL, Found, Result, document, summary
 from tests.mutation.trial import SCENES, Scene, Trial, trial
 from tests.oracle.tour import lab_tour
@@ -176,7 +176,8 @@ def _second(key: tuple[str, int]) -> Result:
     if result.found is not Found.UNDECIDED:
         return result
     if result.reason:
-        return replace(result, found=Found.SURVIVED)
+        why = [text for part, text in HOLES.items() if part in result.description]
+        return replace(result, found=Found.SURVIVED, reason="; ".join([result.reason, *why]))
     if result.description in BY_HAND:
         return replace(result, found=Found.EQUIVALENT, reason=BY_HAND[result.description])
     return replace(result, found=Found.SURVIVED, reason="never did anything else than the original")
