@@ -232,11 +232,6 @@ class Follower:
             self._memories = memories_of(self._trees) if self._shape.plain else None
         return self._memories
 
-    @property
-    def findable(self) -> bool:
-        """Whether a policy found in the middle of its run can be followed at all."""
-        return self._explore() is not None
-
     def _assume_a_tick(self, channel: str) -> None:
         """A tick may begin with the call that comes now, whatever the tree remembers."""
         memories = self._explore()
