@@ -50,10 +50,12 @@ benchmarks: $(VENV)/.installed
 mutants: $(VENV)/.installed
 	$(BIN)/python -m tests.mutation.run
 
-# Hours: the oracle against a brute-force checker, and the nominal tour under every condition.
+# Hours: the oracle against a brute-force checker, and the nominal tour under every condition and on a
+# busy machine.
 soak: $(VENV)/.installed
 	$(BIN)/python -m tests.oracle.test_against_reference 0 100000
 	$(BIN)/python -m tests.oracle.test_no_false_alarm 10000
+	$(BIN)/python examples/lab_tour/faults/run.py --nominal 1800 --busy 2
 
 clean:
 	rm -rf build $(VENV) $(DEMO_VENV) .mypy_cache .ruff_cache .pytest_cache

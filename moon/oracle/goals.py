@@ -102,16 +102,7 @@ def served_goal(made: Hypothesis, output: Output) -> Goal | None:
 
 def but(hypothesis: Hypothesis, **changes: Any) -> Hypothesis:
     """``hypothesis`` with ``changes``."""
-    fields = {
-        "owed": hypothesis.owed,
-        "pending": hypothesis.pending,
-        "posted": hypothesis.posted,
-        "alarms": hypothesis.alarms,
-        "waiting": hypothesis.waiting,
-        "goals": hypothesis.goals,
-        "counts": hypothesis.counts,
-        "free": hypothesis.free,
-        "moment": hypothesis.moment,
-        **changes,
-    }
-    return Hypothesis(hypothesis.instances, **fields)
+    made = hypothesis.copy()
+    for name, value in changes.items():
+        setattr(made, name, value)
+    return made

@@ -295,12 +295,12 @@ class Hypothesis:
             return None
         return (wide or self).with_pending(pending)
 
-    def with_pending(self, pending: tuple[Fact, ...]) -> Hypothesis:
-        """The same, with other messages under way."""
+    def copy(self) -> Hypothesis:
+        """A hypothesis to be changed before anybody else sees it."""
         return Hypothesis(
             self.instances,
             self.owed,
-            pending,
+            self.pending,
             self.posted,
             self.alarms,
             self.waiting,
@@ -309,36 +309,24 @@ class Hypothesis:
             self.free,
             self.moment,
         )
+
+    def with_pending(self, pending: tuple[Fact, ...]) -> Hypothesis:
+        """The same, with other messages under way."""
+        made = self.copy()
+        made.pending = pending
+        return made
 
     def with_owed(self, owed: tuple[Owed, ...]) -> Hypothesis:
         """The same, owing something else."""
-        return Hypothesis(
-            self.instances,
-            owed,
-            self.pending,
-            self.posted,
-            self.alarms,
-            self.waiting,
-            self.goals,
-            self.counts,
-            self.free,
-            self.moment,
-        )
+        made = self.copy()
+        made.owed = owed
+        return made
 
     def with_alarms(self, alarms: tuple[Alarm, ...]) -> Hypothesis:
         """The same, with other timers."""
-        return Hypothesis(
-            self.instances,
-            self.owed,
-            self.pending,
-            self.posted,
-            alarms,
-            self.waiting,
-            self.goals,
-            self.counts,
-            self.free,
-            self.moment,
-        )
+        made = self.copy()
+        made.alarms = alarms
+        return made
 
     def merged(self, other: Hypothesis) -> Hypothesis | None:
         """One hypothesis for both of one key: whichever times either allows. None: self has all."""
@@ -351,18 +339,10 @@ class Hypothesis:
         same = alarms is self.alarms and posted is self.posted and owed is self.owed
         if same and not sooner:
             return None
-        return Hypothesis(
-            self.instances,
-            owed,
-            self.pending,
-            posted,
-            alarms,
-            self.waiting,
-            self.goals,
-            self.counts,
-            self.free,
-            min(self.moment, other.moment),
-        )
+        made = self.copy()
+        made.owed, made.posted, made.alarms = owed, posted, alarms
+        made.moment = min(self.moment, other.moment)
+        return made
 
 
 Timed = TypeVar("Timed", Owed, Alarm, Posted)

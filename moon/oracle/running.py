@@ -7,6 +7,7 @@ from typing import Any
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import ActionThread, EventKind, InterfaceKind, Machine, OutputKind
+from m2c.model.scopes import interface_kind_of
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.channels import Channels
 from moon.oracle.goals import (
@@ -20,21 +21,6 @@ from moon.oracle.goals import (
 from moon.oracle.hypothesis import ANY_CALL, Alarm, AlarmKey, EventKey, Hypothesis, Owed, Posted
 from moon.oracle.steps import Delayed, MachineProgram, Output, Step
 from moon.oracle.unknowns import Unknown
-
-INTERFACE_OF = {
-    OutputKind.PUBLISH: InterfaceKind.PUBLISHER,
-    OutputKind.REQUEST: InterfaceKind.CLIENT,
-    OutputKind.RESPONSE: InterfaceKind.SERVER,
-    OutputKind.SEND_GOAL: InterfaceKind.ACTION_CLIENT,
-    OutputKind.SEND_CANCEL: InterfaceKind.ACTION_CLIENT,
-    OutputKind.ACCEPT_GOAL: InterfaceKind.ACTION_SERVER,
-    OutputKind.REJECT_GOAL: InterfaceKind.ACTION_SERVER,
-    OutputKind.FEEDBACK: InterfaceKind.ACTION_SERVER,
-    OutputKind.SUCCEED: InterfaceKind.ACTION_SERVER,
-    OutputKind.ABORT: InterfaceKind.ACTION_SERVER,
-    OutputKind.CANCEL: InterfaceKind.ACTION_SERVER,
-}
-"""The kind of interface by which an output leaves."""
 
 
 class Running:
@@ -81,7 +67,7 @@ class Running:
             for name, period in rates.items()
             if any(name in state.timers for state in program.states)
         ]
-        self._channel_of = {
+        self._channel_of: dict[tuple[InterfaceKind | None, str], str | None] = {
             (interface.kind, interface.name): interface.channel for interface in machine.interfaces
         }
         self.last = 0
@@ -135,18 +121,9 @@ class Running:
         """``before`` after ``step`` of one of its instances."""
         instances = before.instances
         changed = (step.state, tuple(step.data))
-        made = Hypothesis(
-            (*instances[:instance], changed, *instances[instance + 1 :]),
-            before.owed,
-            before.pending,
-            before.posted,
-            before.alarms,
-            before.waiting,
-            before.goals,
-            before.counts,
-            before.free,
-            max(low, before.moment),
-        )
+        made = before.copy()
+        made.instances = (*instances[:instance], changed, *instances[instance + 1 :])
+        made.moment = max(low, before.moment)
         if before.alarms and step.state != instances[instance][0]:
             made.alarms = tuple(
                 self._awakened(before, made, item, low, high) for item in made.alarms
@@ -270,7 +247,7 @@ class Running:
                 return
             case _:
                 return  # a behaviour-tree plugin's answer: inside the policy's process
-        if self._channel_of.get((INTERFACE_OF[kind], output.interface)) is None:
+        if self._channel_of.get((interface_kind_of(kind), output.interface)) is None:
             return  # the channel is only known at run time
         made.owed = (
             *made.owed,
@@ -347,7 +324,7 @@ class Running:
 
     def channel_of_output(self, kind: OutputKind, interface: str) -> str:
         """The channel by which an output leaves, for messages to people."""
-        return self._channel_of.get((INTERFACE_OF[kind], interface)) or interface
+        return self._channel_of.get((interface_kind_of(kind), interface)) or interface
 
 
 def _answered(

@@ -15,7 +15,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +56,8 @@ class Run(msgspec.Struct, frozen=True):
 
     heard: tuple[Any, ...]
     violations: tuple[Said, ...]
+    count: int = 0
+    """Everything heard; of the tour as it is, nothing is kept."""
 
 
 class Row(msgspec.Struct, frozen=True):
@@ -106,6 +108,9 @@ class Listener:
         self._transport = transport
         self._faulty = faulty
         self.heard: list[Observation] = []
+        self.count = 0
+        self.first_ns = 0
+        """Stamp of the first thing heard."""
         self.violations: list[Said] = []
         bounds = Bounds(latency=LATENCY_NS, deadline=DEADLINE_NS)
         self.watch: SystemWatch = SystemWatch(
@@ -114,8 +119,14 @@ class Listener:
 
     def start(self) -> None:
         """Listen: before the nodes start."""
-        self._transport.tap([], self.heard.append)
+        self._transport.tap([], self._hear)
         self.watch.start()
+
+    def _hear(self, seen: Observation) -> None:
+        self.first_ns = self.first_ns or seen.stamp_ns
+        self.count += 1
+        if self._faulty:  # the tour as it is may be a long one, and nothing of it is looked up
+            self.heard.append(seen)
 
     def take(self, verdict: Verdict) -> None:
         """A verdict, from the watch."""
@@ -132,7 +143,7 @@ class Listener:
     def result(self) -> Run:
         """All of it."""
         heard = sorted(self.heard, key=lambda seen: seen.stamp_ns)
-        return Run(tuple(heard), tuple(self.violations))
+        return Run(tuple(heard), tuple(self.violations), self.count)
 
 
 def _complain(text: str) -> None:
@@ -242,26 +253,13 @@ class RunError(Exception):
 def _spin(
     transport: Transport, process: subprocess.Popen[bytes], listener: Listener, seconds: float
 ) -> None:
-    """Listen until ``seconds`` after the first tick, or until all is found."""
-    from transports.interface import ObservationKind
-
+    """Listen until ``seconds`` after the first thing heard, or until all is found."""
     ended = False
-    first_ns = 0
 
     def look() -> None:
-        nonlocal ended, first_ns
-        if not first_ns:
-            first_ns = next(
-                (
-                    seen.stamp_ns
-                    for seen in listener.heard
-                    if seen.kind is ObservationKind.REQUEST_SENT
-                    and seen.channel.endswith("Skill/tick")
-                ),
-                0,
-            )
-        passed = transport.now_ns() - first_ns if first_ns else 0
-        ended = ended or passed > seconds * 1e9 or process.poll() is not None
+        nonlocal ended
+        passed_ns = transport.now_ns() - listener.first_ns if listener.first_ns else 0
+        ended = ended or passed_ns > seconds * 1e9 or process.poll() is not None
 
     transport.every(TICK_S, look)
     transport.spin(lambda: ended or listener.is_over)
@@ -314,6 +312,8 @@ def judged_nominal(run: Run) -> Row:
     """Whether nothing was found in the tour as it is."""
     blamed = tuple(dict.fromkeys(said.verdict.node for said in run.violations))
     row = Row("nominal", "no fault", violated=blamed, detected=not blamed)
+    if not run.count:
+        return _failed(row, "nothing was heard")
     if run.violations:
         reason = run.violations[0].verdict.reason.splitlines()[0]
         return _failed(msgspec.structs.replace(row, reason=reason), "a false alarm")
@@ -379,6 +379,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         choices=[item.id for item in FAULTS],
         help="only this one, and the tour as it is (repeatable)",
     )
+    parser.add_argument(
+        "--nominal", type=float, metavar="SECONDS", help="only the tour as it is, this long"
+    )
+    parser.add_argument(
+        "--busy", type=int, default=0, metavar="N", help="beside N processes that only compute"
+    )
     chosen = parser.parse_args(arguments)
     from m2c.model import ModelError
     from moon.monitor.reading import read_checked
@@ -386,20 +392,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     runner: Callable[[Fault | None, System, float], Run]
     runner = simulated if chosen.transport == "simulated" else on_zenoh
+    names = list(dict.fromkeys(chosen.fault or [item.id for item in FAULTS]))
     rows = []
     try:
         system = read_checked([SYSTEM])
-        rows.append(judged_nominal(runner(None, system, TOUR_S)))
-        _report(rows[-1], chosen.json)
-        for name in dict.fromkeys(chosen.fault or [item.id for item in FAULTS]):
-            rows.append(judged(fault(name), runner(fault(name), system, TOUR_S)))
+        with _busy(chosen.busy):
+            rows.append(judged_nominal(runner(None, system, chosen.nominal or TOUR_S)))
             _report(rows[-1], chosen.json)
+            for name in [] if chosen.nominal else names:
+                rows.append(judged(fault(name), runner(fault(name), system, TOUR_S)))
+                _report(rows[-1], chosen.json)
     except (PatchError, ModelError, RunError, TransportError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     if not chosen.json:
         show(rows)
     return 0 if all(row.detected for row in rows) else 1
+
+
+@contextlib.contextmanager
+def _busy(number: int) -> Iterator[None]:
+    """``number`` processes that keep the processors busy."""
+    command = [sys.executable, "-c", "while True: pass"]
+    processes = [subprocess.Popen(command) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
 
 
 def _report(row: Row, as_json: bool) -> None:
