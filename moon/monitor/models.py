@@ -42,6 +42,10 @@ class ModelMonitor:
             machine.name: Oracle(machine, library, machine.name, self.bounds, synchronised, losses)
             for machine in machines
         }
+        self.watched: dict[str, Oracle | PolicyOracle] = dict(self.oracles)
+        """All oracles by the node they watch, the policy's included."""
+        if policy is not None:
+            self.watched[policy.node] = policy
         self.unconcerned = 0
         """Observations that concern no monitored machine."""
         by_channel: dict[str, list[Oracle]] = {}

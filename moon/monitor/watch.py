@@ -11,6 +11,7 @@ from typing import Protocol
 
 import msgspec
 
+from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.models import ModelMonitor
@@ -19,6 +20,8 @@ from moon.monitor.reception import Reception, Rejected
 from moon.monitor.status import UNSEEN, Counts, MachineStatus, Summary
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
+from moon.policy.oracle import PolicyOracle
+from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap, Transport
 
@@ -90,8 +93,10 @@ class SystemWatch:
         self._say = say
         everything = (*system.nodes, *system.plugins)
         self._reception = Reception(everything, system.library, bounds.latency, self.counts)
+        whole = {machine.name for machine in machines} >= {node.name for node in system.nodes}
+        self._policy_of = system if whole and system.policy is not None else None
         self._models = self._fresh_models()
-        self._nodes = {machine.name: _Node() for machine in machines}
+        self._nodes = {name: _Node() for name in self._models.watched}
         self._first: dict[tuple[str, str], int] = {}
         """Number of the first message heard of each source and channel."""
         self._late: dict[str, int] = {}
@@ -168,11 +173,11 @@ class SystemWatch:
             for oracle in self._concerned(seen):
                 self._lose(oracle, f"what {seen.source} sent first on {seen.channel} was missed")
 
-    def _concerned(self, seen: Observation) -> list[Oracle]:
+    def _concerned(self, seen: Observation) -> list[Oracle | PolicyOracle]:
         return [
             oracle
-            for oracle in self._models.oracles.values()
-            if oracle.channels.concerns(seen.channel, seen.source, seen.kind)
+            for oracle in self._models.watched.values()
+            if oracle.concerns(seen.channel, seen.source, seen.kind)
         ]
 
     # --- time --------------------------------------------------------------------------------------
@@ -194,7 +199,7 @@ class SystemWatch:
         self._take(self._models.advance(clock_ns))
         for name, node in self._nodes.items():
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
-                self._lose(self._models.oracles[name], GONE)  # what it had sent is judged by now
+                self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
         self._tell_changes(now_ns)
 
     def _look_at_clock(self, now_ns: int) -> None:
@@ -213,7 +218,7 @@ class SystemWatch:
     def _start_anew(self, now_ns: int, why: str) -> None:
         """Find every machine in the middle of what it does: something is not known to be heard."""
         self.counts.stalls += 1
-        for name, oracle in self._models.oracles.items():
+        for name, oracle in self._models.watched.items():
             inputs, outputs, late = self._gone_counts.get(name, (0, 0, 0))
             self._gone_counts[name] = (
                 inputs + oracle.inputs,
@@ -227,10 +232,22 @@ class SystemWatch:
         self._say(f"warning: {why}: all machines are found anew")
         for name in self._nodes:
             if self._is_seen(name):
-                self._lose(self._models.oracles[name], why)
+                self._lose(self._models.watched[name], why)
 
     def _fresh_models(self) -> ModelMonitor:
-        return ModelMonitor(self._machines, self._library, self._bounds, synchronised=False)
+        policy = None
+        if self._policy_of is not None:
+            # the rate is not checked: whoever starts the policy may choose another
+            policy = policy_oracle(
+                self._policy_of,
+                DiagnosticLog(),
+                bounds=self._bounds,
+                synchronised=False,
+                rate_hz=0.0,
+            )
+        return ModelMonitor(
+            self._machines, self._library, self._bounds, synchronised=False, policy=policy
+        )
 
     # --- nodes -------------------------------------------------------------------------------------
 
@@ -256,7 +273,7 @@ class SystemWatch:
         node.up, node.gone_ns = True, None
         if not started or heard:
             if again or heard:
-                self._lose(self._models.oracles[name], MIDDLE)
+                self._lose(self._models.watched[name], MIDDLE)
             return
         for place in [place for place in self._first if place[0] == name]:
             del self._first[place]
@@ -268,7 +285,7 @@ class SystemWatch:
 
     # --- verdicts ----------------------------------------------------------------------------------
 
-    def _lose(self, oracle: Oracle, why: str) -> None:
+    def _lose(self, oracle: Oracle | PolicyOracle, why: str) -> None:
         self._take(oracle.lose(self._pace.now_ns, why))
 
     def _take(self, verdicts: Sequence[Verdict]) -> None:
@@ -285,7 +302,7 @@ class SystemWatch:
 
     def _tell_changes(self, now_ns: int) -> None:
         """What else has changed: a machine is known again, or no longer."""
-        for name, oracle in self._models.oracles.items():
+        for name, oracle in self._models.watched.items():
             node = self._nodes[name]
             outcome = oracle.outcome
             if node.gone_ns is not None:
@@ -313,10 +330,10 @@ class SystemWatch:
 
     def statuses(self) -> list[MachineStatus]:
         """Each machine as it stands."""
-        return [self._status(name) for name in self._models.oracles]
+        return [self._status(name) for name in self._models.watched]
 
     def _status(self, name: str) -> MachineStatus:
-        oracle, node = self._models.oracles[name], self._nodes[name]
+        oracle, node = self._models.watched[name], self._nodes[name]
         inputs, outputs, late = self._gone_counts.get(name, (0, 0, 0))
         verdict = str(oracle.outcome) if self._is_seen(name) else UNSEEN
         states = tuple(oracle.states())

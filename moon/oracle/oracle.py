@@ -147,6 +147,10 @@ class Oracle:
         """The verdict as it stands."""
         return Verdict(self.machine.name, self.node, self.outcome, stamp_ns, self._reason)
 
+    def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
+        """Whether observations like this can mean anything to the machine."""
+        return self.channels.concerns(channel, source, kind)
+
     def feed(self, observation: Observation) -> list[Verdict]:
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
         try:

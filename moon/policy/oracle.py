@@ -158,7 +158,7 @@ class PolicyOracle:
             self._follower.start()
             self.outcome, self._reason = Outcome.CONFORMING, ""
             if not begun.issuperset(numbers):
-                self._lose(self._finished, f"what {self.node} did first was missed")
+                self.lose(self._finished, f"what {self.node} did first was missed")
 
     def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
         """Whether such an observation tells something of the policy."""
@@ -232,16 +232,16 @@ class PolicyOracle:
                 self._numbers = {observation.channel: (number, stamp)}  # all are numbered anew
                 self._unanswered.clear()
                 self._own.clear()
-                verdicts = self._lose(stamp - 1, f"{self.node} was restarted")
+                verdicts = self.lose(stamp - 1, f"{self.node} was restarted")
             elif number != last[0] + 1 if last is not None else number > 0 and self._fresh:
                 why = f"observations on {observation.channel} from {self.node} were lost"
-                verdicts = self._lose(stamp - 1, why)
+                verdicts = self.lose(stamp - 1, why)
         if stamp <= self._unclear_until:
             return verdicts
         if stamp <= self._finished:
             self.late += 1
             why = f"an observation on {observation.channel} came too late"
-            return [*verdicts, *self._lose(stamp, why)]
+            return [*verdicts, *self.lose(stamp, why)]
         self._count += 1
         insort(self._window, (stamp, self._count, observation), key=lambda entry: entry[:2])
         return verdicts
@@ -416,7 +416,7 @@ class PolicyOracle:
 
     # --- losing the thread -------------------------------------------------------------------------
 
-    def _lose(self, stamp: int, text: str) -> list[Verdict]:
+    def lose(self, stamp: int, text: str) -> list[Verdict]:
         """Something from before ``stamp`` was missed: nothing of then is judged any more."""
         self._unclear_until = stamp
         self._window[:] = [entry for entry in self._window if entry[0] > stamp]
