@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -45,13 +45,15 @@ def generate(
     """Generate running Python nodes from models.
 
     PATHS are models (.scxml, .ascxml), folders of them, or one system file. Every node becomes an
-    installable package; a system also gets its policy and a launch description. The output is the
-    same, byte for byte, each time; a file that somebody has edited is not overwritten.
+    installable package (for ros2 one of a ROS 2 workspace); a system also gets its policy and a
+    launch description. The output is the same, byte for byte, each time; a file that somebody has
+    edited is not overwritten.
 
     Example: m2c generate examples/lab_tour/system.xml -o generated
     """
     from m2c.check.report import print_findings
     from m2c.codegen.package import system_files
+    from m2c.codegen.packaging import MARKS, packaging_of
     from m2c.codegen.writer import EditedFilesError, counted, write_files
     from transports.registry import available
 
@@ -66,8 +68,16 @@ def generate(
     print_findings(log.diagnostics)
     if system is None or log.has_errors:
         sys.exit(2)
+    packaging = packaging_of(transport)
     try:
-        written, unchanged = write_files(system_files(system), output, force)
+        files = system_files(system, packaging)
+        other = _packed_otherwise(files, output, MARKS[packaging], MARKS.values())
+        if other is not None:
+            _fail(
+                f"{other}: {output} has packages for another transport; "
+                f"give those for {transport} a folder of their own"
+            )
+        written, unchanged = write_files(files, output, force)
     except EditedFilesError as error:
         _fail(str(error))
     except ModelError as error:
@@ -99,6 +109,20 @@ def read_for_generation(
         cross_check(system, read_interface_list(path, log), log)
     check_system(system, log)
     return system
+
+
+def _packed_otherwise(
+    files: Iterable[str], output: Path, own: str, marks: Iterable[str]
+) -> Path | None:
+    """A file in ``output`` that one of the packages of ``files`` has only for another transport."""
+    others = [mark for mark in marks if mark != own]
+    for name in files:
+        if name.endswith(f"/{own}"):
+            for other in others:
+                path = (output / name).with_name(other)
+                if path.exists():
+                    return path
+    return None
 
 
 def _fail(message: str) -> NoReturn:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
 
+from m2c.codegen.ament import launch_files
 from m2c.codegen.interfaces import class_names, interface_module, needed_structures
 from m2c.codegen.layout import INDENT, WIDTH, fit
 from m2c.codegen.machine import MachineWriter
 from m2c.codegen.names import camel, distinct, snake
 from m2c.codegen.node import NodeWriter
+from m2c.codegen.packaging import Distribution, Packaging, project_files, starter
 from m2c.codegen.ports import PortNames
 from m2c.codegen.writer import sealed
 from m2c.model.datatypes import Array, DataType, Structure
@@ -22,7 +25,7 @@ LAUNCH_FORMAT = 1
 _MACHINE_RUNTIME = ("EndlessLoopError", "ExecutionError", "matches", "seconds")
 
 
-def system_files(system: System) -> dict[str, str]:
+def system_files(system: System, packaging: Packaging = Packaging.WHEEL) -> dict[str, str]:
     """Every file of the generated ``system``: relative path → content, sealed with its hash."""
     files: dict[str, str] = {}
     nodes = []
@@ -31,7 +34,7 @@ def system_files(system: System) -> dict[str, str]:
         package = distinct(snake(machine.name), packages)
         packages.append(package)
         nodes.append({"name": machine.name, "package": package, "path": package})
-        for path, content in node_package(machine, system.library, package).items():
+        for path, content in node_package(machine, system.library, package, packaging).items():
             files[f"{package}/{path}"] = content
     policy = None
     if system.policy is not None:
@@ -39,7 +42,7 @@ def system_files(system: System) -> dict[str, str]:
 
         name = distinct(f"{snake(system.name)}_policy", packages)
         policy = {"name": "policy", "package": name, "path": name}
-        for path, content in policy_package(system, name).items():
+        for path, content in policy_package(system, name, packaging).items():
             files[f"{name}/{path}"] = content
         for plugin in system.plugins:
             inner = f"{name}.plugins.{snake(plugin.name)}"
@@ -53,36 +56,48 @@ def system_files(system: System) -> dict[str, str]:
         "policy": policy,
     }
     files["launch.json"] = json.dumps(launch, indent=2) + "\n"
+    if packaging is Packaging.AMENT:
+        taken = [*packages, *([policy["package"]] if policy else [])]
+        name = distinct(f"{snake(system.name)}_bringup", taken)
+        bringup = launch_files(
+            name,
+            system.name,
+            {node["package"]: node["name"] for node in nodes},
+            policy["package"] if policy else None,
+            system.tick_rate_hz,
+            snake(system.name),
+        )
+        files |= {f"{name}/{path}": content for path, content in bringup.items()}
     return files
 
 
-def node_package(machine: Machine, library: InterfaceLibrary, package: str) -> dict[str, str]:
+def node_package(
+    machine: Machine,
+    library: InterfaceLibrary,
+    package: str,
+    packaging: Packaging = Packaging.WHEEL,
+) -> dict[str, str]:
     """The files of one installable node package."""
     files = {
         f"{package}/{path}": content
         for path, content in node_modules(machine, library, package).items()
     }
     node = f"{_class_name(machine)}Node"
-    files[f"{package}/__main__.py"] = sealed(
+    head = (
         f'"""Runs ``{machine.name}`` as a process."""\n\n'
         f"from m2c.runtime.main import main\n"
         f"from {package}.node import {node}\n\n"
-        f'if __name__ == "__main__":\n    main({node}, "{machine.name}")\n'
     )
-    files["pyproject.toml"] = sealed(
-        "[build-system]\n"
-        'requires = ["setuptools>=77"]\n'
-        'build-backend = "setuptools.build_meta"\n\n'
-        "[project]\n"
-        f'name = "{package.replace("_", "-")}"\n'
-        'version = "0.1.0"\n'
-        f'description = "{machine.name}, generated from its model"\n'
-        'requires-python = ">=3.11"\n'
-        'dependencies = ["m2c-moon"]\n\n'
-        "[tool.setuptools]\n"
-        f'packages = ["{package}"]\n'
-    )
-    return files
+    files[f"{package}/__main__.py"] = starter(packaging, head, f'{node}, "{machine.name}"')
+    description = f"{machine.name}, generated from its model"
+    distribution = Distribution(package, description, type_names([machine]))
+    return files | project_files(packaging, distribution)
+
+
+def type_names(machines: Iterable[Machine]) -> tuple[str, ...]:
+    """The ROS types of the channels of ``machines``."""
+    names = {interface.type_name for machine in machines for interface in machine.interfaces}
+    return tuple(sorted(names - {""}))
 
 
 def node_modules(machine: Machine, library: InterfaceLibrary, package: str) -> dict[str, str]:

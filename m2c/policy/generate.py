@@ -5,13 +5,16 @@ from __future__ import annotations
 import msgspec
 
 from m2c.codegen.names import camel, snake
+from m2c.codegen.packaging import Distribution, Packaging, project_files, starter
 from m2c.codegen.writer import sealed
 from m2c.model.diagnostics import DiagnosticLog, ModelError
 from m2c.model.system import System
 from m2c.policy.program import read_policy
 
 
-def policy_package(system: System, package: str) -> dict[str, str]:
+def policy_package(
+    system: System, package: str, packaging: Packaging = Packaging.WHEEL
+) -> dict[str, str]:
     """The files of the policy package, without its plugins' modules.
 
     Raises:
@@ -37,28 +40,27 @@ def policy_package(system: System, package: str) -> dict[str, str]:
     )
     entries = "".join(f'    "{name}": {camel(name)}Node,\n' for name in used)
     plugins = f"PLUGINS = {{\n{entries}}}\n\n" if used else ""
-    main = (
+    head = (
         f'"""Runs the policy of ``{system.name}`` as a process."""\n\n'
         "from pathlib import Path\n\n"
-        f"{imports}\n"
-        f'{plugins}if __name__ == "__main__":\n'
-        f"    main(Path(__file__).parent, {'PLUGINS' if used else '{}'})\n"
+        f"{imports}\n{plugins}"
     )
-    project = (
-        '[build-system]\nrequires = ["setuptools>=77"]\n'
-        'build-backend = "setuptools.build_meta"\n\n'
-        f'[project]\nname = "{package.replace("_", "-")}"\nversion = "0.1.0"\n'
-        f'description = "The policy of {system.name}, generated from its behaviour tree"\n'
-        'requires-python = ">=3.11"\ndependencies = ["m2c-moon"]\n\n'
-        f'[tool.setuptools.packages.find]\ninclude = ["{package}*"]\n\n'
-        '[tool.setuptools.package-data]\n"*" = ["*.xml", "*.json"]\n'
+    arguments = f"Path(__file__).parent, {'PLUGINS' if used else '{}'}"
+    types = {leaf.tick_type for leaf in policy.leaves} | {leaf.halt_type for leaf in policy.leaves}
+    for plugin in system.plugins:
+        types |= {interface.type_name for interface in plugin.interfaces}
+    distribution = Distribution(
+        package,
+        f"The policy of {system.name}, generated from its behaviour tree",
+        tuple(sorted(types - {""})),
+        is_nested=True,
     )
     files = {
         f"{package}/__init__.py": sealed(f'"""The policy of ``{system.name}``."""\n'),
-        f"{package}/__main__.py": sealed(main),
+        f"{package}/__main__.py": starter(packaging, head, arguments),
         f"{package}/policy.xml": policy.xml,
         f"{package}/policy.json": msgspec.json.format(msgspec.json.encode(policy)).decode() + "\n",
-        "pyproject.toml": sealed(project),
+        **project_files(packaging, distribution),
     }
     if system.plugins:
         files[f"{package}/plugins/__init__.py"] = sealed('"""The behaviour tree\'s plugins."""\n')

@@ -15,7 +15,12 @@ import msgspec
 from m2c.policy.program import Policy
 from m2c.policy.runner import PolicyRunner
 from m2c.policy.ticking import PolicyError
-from m2c.runtime.main import add_transport_options, set_up_logging, transport_options
+from m2c.runtime.main import (
+    add_transport_options,
+    set_up_logging,
+    split_ros_arguments,
+    transport_options,
+)
 from transports.interface import TransportError
 from transports.registry import connect
 
@@ -27,10 +32,12 @@ def main(
     folder: Path,
     plugins: Mapping[str, Callable[..., Any]],
     arguments: Sequence[str] | None = None,
+    transport: str = "zenoh",
 ) -> NoReturn:
     """Run the policy in ``folder`` until SIGINT, SIGTERM or its last tick; exits with 0 then.
 
-    Exits with 1 if the tree cannot be ticked on, with 2 if it cannot be started.
+    Exits with 1 if the tree cannot be ticked on, with 2 if it cannot be started. Its middleware is
+    ``transport``, unless ``--transport`` says otherwise.
 
     The tree is ticked on a thread of its own, because a tick waits for its skills' answers; the main
     thread runs the transport.
@@ -40,7 +47,7 @@ def main(
         description="Run a behaviour-tree policy.",
         epilog="example: --endpoint tcp/127.0.0.1:7447 --rate 5 --ticks 100",
     )
-    add_transport_options(parser)
+    add_transport_options(parser, transport)
     parser.add_argument("--node-name", default="policy")
     parser.add_argument("--rate", type=float, help="ticks a second (default: the system's)")
     parser.add_argument("--ticks", type=int, default=0, help="stop after so many (0: no end)")
@@ -48,20 +55,24 @@ def main(
         "--wait-for", action="append", default=[], metavar="NODE", help="tick once this node is up"
     )
     parser.add_argument("--tick-timeout", type=float, default=5.0, help="seconds, for one leaf")
-    parsed = parser.parse_args(arguments)
+    own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
+    parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)
     policy = msgspec.json.decode((folder / "policy.json").read_bytes(), type=Policy)
+    options = transport_options(parsed)
+    if ros_arguments:
+        options["args"] = ros_arguments
     try:
-        transport = connect(parsed.transport, parsed.node_name, transport_options(parsed))
+        connection = connect(parsed.transport, parsed.node_name, options)
     except TransportError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     rate = parsed.rate or policy.tick_rate_hz
     try:
-        runner = PolicyRunner(transport, policy, plugins, parsed.tick_timeout)
+        runner = PolicyRunner(connection, policy, plugins, parsed.tick_timeout)
     except PolicyError as error:
         print(f"error: {error}", file=sys.stderr)
-        transport.close()
+        connection.close()
         sys.exit(2)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: runner.stop())
@@ -76,17 +87,17 @@ def main(
         except PolicyError as error:
             print(f"error: {error}", file=sys.stderr)
         finally:
-            transport.post(transport.close)
+            connection.post(connection.close)
 
     thread = threading.Thread(target=tick, name="policy")
-    transport.announce()
-    missing = transport.wait_for_nodes(parsed.wait_for, START_TIMEOUT_S)
+    connection.announce()
+    missing = connection.wait_for_nodes(parsed.wait_for, START_TIMEOUT_S)
     if missing:
         print(f"error: not up after {START_TIMEOUT_S:g} s: {', '.join(missing)}", file=sys.stderr)
-        transport.close()
+        connection.close()
         sys.exit(2)
     thread.start()
-    transport.spin()
+    connection.spin()
     thread.join()
-    transport.close()
+    connection.close()
     sys.exit(1 if failed else 0)

@@ -15,9 +15,11 @@ from transports.interface import Transport, TransportError
 from transports.registry import connect
 
 
-def add_transport_options(parser: argparse.ArgumentParser) -> None:
-    """The options by which every process finds its middleware."""
-    parser.add_argument("--transport", default="zenoh", help="middleware (default: zenoh)")
+def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zenoh") -> None:
+    """The options by which every process finds its middleware, ``transport`` unless told."""
+    parser.add_argument(
+        "--transport", default=transport, help=f"middleware (default: {transport})"
+    )
     parser.add_argument(
         "--endpoint", action="append", default=[], help="where to connect, e.g. tcp/127.0.0.1:7447"
     )
@@ -66,6 +68,7 @@ def main(
     node_class: Callable[[Transport, NodeSettings], Any],
     name: str,
     arguments: Sequence[str] | None = None,
+    transport: str = "zenoh",
 ) -> NoReturn:
     """Run one generated node until SIGINT or SIGTERM; exits with 0 then, 2 if it cannot start.
 
@@ -73,13 +76,14 @@ def main(
         node_class: the generated ``…Node``.
         name: the machine's name, also the node's unless ``--node-name`` says otherwise.
         arguments: command line; this process's by default.
+        transport: the middleware, unless ``--transport`` says otherwise.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m {node_class.__module__.partition('.')[0]}",
         description=f"Run the node {name}.",
         epilog="example: --transport zenoh --endpoint tcp/127.0.0.1:7447",
     )
-    add_transport_options(parser)
+    add_transport_options(parser, transport)
     parser.add_argument("--node-name", default=name, help="name of this node in the system")
     parser.add_argument(
         "--call-timeout", type=float, default=5.0, help="seconds, for its own calls"
@@ -91,15 +95,15 @@ def main(
     if ros_arguments:
         options["args"] = ros_arguments
     try:
-        transport = connect(parsed.transport, parsed.node_name, options)
+        connection = connect(parsed.transport, parsed.node_name, options)
     except TransportError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: transport.post(transport.close))
-    node = node_class(transport, NodeSettings(parsed.call_timeout))
-    transport.post(node.start)
-    transport.post(transport.announce)
-    transport.spin()
-    transport.close()
+        signal.signal(number, lambda *_: connection.post(connection.close))
+    node = node_class(connection, NodeSettings(parsed.call_timeout))
+    connection.post(node.start)
+    connection.post(connection.announce)
+    connection.spin()
+    connection.close()
     sys.exit(0)

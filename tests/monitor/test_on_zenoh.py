@@ -88,7 +88,7 @@ def test_a_nominal_tour_heard_from_its_start_conforms(start, tour, tmp_path) -> 
     assert monitor.violated == set()
     verdicts = {item["machine"]: item["verdict"] for item in monitor.summary["machines"]}
     assert set(verdicts.values()) == {"conforming"}, monitor.said
-    assert len(verdicts) == 17
+    assert len(verdicts) == 18
     (level,) = [m for m in monitor.summary["machines"] if m["machine"] == "BatteryLevelSkill"]
     assert level["outputs"] == 60
     assert level["inputs"] > 60
