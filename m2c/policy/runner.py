@@ -17,6 +17,7 @@ from m2c.policy.ticking import (
     PortError,
     RunsLeaf,
     TreeNode,
+    may_wake,
     tick_tree,
 )
 from m2c.policy.timed import TimedLeaf
@@ -80,6 +81,7 @@ class PolicyRunner:
         self._count = 0
         self._faults: list[Exception] = []
         self._stopped: Completion = transport.completion()
+        self._wakes = may_wake(policy)
         factory = behaviortreepy.BehaviorTreeFactory()
         for leaf in policy.leaves:
             run: RunsLeaf
@@ -143,7 +145,7 @@ class PolicyRunner:
             PolicyError: BehaviorTree.CPP cannot go on, for instance with a script.
         """
         self._ticked = []
-        status = tick_tree(self._tree)
+        status = tick_tree(self._tree, self._wakes)
         self._count += 1
         record = TreeTick(self._count, status, self._ticked)
         self._publisher.publish(record)

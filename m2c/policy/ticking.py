@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from m2c.policy.normalise import child_tree
 from m2c.policy.plugins import PortValue
+
+if TYPE_CHECKING:
+    from m2c.policy.program import Policy
 
 STATUS_CODES = {0: "SUCCESS", 1: "FAILURE", 2: "RUNNING"}
 """The ``status`` of a tick's response."""
@@ -39,8 +43,33 @@ class PortError(Exception):
     """A value cannot be read from or written to the blackboard; the text names port and entry."""
 
 
-def tick_tree(tree: Any) -> str:
+QUIET_NODES = frozenset(
+    {
+        *("root", "BehaviorTree", "SubTree", "TreeNodesModel", "Action", "Condition"),
+        *("Sequence", "ReactiveSequence", "Fallback", "ReactiveFallback"),
+        *("Parallel", "ParallelAll", "IfThenElse", "WhileDoElse", "Switch2", "Switch3"),
+        *("Inverter", "ForceSuccess", "ForceFailure", "AlwaysSuccess", "AlwaysFailure"),
+    }
+)
+"""Elements whose nodes never ask to be ticked again (``emitWakeUpSignal`` of BehaviorTree.CPP 4)."""
+
+_TAG = re.compile(r"<([A-Za-z_][\w.-]*)")
+
+
+def may_wake(policy: Policy) -> bool:
+    """Whether a node of ``policy`` may ask to be ticked again at once. To ask the tree costs a wait
+    of the operating system (60 µs and more), at every tick that is RUNNING.
+    """
+    leaves = {leaf.id for leaf in policy.leaves}
+    return not set(_TAG.findall(policy.xml)) <= QUIET_NODES | leaves
+
+
+def tick_tree(tree: Any, wakes: bool = True) -> str:
     """Tick ``tree`` once, and again at once while one of its nodes asks for it.
+
+    Args:
+        tree: a ``behaviortreepy.Tree``.
+        wakes: whether any of its nodes may ask (see :func:`may_wake`).
 
     Raises:
         PolicyError: BehaviorTree.CPP cannot go on, for instance with a script.
@@ -48,7 +77,7 @@ def tick_tree(tree: Any) -> str:
     try:
         status = tree.tick_exactly_once()
         for _ in range(MAX_WAKE_UPS):
-            if status.name != "RUNNING" or not tree.sleep(0):
+            if not wakes or status.name != "RUNNING" or not tree.sleep(0):
                 break
             status = tree.tick_exactly_once()
     except RuntimeError as error:
