@@ -17,9 +17,7 @@ from transports.registry import connect
 
 def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zenoh") -> None:
     """The options by which every process finds its middleware, ``transport`` unless told."""
-    parser.add_argument(
-        "--transport", default=transport, help=f"middleware (default: {transport})"
-    )
+    parser.add_argument("--transport", default=transport, help=f"middleware (default: {transport})")
     parser.add_argument(
         "--endpoint", action="append", default=[], help="where to connect, e.g. tcp/127.0.0.1:7447"
     )
