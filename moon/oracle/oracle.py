@@ -113,6 +113,7 @@ class Oracle:
         self._taken_up: dict[tuple[str, str, int], int] = {}
         self._reason = ""
         self._next_due = FOREVER
+        self._wake = 0
         self._droppable_until = 0
         self._lost_until = 0
         self._from_start = False
@@ -195,6 +196,9 @@ class Oracle:
         settled = now_ns - self.bounds.latency
         if settled <= self._finished:
             return []
+        if settled < self._wake:
+            self._finished = settled
+            return []
         verdicts: list[Verdict] = []
         if self._window:
             verdicts += self._judge(settled)
@@ -205,7 +209,19 @@ class Oracle:
             verdicts += self._not_taken_up(settled)
         if self._base is None and self._listening_since is not None:
             verdicts += self._try_to_anchor(settled)
+        self._wake = self._next_time()
         return verdicts
+
+    def _next_time(self) -> int:
+        """Until this time (ns) nothing is settled, due or to be found."""
+        if self._base is None:
+            return 0
+        wake = self._next_due
+        if self._window:
+            wake = min(wake, self._window[0][0])
+        if self._asked:
+            wake = min(wake, next(iter(self._asked.values())).stamp + self.bounds.deadline)
+        return wake
 
     @property
     def hypotheses(self) -> list[Hypothesis]:
@@ -268,6 +284,7 @@ class Oracle:
             asked = (fact.interface, *fact.call)
             if asked not in self._taken_up and fact.stamp > self._lost_until:
                 self._asked[asked] = fact
+                self._wake = min(self._wake, fact.stamp + self.bounds.deadline)
             return []
         if role is Role.OUTPUT or role is Role.STRANGE:
             self.outputs += 1
@@ -299,6 +316,7 @@ class Oracle:
         """Put ``fact`` in its place; mostly that is the last."""
         self._count += 1
         window = self._window
+        self._wake = min(self._wake, fact.stamp)
         item = (fact.stamp, self._count, fact)
         if not window or window[-1][0] <= fact.stamp:
             window.append(item)
@@ -320,6 +338,7 @@ class Oracle:
         self._listening_since = stamp
         self._from_start = True
         self._base = self.search.started(stamp, whole)
+        self._wake = 0
         self.search.last = 0
         self._note_due()
 
@@ -423,7 +442,7 @@ class Oracle:
             if fact.stamp > limit:
                 break
             del self._asked[place]
-            if self._base is None or not self.inputs:
+            if self._base is None or not (self.inputs or self._from_start):
                 continue  # perhaps its end is not instrumented
             observed = "nothing: the request was not taken up"
             expected = (f"request {fact.call[1]} of {fact.call[0]} to be received",)
@@ -465,6 +484,7 @@ class Oracle:
             self._forget(stamp)
             return
         self._base, search.last = found, stamp
+        self._wake = 0
         self._note_due()
 
     def _unsettled(self, stamp: int) -> tuple[Fact, ...]:
@@ -544,6 +564,7 @@ class Oracle:
         self._synchronised = False
         self._from_start = False
         self._base = None
+        self._wake = 0
         self._window.clear()
         self._asked.clear()
         self._recent.clear()
