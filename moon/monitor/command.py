@@ -153,6 +153,7 @@ def monitor(
                 log_file,
                 exit_on_violation,
                 seconds,
+                has_diagnostics=transport == "ros2",
             )
         finally:
             connection.close()
@@ -177,6 +178,7 @@ def _monitor(
     log_file: Path | None,
     exit_on_violation: bool,
     seconds: float | None,
+    has_diagnostics: bool,
 ) -> int:
     """Monitor until it is to end; how many violations there were."""
     from moon.monitor.screen import screen_for
@@ -199,6 +201,8 @@ def _monitor(
     file = VerdictFile(log_file) if log_file is not None else None
     screen = screen_for(as_json)
     sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection), screen]
+    if has_diagnostics:
+        sinks += _diagnostics(connection)
     watch = SystemWatch(connection, system, machines, bounds, sinks, _say)
     notices = Notices(_say)
     try:
@@ -229,6 +233,18 @@ def _monitor(
         screen.close()
         if file is not None:
             file.close()
+
+
+def _diagnostics(connection: Transport) -> list[Sink]:
+    """What publishes on ``/diagnostics``; without its messages, one goes without it."""
+    from moon.sinks.diagnostics import Diagnostics
+    from transports.interface import TransportError
+
+    try:
+        return [Diagnostics(connection)]
+    except TransportError as error:
+        _say(f"no verdicts on /diagnostics: {error}")
+        return []
 
 
 def _fail(message: str) -> NoReturn:

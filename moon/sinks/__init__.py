@@ -1,1 +1,1 @@
-"""Where verdicts go: a topic, a file."""
+"""Where verdicts go: a topic, a file, ROS 2's diagnostics."""
