@@ -52,7 +52,7 @@ class Request:
         self._server = server
         self._call = call
         self._answered = False
-        self.client = call.client.node.node
+        self.client = call.client.node_name
         self.data = data
 
     def respond(self, response: Message) -> None:
@@ -82,6 +82,7 @@ class Server:
         self, node: SimulatedTransport, service: Service, handler: Callable[[Request], None]
     ) -> None:
         self.node = node
+        self.node_name = node.node
         self.name = service.name
         self.service = service
         self.response = TypedCodec(f"{service.type_name}_Response", service.response)
@@ -98,7 +99,7 @@ class Server:
         self.node.work(self._handle, call)
 
     def _handle(self, call: Call) -> None:
-        client = call.client.node.node
+        client = call.client.node_name
         try:
             self._request.require(f"{call.type_name}_Request")
             data = self._request.decode_bytes(call.payload)
@@ -107,7 +108,7 @@ class Server:
             self.answer(call, None, f"bad request: {error}")
             return
         self.node.routes.service_event(
-            self.node.node,
+            self.node_name,
             self.service,
             ObservationKind.REQUEST_RECEIVED,
             call.payload,
@@ -120,15 +121,15 @@ class Server:
         """Let the end of ``call`` be under way to its client."""
         self._open.pop(call, None)
         self.node.routes.service_event(
-            self.node.node,
+            self.node_name,
             self.service,
             ObservationKind.RESPONSE_SENT,
             payload,
-            call.client.node.node,
+            call.client.node_name,
             call.number,
             error=f"{CallOutcome.REMOTE_ERROR}: {error}" if payload is None else "",
         )
-        link = (self.node.node, self.name, call.client.node.node)
+        link = (self.node_name, self.name, call.client.node_name)
         self.node.world.send(link, call.client.receive, (call, payload, error))
 
     def vanish(self) -> None:
@@ -145,6 +146,7 @@ class Client:
         self, node: SimulatedTransport, service: Service, numbers: itertools.count[int]
     ) -> None:
         self.node = node
+        self.node_name = node.node
         self.service = service
         self._request = TypedCodec(f"{service.type_name}_Request", service.request)
         self._response = TypedCodec(f"{service.type_name}_Response", service.response)
@@ -162,15 +164,20 @@ class Client:
         payload = self._request.encode(request)
         node, name = self.node, self.service.name
         if not node.alive:
-            raise TransportError(f"cannot call {name}: {node.node} is closed")
+            raise TransportError(f"cannot call {name}: {self.node_name} is closed")
         call = Call(self, next(self._numbers), payload, done)
         node.routes.service_event(
-            node.node, self.service, ObservationKind.REQUEST_SENT, payload, node.node, call.number
+            self.node_name,
+            self.service,
+            ObservationKind.REQUEST_SENT,
+            payload,
+            self.node_name,
+            call.number,
         )
         node.world.schedule(max(0, round(timeout_s * 1e9)), self._time_out, call)
         servers = node.routes.servers(name)
         if servers:
-            link = (node.node, name, servers[0].node.node)
+            link = (self.node_name, name, servers[0].node_name)
             node.world.send(link, servers[0].arrive, call)
         else:
             node.world.schedule(0, self._end_unavailable, call)
@@ -197,7 +204,7 @@ class Client:
 
     def lose(self, call: Call) -> None:
         """The server of ``call`` is gone; that takes as long to hear as an answer."""
-        link = (self.service.name, self.node.node)
+        link = (self.service.name, self.node_name)
         self.node.world.send(link, self._end_unavailable, call)
 
     def receive(self, answer: tuple[Call, bytes | None, str]) -> None:
@@ -233,11 +240,11 @@ class Client:
             return
         failed = result.outcome is not CallOutcome.RESPONSE
         self.node.routes.service_event(
-            self.node.node,
+            self.node_name,
             self.service,
             ObservationKind.RESPONSE_RECEIVED,
             payload,
-            self.node.node,
+            self.node_name,
             call.number,
             error=f"{result.outcome}: {result.error}" if failed else "",
         )

@@ -218,12 +218,15 @@ class SimulatedWorld:
             raise TransportError(f"the world cannot run within a handler of {self.running}")
         caller, self._thread = self._thread, threading.get_ident()
         try:
+            queue, entered, take = self._queue, self._entered, heapq.heappop
             while not until():
-                if self._entered:
-                    event, argument = self._entered.popleft()
+                if entered:
+                    event, argument = entered.popleft()
                     event(argument)
-                elif self._queue and self._queue[0][0] <= deadline_ns:
-                    self.step()
+                elif queue and queue[0][0] <= deadline_ns:
+                    self.now_ns, _, event, argument = take(queue)
+                    self.events += 1
+                    event(argument)
                 else:
                     self.now_ns = max(self.now_ns, deadline_ns)
                     return bool(until())
