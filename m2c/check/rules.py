@@ -32,6 +32,9 @@ _ERRORS = {
     "missing-file": "a file or folder that is referred to does not exist",
     "missing-element": "a full model lacks its `<model>`",
     "duplicate-policy": "a system has more than one behaviour tree",
+    "bad-quality": "a quality of a topic that is none",
+    "duplicate-quality": "the qualities of a topic are given twice",
+    "unknown-topic": "qualities are given for a topic that no model has",
     # structure
     "unknown-tag": "an element that the language does not have, or not here",
     "unknown-attribute": "an attribute that the element does not have",

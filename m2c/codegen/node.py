@@ -125,6 +125,8 @@ class NodeWriter:
     def _channel_constant(self, interface: Interface) -> list[str]:
         channel = f'"{interface.channel}"'
         arguments = [channel, f'"{interface.type_name}"', *self._classes(interface)]
+        arguments += ["Reliability.BEST_EFFORT"] if interface.best_effort else []
+        arguments += ["latched=True"] if interface.latched else []
         return call(f"{self._constant(interface)} = {_CHANNEL_CLASS[interface.kind]}", arguments, 0)
 
     def _classes(self, interface: Interface) -> list[str]:

@@ -238,7 +238,11 @@ def _node_text(
         for name in ("DEFAULT_SETTINGS", "Binding", "GoalHandlers", "NodeSettings")
         if _word(body, name)
     ]
-    transport = [name for name in ("Action", "Service", "Topic", "Transport") if _word(body, name)]
+    transport = [
+        name
+        for name in ("Action", "Reliability", "Service", "Topic", "Transport")
+        if _word(body, name)
+    ]
     own = [
         (f"{package}.interfaces", [name for name in class_of.values() if _word(body, name)]),
         (f"{package}.machine", [writer.class_name for writer in writers]),

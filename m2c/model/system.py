@@ -10,6 +10,12 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine, Spelling
+from m2c.model.qualities import (
+    TopicQuality,
+    read_qualities,
+    report_unknown_topics,
+    with_qualities,
+)
 from m2c.model.reader import machine_of
 from m2c.model.structure import number
 from m2c.model.typing import nearest
@@ -41,6 +47,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
         tick_rate_hz: how often the tree is ticked.
         library: the interface types that the models use.
         sources: every file that was read, models and policy.
+        qualities: what is asked of the middleware for single topics; the machines have it too.
     """
 
     name: str
@@ -51,6 +58,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     tick_rate_hz: float = DEFAULT_TICK_RATE_HZ
     library: InterfaceLibrary
     sources: tuple[Path, ...] = ()
+    qualities: tuple[TopicQuality, ...] = ()
 
     def node(self, name: str) -> Machine | None:
         """The node called ``name``."""
@@ -129,6 +137,7 @@ class _SystemReader:
         self._plugins: list[Path] = []
         self._interfaces: list[Path] = []
         self._policy: Path | None = None
+        self._qualities: list[TopicQuality] = []
         self._rate = DEFAULT_TICK_RATE_HZ
 
     def read(self, root: Element, interface_directories: Sequence[Path]) -> System:
@@ -142,6 +151,8 @@ class _SystemReader:
                     self._nodes += self._inputs(child, _NODE_TYPES)
                 case "interfaces":
                     self._interfaces += self._inputs(child, ("ros-interfaces",))
+                case "qos":
+                    self._qualities += read_qualities(child, self._log)
                 case tag if tag in _IGNORED:
                     self._log.note(
                         "ignored-element", child.position, tag, _IGNORED[tag] or "ignored"
@@ -152,6 +163,7 @@ class _SystemReader:
                         "behavior_tree",
                         "node_models",
                         "interfaces",
+                        "qos",
                         "properties",
                     )
                     what = f"not an element of <{root.tag}>"
@@ -161,15 +173,20 @@ class _SystemReader:
         sources = [self._path, *models, *([self._policy] if self._policy else [])]
         stem = self._path.stem
         folder = self._path.resolve().parent.name
+        nodes = read_machines(self._nodes, library, self._log)
+        plugins = read_machines(self._plugins, library, self._log)
+        if not self._log.has_errors:  # else a model may be missing here
+            report_unknown_topics(self._qualities, (*nodes, *plugins), self._log)
         return System(
             name=folder if stem in ("system", "main") else stem,
             path=self._path,
-            nodes=read_machines(self._nodes, library, self._log),
-            plugins=read_machines(self._plugins, library, self._log),
+            nodes=tuple(with_qualities(node, self._qualities) for node in nodes),
+            plugins=tuple(with_qualities(plugin, self._qualities) for plugin in plugins),
             policy=self._policy,
             tick_rate_hz=self._rate,
             library=library,
             sources=tuple(sources),
+            qualities=tuple(self._qualities),
         )
 
     def _parameters(self, element: Element) -> None:
@@ -291,7 +308,7 @@ def read_with_reference(
     machine = machine_of(root, log, system.library, reference, _channels(system.nodes))
     if machine is None:
         return None
-    return msgspec.structs.replace(machine, name=name)
+    return with_qualities(msgspec.structs.replace(machine, name=name), system.qualities)
 
 
 def read_machines(

@@ -114,7 +114,7 @@ def monitor(
     Example: moon monitor examples/lab_tour/system.xml --for 60
     """
     from m2c.model import ModelError
-    from moon.monitor.reading import SelectionError, read_checked, say_why, select
+    from moon.monitor.reading import SelectionError, judgeable, read_checked, say_why, select
     from moon.oracle.bounds import Bounds
     from transports.interface import TransportError
     from transports.registry import connect
@@ -129,6 +129,13 @@ def monitor(
         _fail(str(error))
     if transport == "simulated":
         _fail("--transport simulated: that world is in one process; watch it there (SystemWatch)")
+    machines, unjudged = judgeable(machines)
+    for sentence in unjudged:
+        _say(sentence)
+    if unjudged and system.policy is not None:
+        _say("the policy is not judged: that needs all of its nodes")
+    if not machines:
+        _fail(f"{system.name}: no node is left that can be judged")
     bounds = Bounds(latency=round(latency_bound * 1e9), deadline=round(deadline * 1e9))
     if not endpoint and zenoh_config is None and transport == "zenoh":
         endpoint = (DEFAULT_ENDPOINT,)

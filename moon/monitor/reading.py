@@ -8,7 +8,7 @@ from pathlib import Path
 from m2c.check import check_system
 from m2c.check.report import print_findings
 from m2c.model import DiagnosticLog, ModelError, Position, System, load
-from m2c.model.machine import Machine
+from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.typing import nearest
 
 
@@ -49,6 +49,29 @@ def say_why(error: ModelError) -> None:
 
 class SelectionError(ValueError):
     """A node to be monitored that the system does not have."""
+
+
+def judgeable(machines: Sequence[Machine]) -> tuple[tuple[Machine, ...], tuple[str, ...]]:
+    """Those of ``machines`` whose inputs can be known, and for each of the others why it is not one.
+
+    That a best-effort message was heard here does not mean that a node got it, and when a node gets a
+    latched one depends on when it finds its publisher: no bound on latency holds.
+    """
+    kept: list[Machine] = []
+    reasons: list[str] = []
+    for machine in machines:
+        unsure = [
+            f"{interface.channel} ({'best effort' if interface.best_effort else 'latched'})"
+            for interface in machine.interfaces
+            if interface.kind is InterfaceKind.SUBSCRIBER
+            and (interface.best_effort or interface.latched)
+        ]
+        if unsure:
+            what = "nobody can tell what it received"
+            reasons.append(f"{machine.name} is not judged: it hears {', '.join(unsure)}; {what}")
+        else:
+            kept.append(machine)
+    return tuple(kept), tuple(reasons)
 
 
 def select(system: System, only: Sequence[str], without: Sequence[str]) -> tuple[Machine, ...]:

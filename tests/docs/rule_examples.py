@@ -80,6 +80,13 @@ def system(*models: str, policy: str = "", extra: str = "", plugin: str = "") ->
     return Example({"system.xml": text, **files, **interfaces})
 
 
+def qos(topics: str) -> Example:
+    body = f'{OUT}<state id="a"><onentry><ros_topic_publish name="/t"><field name="data" expr="1"/>'
+    return system(
+        machine(f"{body}</ros_topic_publish></onentry></state>"), extra=f"<qos>{topics}</qos>"
+    )
+
+
 def tree(*trees: str, attributes: str = 'main_tree_to_execute="Main"') -> Example:
     body = "".join(trees)
     policy = f'<root BTCPP_format="4" {attributes}>{body}</root>'
@@ -165,6 +172,9 @@ RULE_EXAMPLES: dict[str, Example] = {
         extra='<behavior_tree><input type="bt.cpp-xml" src="system.xml"/>'
         '<input type="bt.cpp-xml" src="system.xml"/></behavior_tree>'
     ),
+    "bad-quality": qos('<topic name="/t" reliability="best"/>'),
+    "duplicate-quality": qos('<topic name="/t"/><topic name="/t" latched="true"/>'),
+    "unknown-topic": qos('<topic name="/tt" latched="true"/>'),
     "unknown-tag": model('<stat id="a"/>'),
     "unknown-attribute": model('<state id="a"><transition tarket="a"/></state>'),
     "missing-attribute": model(f"<state/>{STATE}"),

@@ -1,0 +1,105 @@
+"""What a system file asks of the middleware for a topic: ``<qos><topic name="/scan" …/></qos>``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import msgspec
+
+from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.structure import require
+from m2c.model.typing import nearest
+from m2c.model.xml import Element
+
+_TOPICS = (InterfaceKind.PUBLISHER, InterfaceKind.SUBSCRIBER)
+_ATTRIBUTES = ("name", "reliability", "latched")
+_VALUES = {"reliability": ("reliable", "best_effort"), "latched": ("false", "true")}
+"""What can be said; the first is what holds if nothing is."""
+
+
+class TopicQuality(msgspec.Struct, frozen=True):
+    """How the messages of one topic travel, at both of its ends.
+
+    Attributes:
+        topic: the channel.
+        is_best_effort: messages may be dropped.
+        is_latched: a subscriber that comes late gets the last message.
+        position: of the name, for messages.
+    """
+
+    topic: str
+    is_best_effort: bool
+    is_latched: bool
+    position: Position
+
+
+def read_qualities(element: Element, log: DiagnosticLog) -> list[TopicQuality]:
+    """The topics of ``<qos>``, each once; faults go to ``log``."""
+    found: dict[str, TopicQuality] = {}
+    for child in element.children:
+        if child.tag != "topic":
+            what = f"not an element of <{element.tag}>"
+            log.error("unknown-tag", child.position, child.tag, what, "use <topic>")
+            continue
+        for name in child.attributes:
+            if name not in _ATTRIBUTES:
+                what, hint = f"unknown attribute `{name}`", nearest(name, _ATTRIBUTES)
+                log.error("unknown-attribute", child.at(name), child.tag, what, hint)
+        topic = require(child, "name", log)
+        said = {name: _value(child, name, log) for name in _VALUES}
+        if topic in found:
+            what, hint = f"`{topic}` is given twice", "one <topic> says all of a topic"
+            log.error("duplicate-quality", child.at("name"), child.tag, what, hint)
+        elif topic:
+            found[topic] = TopicQuality(
+                topic,
+                said["reliability"] == "best_effort",
+                said["latched"] == "true",
+                child.at("name"),
+            )
+    return list(found.values())
+
+
+def _value(element: Element, name: str, log: DiagnosticLog) -> str:
+    allowed = _VALUES[name]
+    if name not in element.attributes:
+        return allowed[0]
+    written = element.get(name)
+    if written not in allowed:
+        what, hint = f"{name} cannot be `{written}`", f"one of {', '.join(allowed)}"
+        log.error("bad-quality", element.at(name), element.tag, what, hint)
+    return written
+
+
+def with_qualities(machine: Machine, qualities: Sequence[TopicQuality]) -> Machine:
+    """``machine`` with its topics' qualities."""
+    by_topic = {quality.topic: quality for quality in qualities}
+
+    def changed(interface: Interface) -> Interface:
+        quality = by_topic.get(interface.channel or "")
+        if quality is None or interface.kind not in _TOPICS:
+            return interface
+        return msgspec.structs.replace(
+            interface, best_effort=quality.is_best_effort, latched=quality.is_latched
+        )
+
+    interfaces = tuple(changed(interface) for interface in machine.interfaces)
+    return msgspec.structs.replace(machine, interfaces=interfaces)
+
+
+def report_unknown_topics(
+    qualities: Iterable[TopicQuality], machines: Iterable[Machine], log: DiagnosticLog
+) -> None:
+    """``unknown-topic``: a quality is asked for on a topic that no machine has."""
+    known = {
+        interface.channel
+        for machine in machines
+        for interface in machine.interfaces
+        if interface.kind in _TOPICS and interface.channel
+    }
+    for quality in qualities:
+        if quality.topic not in known:
+            what = f"no model publishes or subscribes to `{quality.topic}`"
+            hint = nearest(quality.topic, sorted(known))
+            log.error("unknown-topic", quality.position, "topic", what, hint)
