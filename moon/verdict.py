@@ -58,6 +58,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
         stamp_ns: of the observation, or of the moment at which something was due.
         reason: one sentence; "" while all is well.
         explanation: for violations.
+        kind: ``model``, or ``property``: then ``machine`` and ``node`` are its id.
     """
 
     machine: str
@@ -66,3 +67,4 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     stamp_ns: int
     reason: str = ""
     explanation: Explanation | None = None
+    kind: str = "model"

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from m2c.model.machine import Machine
     from m2c.model.system import System
+    from moon.monitor.properties import PropertyWatch
     from moon.monitor.watch import Sink
     from moon.oracle.bounds import Bounds
     from transports.interface import Transport
@@ -37,8 +38,14 @@ _SECONDS = click.FloatRange(min=0, min_open=True, max=86_400 * 365)
 
 
 @click.command()
-@click.argument(
-    "models", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MODEL...|SYSTEM"
+@click.argument("models", nargs=-1, type=click.Path(path_type=Path), metavar="MODEL...|SYSTEM")
+@click.option(
+    "--properties",
+    "property_files",
+    multiple=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Monitor the properties in it, .yaml or .xml (repeatable).",
 )
 @click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
 @click.option(
@@ -90,6 +97,7 @@ _SECONDS = click.FloatRange(min=0, min_open=True, max=86_400 * 365)
 )
 def monitor(
     models: tuple[Path, ...],
+    property_files: tuple[Path, ...],
     transport: str,
     endpoint: tuple[str, ...],
     zenoh_config: Path | None,
@@ -104,24 +112,38 @@ def monitor(
     exit_on_violation: bool,
     seconds: float | None,
 ) -> None:
-    """Check a running system against its models, passively.
+    """Check a running system against its models, or properties, or both, passively.
 
     MODEL...|SYSTEM are models (.scxml, .ascxml), folders of them, or one system file: channels, types
-    and what is owed when come from there. Verdicts are shown, and published on /moon/verdicts. No
-    node waits for the monitor. Exit code 0: nothing was violated; 1: something was; 2: it could not
-    monitor.
+    and what is owed when come from there. They may be left out with --properties. Verdicts are shown,
+    and published on /moon/verdicts. No node waits for the monitor. Exit code 0: nothing was violated;
+    1: something was; 2: it could not monitor.
 
     Example: moon monitor examples/lab_tour/system.xml --for 60
     """
     from m2c.model import ModelError
-    from moon.monitor.reading import SelectionError, judgeable, read_checked, say_why, select
+    from moon.monitor.properties import PropertyWatch, unknown_channels
+    from moon.monitor.reading import (
+        SelectionError,
+        judgeable,
+        no_system,
+        read_checked,
+        say_why,
+        select,
+    )
     from moon.oracle.bounds import Bounds
+    from moon.properties.files import load_properties
     from transports.interface import TransportError
     from transports.registry import connect
 
+    if not models and not property_files:
+        raise click.UsageError("Missing argument 'MODEL...|SYSTEM' (or --properties FILE)")
+    if not models and (only or without):
+        raise click.UsageError("--only and --without choose nodes of models, and there are none")
     try:
-        system = read_checked(models, interfaces)
-        machines = select(system, only, without)
+        properties = load_properties(*property_files)
+        system = read_checked(models, interfaces) if models else no_system()
+        machines = select(system, only, without) if models else ()
     except ModelError as error:
         say_why(error)
         sys.exit(2)
@@ -134,8 +156,10 @@ def monitor(
         _say(sentence)
     if unjudged and system.policy is not None:
         _say("the policy is not judged: that needs all of its nodes")
-    if not machines:
+    if models and not machines:
         _fail(f"{system.name}: no node is left that can be judged")
+    for sentence in unknown_channels(properties, system) if models else ():
+        _say(f"warning: {sentence}")
     bounds = Bounds(latency=round(latency_bound * 1e9), deadline=round(deadline * 1e9))
     if not endpoint and zenoh_config is None and transport == "zenoh":
         endpoint = (DEFAULT_ENDPOINT,)
@@ -156,6 +180,7 @@ def monitor(
                 system,
                 machines,
                 bounds,
+                PropertyWatch(properties, bounds.latency),
                 as_json,
                 log_file,
                 exit_on_violation,
@@ -181,6 +206,7 @@ def _monitor(
     system: System,
     machines: Sequence[Machine],
     bounds: Bounds,
+    properties: PropertyWatch,
     as_json: bool,
     log_file: Path | None,
     exit_on_violation: bool,
@@ -210,7 +236,7 @@ def _monitor(
     sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection), screen]
     if has_diagnostics:
         sinks += _diagnostics(connection)
-    watch = SystemWatch(connection, system, machines, bounds, sinks, _say)
+    watch = SystemWatch(connection, system, machines, bounds, sinks, _say, properties)
     notices = Notices(_say)
     try:
         watch.start()

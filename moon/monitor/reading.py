@@ -8,6 +8,7 @@ from pathlib import Path
 from m2c.check import check_system
 from m2c.check.report import print_findings
 from m2c.model import DiagnosticLog, ModelError, Position, System, load
+from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.typing import nearest
 
@@ -40,6 +41,11 @@ def read_checked(
         log.error("no-models", Position(str(paths[0])), "", "no model in it")
         raise ModelError(log.diagnostics)
     return system
+
+
+def no_system() -> System:
+    """A system without models, for who monitors properties only."""
+    return System(name="", path=Path(), nodes=(), library=InterfaceLibrary())
 
 
 def say_why(error: ModelError) -> None:

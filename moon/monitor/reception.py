@@ -92,6 +92,10 @@ class Reception:
             return msgspec.structs.replace(seen, stamp_ns=stamp_ns)
         return seen
 
+    def know(self, channels: Iterable[str]) -> None:
+        """``channels`` are named by somebody, though by no model."""
+        self._known.update(channels)
+
     def _note_unknown(self, channel: str) -> None:
         if channel.startswith(MIDDLEWARE_CHANNELS) or channel.endswith(MIDDLEWARE_ENDINGS):
             return

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Sequence
 
-from moon.monitor.status import UNSEEN, MachineStatus, Summary
+from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus, Summary
 from moon.monitor.watch import UNRESPONSIVE
 from moon.tap.render import printable
 from moon.verdict import Explanation, Outcome, Verdict
@@ -40,23 +40,31 @@ def verdict_lines(verdict: Verdict, colour: bool = False) -> list[str]:
     shown = word.upper() if verdict.outcome is Outcome.VIOLATED else word
     if colour and (code := shade(word)):
         shown = f"\x1b[{code}m{shown}\x1b[0m"
+    is_property = verdict.kind == PROPERTY
     name = (
-        verdict.node if verdict.node == verdict.machine else f"{verdict.node} ({verdict.machine})"
+        verdict.machine
+        if verdict.node == verdict.machine
+        else f"{verdict.node} ({verdict.machine})"
     )
     why = verdict.explanation
     head = f"{clock(verdict.stamp_ns)}  {printable(name)}  {shown}"
     if why is None:
         return [f"{head}  {printable(verdict.reason)}".rstrip()]
     unresponsive = verdict.reason.startswith(UNRESPONSIVE)
-    return [f"{head}{'  unresponsive' if unresponsive else ''}", *_why(why)]
+    if is_property:
+        head = f"{head}  {printable(verdict.reason)}"
+    return [
+        f"{head}{'  unresponsive' if unresponsive else ''}",
+        *_why(why, "written" if is_property else "model"),
+    ]
 
 
-def _why(why: Explanation) -> list[str]:
+def _why(why: Explanation, where: str) -> list[str]:
     lines = _listed("expected", why.expected) + _listed("observed", [why.observed])
     lines += _listed("in state", why.states)
     evidence = [f"{clock(item.stamp_ns)}  {item.text}" for item in why.evidence]
     lines += _listed("after", evidence)
-    return lines + _listed("model", [_near(place) for place in why.places])
+    return lines + _listed(where, [_near(place) for place in why.places])
 
 
 def _listed(title: str, texts: Sequence[str]) -> list[str]:
@@ -107,13 +115,16 @@ def table(statuses: Sequence[MachineStatus]) -> list[str]:
 def closing(summary: Summary) -> list[str]:
     """The last lines: how it stands, and what could not be judged."""
     counts = summary.counts
-    of = dict.fromkeys((*map(str, Outcome), UNSEEN), 0)
-    for status in summary.machines:
-        of[status.verdict] += 1
-    parts = [f"{number} {word}" for word, number in of.items() if number]
+    tallies = [
+        _tally(noun, [status.verdict for status in summary.machines if status.kind == kind])
+        for kind, noun in (
+            ("model", ("machine", "machines")),
+            (PROPERTY, ("property", "properties")),
+        )
+    ]
     lines = [
         f"{_many(summary.violations, 'violation')} in {summary.seconds:.1f} s; "
-        f"{_many(len(summary.machines), 'machine')}: {', '.join(parts)}; "
+        f"{''.join(tallies)}"
         f"heard {counts.heard:,} observations, {counts.unconcerned:,} of no monitored machine"
     ]
     if counts.unknown:
@@ -124,6 +135,15 @@ def closing(summary: Summary) -> list[str]:
     if counts.stalls:
         lines.append(f"found all machines anew {_many(counts.stalls, 'time')}")
     return lines
+
+
+def _tally(nouns: tuple[str, str], verdicts: Sequence[str]) -> str:
+    """How many there are of each verdict; nothing if there is none of the kind."""
+    if not verdicts:
+        return ""
+    words = (*map(str, Outcome), UNSEEN)
+    parts = [f"{verdicts.count(word)} {word}" for word in words if word in verdicts]
+    return f"{len(verdicts):,} {nouns[len(verdicts) != 1]}: {', '.join(parts)}; "
 
 
 def _many(number: int, noun: str) -> str:

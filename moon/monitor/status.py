@@ -8,13 +8,15 @@ import msgspec
 
 UNSEEN = "unseen"
 """The verdict on a machine of which nothing was heard yet."""
+PROPERTY = "property"
+"""The kind of a status that is a property's, not a machine's."""
 
 
 class MachineStatus(msgspec.Struct, frozen=True):
     """One monitored machine.
 
     Attributes:
-        machine: the model's name.
+        machine: the model's name, or the property's id.
         verdict: ``conforming``, ``violated``, ``inconclusive``, or ``unseen``.
         states: the states in which it may be; empty if that is not known.
         inputs: what was seen of its inputs.
@@ -23,6 +25,7 @@ class MachineStatus(msgspec.Struct, frozen=True):
         late: observations that came too late to be judged.
         lag_ms: from its own events to the monitor, median of the last ones; None before the first.
         last: the last explanation, or why nothing can be said.
+        kind: ``model`` or ``property``.
     """
 
     machine: str
@@ -34,6 +37,7 @@ class MachineStatus(msgspec.Struct, frozen=True):
     late: int
     lag_ms: float | None
     last: str
+    kind: str = "model"
 
 
 class Counts(msgspec.Struct):
@@ -67,7 +71,7 @@ class Summary(msgspec.Struct, frozen=True):
 
     Attributes:
         seconds: how long it listened.
-        machines: each machine as it stands.
+        machines: each machine as it stands, then each property.
         counts: what was heard.
         problems: what could not be heard or decoded, one sentence each.
     """

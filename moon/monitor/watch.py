@@ -16,6 +16,7 @@ from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.models import ModelMonitor
 from moon.monitor.pace import NS, PERIOD_S, Pace
+from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception, Rejected
 from moon.monitor.status import UNSEEN, Counts, MachineStatus, Summary
 from moon.oracle.bounds import Bounds
@@ -72,6 +73,7 @@ class SystemWatch:
         bounds: what is assumed of the middleware.
         sinks: each gets every verdict that is new.
         say: told what a person should know, one sentence each.
+        properties: what else is to be monitored, of the same observations.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class SystemWatch:
         bounds: Bounds,
         sinks: Iterable[Sink],
         say: Callable[[str], None],
+        properties: PropertyWatch | None = None,
     ) -> None:
         self.counts = Counts()
         self.violations = 0
@@ -91,8 +94,10 @@ class SystemWatch:
         self._bounds = bounds
         self._sinks = tuple(sinks)
         self._say = say
+        self._properties = properties or PropertyWatch((), bounds.latency)
         everything = (*system.nodes, *system.plugins)
         self._reception = Reception(everything, system.library, bounds.latency, self.counts)
+        self._reception.know(self._properties.channels)
         whole = {machine.name for machine in machines} >= {node.name for node in system.nodes}
         self._policy_of = system if whole and system.policy is not None else None
         self._models = self._fresh_models()
@@ -116,6 +121,7 @@ class SystemWatch:
         self._pace.restart(self._listening_since)
         transport.watch_nodes(self._node_changed)
         transport.every(PERIOD_S, self._tick)
+        self._tell_properties(self._properties.start(self._listening_since))
 
     # --- what is heard -----------------------------------------------------------------------------
 
@@ -127,6 +133,7 @@ class SystemWatch:
         judged = self._reception.judge(seen, now_ns)
         if isinstance(judged, Rejected):
             if judged.reason:
+                self._properties.lose(seen.channel, pace.clock_ns, now_ns)
                 for oracle in self._concerned(seen):
                     self._lose(oracle, judged.reason)
             return
@@ -147,12 +154,14 @@ class SystemWatch:
         limit_ns = pace.clock_ns
         if judged.received_ns > limit_ns + 2 * _PERIOD_NS:
             judged = _received_at(judged, limit_ns)
+        self._properties.observe(seen)
         self._take(self._models.feed(judged))
 
     def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""
         self._late[seen.source] = now_ns
         self.counts.late += 1
+        self._properties.lose(seen.channel, seen.stamp_ns, now_ns)
         why = f"what is heard comes {lag_ns / NS:.1f} s late"
         recent = [source for source, at in self._late.items() if now_ns - at < NS]
         if len(recent) > 1:
@@ -170,6 +179,7 @@ class SystemWatch:
         self._first[place] = seen.sequence
         node = self._nodes.get(seen.source)
         if seen.sequence and node is not None and node.since >= self._listening_since:
+            self._properties.lose(seen.channel, node.since, seen.stamp_ns)
             for oracle in self._concerned(seen):
                 self._lose(oracle, f"what {seen.source} sent first on {seen.channel} was missed")
 
@@ -197,6 +207,7 @@ class SystemWatch:
             if node.up and self._transport.up_since(name) != node.since:
                 self._node_up(name, node)
         self._take(self._models.advance(clock_ns))
+        self._tell_properties(self._properties.advance(clock_ns))
         for name, node in self._nodes.items():
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
                 self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
@@ -226,6 +237,10 @@ class SystemWatch:
                 late + oracle.late,
             )
         self._models = self._fresh_models()
+        if now_ns < self._pace.now_ns:
+            self._tell_properties(self._properties.begin_anew(now_ns, why))
+        else:
+            self._properties.lose_all(self._pace.clock_ns - self._bounds.latency, now_ns)
         self._listening_since = now_ns
         self._monotonic_ns = time.monotonic_ns()
         self._pace.restart(now_ns)
@@ -300,6 +315,12 @@ class SystemWatch:
             if node.said is not Outcome.VIOLATED or node.last != verdict.reason:
                 self._publish(verdict)
 
+    def _tell_properties(self, verdicts: Sequence[Verdict]) -> None:
+        for verdict in verdicts:
+            self.violations += verdict.outcome is Outcome.VIOLATED
+            for sink in self._sinks:
+                sink.take(verdict)
+
     def _tell_changes(self, now_ns: int) -> None:
         """What else has changed: a machine is known again, or no longer."""
         for name, oracle in self._models.watched.items():
@@ -329,8 +350,11 @@ class SystemWatch:
     # --- what can be asked -------------------------------------------------------------------------
 
     def statuses(self) -> list[MachineStatus]:
-        """Each machine as it stands."""
-        return [self._status(name) for name in self._models.watched]
+        """Each machine as it stands, then each property."""
+        return [
+            *(self._status(name) for name in self._models.watched),
+            *self._properties.statuses(),
+        ]
 
     def _status(self, name: str) -> MachineStatus:
         oracle, node = self._models.watched[name], self._nodes[name]
@@ -354,7 +378,8 @@ class SystemWatch:
         )
 
     def _late_in_all(self) -> int:
-        return self.counts.late + sum(status.late for status in self.statuses())
+        machines = sum(self._status(name).late for name in self._models.watched)
+        return self.counts.late + self._properties.late + machines
 
     def problems(self) -> list[str]:
         """What cannot be heard or judged, one sentence each, counts in front of ``message``."""

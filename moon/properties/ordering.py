@@ -101,6 +101,10 @@ class OrderedProperties:
         """The verdict of every property."""
         return dict(self._verdicts)
 
+    def channels(self) -> frozenset[str]:
+        """The channels that matter; ``*`` if any may."""
+        return self._channels
+
     def _split(self, until: int) -> tuple[list[Observation], list[Observation]]:
         """Those that count now, and those that may still share a cluster with what is to come."""
         count = sum(observation.stamp_ns <= until for observation in self._held)

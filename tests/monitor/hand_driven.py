@@ -6,6 +6,8 @@ from pathlib import Path
 
 from m2c.model import load
 from m2c.model.diagnostics import DiagnosticLog
+from moon.monitor.properties import PropertyWatch
+from moon.monitor.reading import no_system
 from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.verdict import Verdict
@@ -51,7 +53,9 @@ def write_models(folder: Path) -> Path:
 class HandDriven:
     """A transport and a watch on it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(
+        self, folder: Path, properties: PropertyWatch | None = None, monitored: bool = True
+    ) -> None:
         self.now = START
         self.since: dict[str, int] = {}
         self.said: list[str] = []
@@ -63,7 +67,11 @@ class HandDriven:
         system = load([write_models(folder)], log)
         assert system is not None
         assert not log.has_errors
-        self.watch = SystemWatch(self, system, system.nodes, Bounds(), [self], self.said.append)
+        if not monitored:
+            system = no_system()
+        self.watch = SystemWatch(
+            self, system, system.nodes, Bounds(), [self], self.said.append, properties
+        )
         self.watch.start()
 
     # what the watch calls

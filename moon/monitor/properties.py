@@ -1,0 +1,302 @@
+"""Properties at work in a monitor: what it heard goes to them in order of stamps, with what it missed.
+
+Observations count once the latency bound is over; so a violation by something that did not come is
+said one bound after its deadline. What was missed (gaps in the numbers of a source, what came too
+late) makes whatever depends on it inconclusive, from the instant at which it was missed: while a gap
+is known that has not wholly passed, time waits for its end, which is never more than one bound away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import msgspec
+
+from m2c.model.system import System
+from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
+from moon.properties.binding import ANY_CHANNEL
+from moon.properties.meaning import duration
+from moon.properties.monitor import TimeOrderError
+from moon.properties.ordering import OrderedProperties
+from moon.properties.property import Property, Role
+from moon.properties.verdict import Fact, Status, Witness
+from moon.properties.verdict import Verdict as PropertyVerdict
+from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from transports.interface import Observation, ObservationKind
+
+SHOWN_FACTS = 8
+"""So many facts explain a violation, the latest; more would hide the point."""
+MOST_PLACES = 10_000
+"""Sources and channels whose numbers are kept; names come from the wire, and never end."""
+_LONGEST_DATA = 120
+
+_OUTCOMES = {
+    Status.TRUE: Outcome.CONFORMING,
+    Status.FALSE: Outcome.VIOLATED,
+    Status.INCONCLUSIVE: Outcome.INCONCLUSIVE,
+}
+
+
+class _Loss(msgspec.Struct, order=True):
+    """Messages of ``channel`` stamped in ``[start, end)`` that were missed."""
+
+    start: int
+    end: int
+    channel: str
+
+
+class _Tally:
+    """What was heard and said of one property."""
+
+    __slots__ = ("channels", "heard", "last", "outcome", "violations")
+
+    def __init__(self, channels: frozenset[str]) -> None:
+        self.channels = channels
+        self.heard = 0
+        self.outcome: Outcome | None = None
+        self.violations = 0
+        self.last = ""
+
+
+class PropertyWatch:
+    """Monitors properties over what a tap hears.
+
+    Args:
+        properties: what to monitor; names must differ.
+        latency_ns: nothing is heard later than this after its stamp.
+    """
+
+    def __init__(self, properties: Iterable[Property], latency_ns: int) -> None:
+        self.properties = {item.name: item for item in properties}
+        self.late = 0
+        """Observations that came too late to be judged."""
+        self._latency_ns = latency_ns
+        self._tallies = {
+            name: _Tally(frozenset(port.channel for port in item.ports))
+            for name, item in self.properties.items()
+        }
+        self._clear()
+
+    def _clear(self) -> None:
+        self._ordered = OrderedProperties(self.properties.values(), self._latency_ns)
+        self.channels = self._ordered.channels()
+        self._numbers: dict[tuple[str, str, bool], tuple[int, int]] = {}
+        self._held: list[int] = []
+        """Stamps of what does not count yet."""
+        self._losses: list[_Loss] = []
+        self._reached_ns = -1
+
+    def start(self, now_ns: int) -> list[Verdict]:
+        """Listening begins at ``now_ns``; the verdicts that this brings about."""
+        return self._pass_to(now_ns - 1)
+
+    def concerns(self, channel: str) -> bool:
+        """Whether some property listens to ``channel``."""
+        return channel in self.channels or ANY_CHANNEL in self.channels
+
+    def observe(self, seen: Observation) -> None:
+        """Take ``seen`` in; it counts when :meth:`advance` says that its latency is over."""
+        if not self.concerns(seen.channel) or self._is_repeated(seen):
+            return
+        for tally in self._tallies.values():
+            tally.heard += seen.channel in tally.channels
+        try:
+            self._ordered.observe(seen)
+        except TimeOrderError:
+            self.late += 1
+            self.lose(seen.channel, seen.stamp_ns, self._reached_ns)
+        else:
+            self._held.append(seen.stamp_ns)
+
+    def _is_repeated(self, seen: Observation) -> bool:
+        """Look at its number: whether it was heard before; what is missing before it is lost."""
+        if seen.sequence < 0:
+            return False
+        place = (seen.source, seen.channel, seen.kind is ObservationKind.MESSAGE)
+        last = self._numbers.get(place)
+        if last is not None and seen.sequence <= last[0] and seen.stamp_ns <= last[1]:
+            return True
+        if last is None and len(self._numbers) >= MOST_PLACES:
+            del self._numbers[next(iter(self._numbers))]
+        self._numbers[place] = (seen.sequence, seen.stamp_ns)
+        # a smaller number is a node that has started again, with 0
+        if last is not None and seen.sequence not in (last[0] + 1, 0):
+            self.lose(seen.channel, last[1] + 1, seen.stamp_ns)
+        return False
+
+    def lose(self, channel: str, start_ns: int, end_ns: int) -> None:
+        """Messages of ``channel`` stamped in ``[start_ns, end_ns)`` were missed."""
+        if self.concerns(channel):
+            self._losses.append(_Loss(min(start_ns, end_ns), end_ns, channel))
+
+    def lose_all(self, start_ns: int, end_ns: int) -> None:
+        """Whatever was sent in ``[start_ns, end_ns)`` may have been missed."""
+        for channel in self.channels:
+            self.lose(channel, start_ns, end_ns)
+
+    def begin_anew(self, now_ns: int, why: str) -> list[Verdict]:
+        """Forget everything that was observed: stamps begin elsewhere. What is said of that."""
+        found = []
+        for name, tally in self._tallies.items():
+            if tally.outcome is not None:
+                new = PropertyVerdict(Status.INCONCLUSIVE, now_ns, reason=why)
+                found += self._said(name, new)
+        self._clear()
+        return found + self.start(now_ns)
+
+    def advance(self, now_ns: int) -> list[Verdict]:
+        """The time is ``now_ns``; the verdicts that changed."""
+        until = now_ns - self._latency_ns
+        if until <= self._reached_ns:
+            return []
+        found: list[Verdict] = []
+        while self._losses:
+            group = self._first_losses()
+            start, end = group[0].start, max(loss.end for loss in group)
+            if start > until:
+                break
+            if end > until:
+                until = start - 1
+                break
+            found += self._pass_to(start - 1)
+            # losing something brings the properties to the end of the loss: other channels first
+            between = sorted({stamp for stamp in self._held if start <= stamp < end})
+            for stamp in (*between, end):
+                for channel in {loss.channel for loss in group}:
+                    found += self._changes(self._ordered.lose(channel, start, stamp))
+                found += self._pass_to(stamp)
+            self._losses = [loss for loss in self._losses if loss not in group]
+        return found + self._pass_to(until)
+
+    def _first_losses(self) -> list[_Loss]:
+        """The earliest loss and those that overlap with it, the earliest first."""
+        self._losses.sort()
+        group: list[_Loss] = []
+        for loss in self._losses:
+            if group and loss.start > max(item.end for item in group):
+                break
+            group.append(loss)
+        return group
+
+    def _pass_to(self, instant: int) -> list[Verdict]:
+        """Everything stamped up to ``instant`` counts."""
+        if instant <= self._reached_ns:
+            return []
+        due = self._ordered.next_deadline()
+        idle = self._reached_ns >= 0 and (due is None or due > instant + self._latency_ns)
+        if idle and not any(stamp <= instant for stamp in self._held):
+            return []
+        self._reached_ns = instant
+        self._held = [stamp for stamp in self._held if stamp > instant]
+        return self._changes(self._ordered.advance(instant + self._latency_ns))
+
+    # --- what is said ------------------------------------------------------------------------------
+
+    def _changes(self, changes: Sequence[tuple[str, PropertyVerdict]]) -> list[Verdict]:
+        return [said for name, verdict in changes for said in self._said(name, verdict)]
+
+    def _said(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
+        tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
+        if outcome is tally.outcome and outcome is not Outcome.VIOLATED:
+            return []
+        made = verdict_on(self.properties[name], verdict)
+        tally.outcome = outcome
+        tally.violations += outcome is Outcome.VIOLATED
+        if made.reason:
+            tally.last = made.reason
+        return [made]
+
+    @property
+    def violations(self) -> int:
+        """How often a property was broken."""
+        return sum(tally.violations for tally in self._tallies.values())
+
+    def statuses(self) -> list[MachineStatus]:
+        """Each property as it stands."""
+        return [self._status(name) for name in self.properties]
+
+    def _status(self, name: str) -> MachineStatus:
+        tally = self._tallies[name]
+        outcome, last = tally.outcome, tally.last
+        if outcome is None:
+            last = self._ordered.verdicts()[name].reason
+        elif outcome is Outcome.CONFORMING and tally.violations:
+            outcome = Outcome.VIOLATED
+        return MachineStatus(
+            name,
+            str(outcome) if outcome is not None else UNSEEN,
+            (str(self.properties[name].role),),
+            tally.heard,
+            0,
+            tally.violations,
+            0,
+            None,
+            last,
+            PROPERTY,
+        )
+
+
+def verdict_on(item: Property, verdict: PropertyVerdict) -> Verdict:
+    """What is published of ``verdict``: the property stands in for machine and node."""
+    outcome = _OUTCOMES[verdict.status]
+    stamp = max(verdict.since_ns, 0)
+    if outcome is not Outcome.VIOLATED:
+        return Verdict(item.name, item.name, outcome, stamp, verdict.reason, kind=PROPERTY)
+    broken = "assumption broken" if item.role is Role.ASSUMPTION else str(item.severity)
+    reason = f"{broken}: {item.text or item.meaning}"
+    why = _explained(item, verdict.witness)
+    return Verdict(item.name, item.name, outcome, stamp, reason, why, PROPERTY)
+
+
+def _explained(item: Property, witness: Witness | None) -> Explanation:
+    facts = witness.facts if witness is not None else ()
+    shown = facts[-SHOWN_FACTS:]
+    evidence = [Evidence(fact.start_ns, _fact(fact)) for fact in shown]
+    if witness is not None and (len(shown) < len(facts) or not witness.complete):
+        evidence.insert(0, Evidence(witness.at_ns, "(there is more that is not shown)"))
+    held = [_what(fact) for fact in shown[-2:]]
+    return Explanation(
+        (item.meaning,), " and ".join(held), evidence=tuple(evidence), places=(str(item.position),)
+    )
+
+
+def _what(fact: Fact) -> str:
+    """The predicate as it was, and for how long."""
+    what = fact.predicate if fact.value else f"not ({fact.predicate})"
+    lasted = fact.end_ns - fact.start_ns
+    return f"{what} for {duration(lasted)}" if lasted > 0 else what
+
+
+def _fact(fact: Fact) -> str:
+    seen = fact.observation
+    if seen is None:
+        return _what(fact)
+    whose = f" of {seen.source}" if seen.source else ""
+    kind = str(seen.kind).replace("_", " ")
+    return f"{_what(fact)}: {kind} on {seen.channel}{whose}{_data(seen.data)}"
+
+
+def _data(data: Any) -> str:
+    if data is None:
+        return ""
+    text = " " + msgspec.json.encode(data).decode()
+    return text if len(text) <= _LONGEST_DATA else f"{text[:_LONGEST_DATA]}…"
+
+
+def unknown_channels(properties: Iterable[Property], system: System) -> list[str]:
+    """What a person should know: ports whose channel no model of ``system`` has, one sentence each."""
+    named = {
+        interface.channel
+        for machine in (*system.nodes, *system.plugins)
+        for interface in machine.interfaces
+    }
+    ports = {port.name: port for item in properties for port in item.ports}
+    return [
+        f"{port.position}: no model of {system.name} names {port.channel}, the channel of "
+        f"`{port.name}`: it may never be heard"
+        for port in ports.values()
+        if port.channel != ANY_CHANNEL
+        and port.channel not in named
+        and port.channel.partition("/_action/")[0] not in named
+    ]

@@ -1,0 +1,209 @@
+"""Properties in a monitor: the same table, verdicts and exit codes; deadlines; what was missed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from moon.cli import main as moon
+from moon.monitor.properties import PropertyWatch
+from moon.monitor.report import closing, table, verdict_lines
+from moon.properties.files import load_properties
+from moon.sinks.topic import message_of
+from moon.verdict import Outcome
+from tests.monitor.hand_driven import MS, START, HandDriven, S, write_models
+from transports.interface import ObservationKind
+
+LATENCY = 200 * MS
+FILE = """\
+ports:
+  battery: {topic: /battery, field: data}
+  asked: {service: /Level/tick, on: request}
+  answered: {service: /Level/tick, on: response}
+  wrong: {service: /Level/tick, on: response, when: data.status == 1}
+properties:
+  - {id: answers, pattern: response, request: asked, response: answered, within: 1 s, text: No answer.}
+  - {id: high, pattern: absence, of: wrong, before: battery < 30, severity: critical}
+"""
+
+
+class Watched(HandDriven):
+    """The hand-driven watch, with properties."""
+
+    def __init__(self, folder: Path, text: str = FILE, monitored: bool = True) -> None:
+        path = folder / "p.yaml"
+        path.write_text(text)
+        self.properties = PropertyWatch(load_properties(path), LATENCY)
+        super().__init__(folder, self.properties, monitored)
+
+    def of(self, name: str) -> list[str]:
+        return [str(verdict.outcome) for verdict in self.verdicts if verdict.node == name]
+
+    def standing(self) -> dict[str, str]:
+        return {status.machine: status.verdict for status in self.watch.statuses()}
+
+
+@pytest.fixture
+def watched(tmp_path) -> Watched:
+    return Watched(tmp_path)
+
+
+def test_properties_stand_in_the_table_after_the_machines(watched) -> None:
+    watched.node("Level", True)
+    watched.message(90)
+    watched.tick(1, 0)
+    watched.pass_time(300)
+    assert watched.standing() == {
+        "Level": "conforming",
+        "answers": "conforming",
+        "high": "conforming",
+    }
+    rows = table(watched.watch.statuses())
+    assert re.match(r"answers +conforming +guarantee +4 ", rows[2])
+    assert (
+        "1 machine: 1 conforming; 2 properties: 2 conforming; "
+        in closing(watched.watch.summary())[0]
+    )
+
+
+def test_a_response_that_never_comes_is_reported_at_its_deadline_by_the_timer(watched) -> None:
+    watched.message(90)
+    watched.tick(1)
+    asked = watched.now - MS
+    watched.pass_time(1190)
+    assert watched.of("answers") == ["conforming"]
+    watched.pass_time(20)
+    (found,) = [item for item in watched.verdicts if item.kind == "property" and item.explanation]
+    assert found.outcome is Outcome.VIOLATED
+    assert found.stamp_ns - asked in range(S - MS, S + MS)
+    assert watched.now - found.stamp_ns <= LATENCY + 20 * MS
+    assert found.reason == "error: No answer."
+    assert watched.watch.violations == 1
+
+
+def test_a_violation_says_what_was_meant_what_was_seen_and_where_it_is_written(watched) -> None:
+    watched.message(90)
+    watched.tick(1, 1)
+    watched.pass_time(300)
+    (found,) = [item for item in watched.verdicts if item.outcome is Outcome.VIOLATED]
+    assert (found.machine, found.node, found.kind) == ("high", "high", "property")
+    lines = verdict_lines(found)
+    assert lines[0].endswith(
+        "high  VIOLATED  critical: Before the first `battery < 30`, `wrong` never happens."
+    )
+    text = "\n".join(lines)
+    assert 'wrong: response sent on /Level/tick of Level {"status":1}' in text
+    assert "not (battery < 30)" in text
+    assert re.search(r"written +\S*p\.yaml:8:", text)
+    assert message_of(found).outcome == "violated"
+
+
+def test_properties_alone_need_no_models(tmp_path) -> None:
+    watched = Watched(tmp_path, monitored=False)
+    watched.message(90)
+    watched.tick(1, 1)
+    watched.pass_time(300)
+    assert watched.standing() == {"answers": "conforming", "high": "violated"}
+    assert watched.watch.summary().counts.unknown == {}
+
+
+def test_a_lost_response_makes_no_violation(watched) -> None:
+    watched.message(90)
+    watched.tick(1, 0)
+    watched.pass_time(2000)
+    for kind, source in (
+        (ObservationKind.REQUEST_SENT, "policy"),
+        (ObservationKind.REQUEST_RECEIVED, "Level"),
+    ):
+        watched.hear("/Level/tick", kind, "t/srv/Tick_Request", {}, source, call=2)
+    # the answer is missing here: 900 ms later the number has moved on by one more than it should
+    watched.pass_time(1100)
+    watched._numbers["Level", "/Level/tick", False] += 1
+    watched.tick(3, 0)
+    watched.pass_time(1000)
+    assert "violated" not in watched.of("answers")
+    assert "inconclusive" in watched.of("answers")
+
+
+def test_what_came_too_late_makes_whatever_depends_on_it_inconclusive(watched) -> None:
+    watched.message(90)
+    watched.tick(1)
+    watched.pass_time(900)
+    watched.hear(
+        "/Level/tick",
+        ObservationKind.RESPONSE_SENT,
+        "t/srv/Tick_Response",
+        {"status": 0},
+        "Level",
+        stamp_ns=watched.now - 850 * MS,
+        call=1,
+    )
+    watched.pass_time(2000)
+    assert "violated" not in watched.of("answers")
+
+
+def test_a_clock_that_is_set_back_begins_properties_anew(watched) -> None:
+    watched.message(90)
+    watched.pass_time(300)
+    watched.jump(-5 * S)
+    assert watched.of("high")[-1] == "inconclusive"
+    watched.message(90)
+    watched.tick(1, 1)
+    watched.pass_time(300)
+    assert watched.of("high")[-1] == "violated"
+
+
+def test_a_monitor_that_stood_still_blames_no_property_for_what_it_missed(watched) -> None:
+    watched.message(90)
+    watched.tick(1)
+    watched.jump(3 * S)
+    watched.pass_time(2000)
+    assert "violated" not in watched.of("answers")
+
+
+def test_time_begins_when_listening_begins(tmp_path) -> None:
+    text = FILE.split("properties:", maxsplit=1)[0] + (
+        "properties: [{id: soon, pattern: existence, of: asked, within: 1 s}]\n"
+    )
+    watched = Watched(tmp_path, text)
+    watched.pass_time(1500)
+    (found,) = [item for item in watched.verdicts if item.outcome is Outcome.VIOLATED]
+    assert abs(found.stamp_ns - START - S) <= MS
+
+
+def _said(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(moon, ["monitor", *map(str, arguments)])
+    return result.exit_code, " ".join(result.stderr.split())
+
+
+def test_a_property_file_with_an_error_is_exit_code_2_with_its_place(tmp_path) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text(FILE.replace("pattern: absence", "pattern: abscence"))
+    code, text = _said("--properties", path)
+    assert code == 2
+    assert re.search(r"p\.yaml:8:\d+: error: .*`abscence` is not a pattern", text)
+
+
+def test_neither_models_nor_properties_is_exit_code_2() -> None:
+    assert _said() == (2, _said()[1])
+    assert "Missing argument 'MODEL...|SYSTEM' (or --properties FILE)" in _said()[1]
+
+
+def test_nodes_cannot_be_chosen_without_models(tmp_path) -> None:
+    (tmp_path / "p.yaml").write_text(FILE)
+    code, text = _said("--properties", tmp_path / "p.yaml", "--only", "Level")
+    assert code == 2
+    assert "there are none" in text
+
+
+def test_a_channel_that_no_model_names_is_warned_of(tmp_path) -> None:
+    model = write_models(tmp_path)
+    path = tmp_path / "p.yaml"
+    path.write_text(FILE.replace("/battery", "/batery"))
+    code, text = _said(model, "--properties", path, "--endpoint", "nowhere")
+    assert code == 2
+    assert "p.yaml:2:3: no model of" in text
+    assert "names /batery, the channel of `battery`" in text
