@@ -136,11 +136,15 @@ def _data_files(launch: str = "") -> str:
 
 
 def _marks(package: str) -> dict[str, str]:
-    """Where ROS 2 looks for programs, and the (empty) file by which its index knows a package."""
+    """Where ROS 2 looks for programs, and the (empty) file by which its index knows a package.
+
+    A program runs on the shell's ``python3``, which has m2c-moon: colcon's own may be the system's.
+    """
     return {
         "setup.cfg": (
             f"[develop]\nscript_dir=$base/lib/{package}\n"
             f"[install]\ninstall_scripts=$base/lib/{package}\n"
+            "[build_scripts]\nexecutable=/usr/bin/env python3\n"
         ),
         f"resource/{package}": "",
     }

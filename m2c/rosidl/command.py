@@ -41,7 +41,5 @@ def build(directories: tuple[Path, ...], output: Path) -> None:
         click.echo(f"error: {error}", err=True)
         sys.exit(2)
     how = "unchanged, taken from" if built.cached else "built into"
-    click.echo(
-        f"{len(built.packages)} interface packages {how} {output}: {', '.join(built.packages)}"
-    )
+    click.echo(f"{len(built.packages)} packages {how} {output}: {', '.join(built.packages)}")
     click.echo(f"to use them in a shell: . {output / SETUP_SCRIPT}")

@@ -244,8 +244,11 @@ def test_a_workspace_of_generated_packages_builds_with_colcon_and_runs(tmp_path:
     bt_interfaces = LAB_TOUR / "interfaces" / "bt_interfaces"
     install = build_interfaces([bt_interfaces, system], tmp_path / "workspace")
     assert {"battery_level_skill", "wait_skill"} < set(install.packages)
+    program = Path(executable(install.prefix, "wait_skill")).read_text()
+    assert program.startswith("#!/usr/bin/env python3\n")  # the shell's, not colcon's
     with ros2_network.own_domain():
         environment = install.environment()
+        environment["PATH"] = f"{M2C.parent}{os.pathsep}{os.environ['PATH']}"
         nodes = [
             subprocess.Popen([executable(install.prefix, name)], env=environment)
             for name in ("battery_level_skill", "wait_skill")
