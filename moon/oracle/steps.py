@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
-from m2c.model.datatypes import Array, DataType, Structure
+from m2c.model.datatypes import BOOL, STRING, Array, DataType, Structure, is_integer
 from m2c.model.diagnostics import Position
 from m2c.model.durations import parse_duration
 from m2c.model.expressions import Expression, Index, Literal, Member, ObjectLiteral, Variable
@@ -44,6 +44,9 @@ the macrostep (as in generated code)."""
 
 MAX_OUTCOMES = 64
 """So many outcomes of one step are followed; a step with more is too open to be checked."""
+
+KEPT_STEPS = 64
+"""Steps whose outcome is remembered, for each machine."""
 
 FEW = 8
 """A draw among so many numbers is followed number by number."""
@@ -220,6 +223,9 @@ class MachineProgram:
         self.states = self._exact
         self.draws = "function='random'" in repr(machine)
         """Whether values are drawn at random."""
+        self._repeatable = self._events_of_plain_values()
+        self._steps: dict[Any, tuple[tuple[bool, Step]]] = {}
+        """Outcomes of steps taken before; nobody changes a step that was taken."""
         self._chooses = any(
             len(transition.targets) > 1
             for state in machine.states
@@ -274,8 +280,17 @@ class MachineProgram:
         """
         if symbolic or self._chooses:
             return self._outcomes(state, data, message, parts, event, symbolic)
-        step = Step(state, data, message, parts, None)
-        return ((self._deliver(step, self._exact, event), step),)
+        if parts or event not in self._repeatable:
+            step = Step(state, data, message, parts, None)
+            return ((self._deliver(step, self._exact, event), step),)
+        key = (state, data, event, tuple(message.items()) if message else ())
+        known = self._steps.get(key)
+        if known is None:
+            step = Step(state, data, message, parts, None)
+            known = self._steps[key] = ((self._deliver(step, self._exact, event), step),)
+            if len(self._steps) > KEPT_STEPS:
+                del self._steps[next(iter(self._steps))]
+        return known
 
     def handles(self, state: int, event: EventKey) -> bool:
         """Whether ``state`` has a transition on ``event``."""
@@ -384,6 +399,25 @@ class MachineProgram:
                     ):
                         self._follow(step, states, transition)
                         break
+
+    def _events_of_plain_values(self) -> frozenset[EventKey]:
+        """Events whose step depends on whole numbers, truth values and texts alone.
+
+        Those are equal only if they are the same; 0.0 and -0.0, or an array, are not so.
+        """
+        if not all(_is_plain(data.type) for data in self.machine.data):
+            return frozenset()
+        found = set()
+        for state in self.machine.states:
+            for transition in state.transitions:
+                event = transition.event
+                if event is None or event.kind is EventKind.INTERNAL:
+                    continue
+                kind = event_parts(event, self._owner, self._library).get("data")
+                fields = kind.fields if isinstance(kind, Structure) else ()
+                if all(_is_plain(inner) for _, inner in fields):
+                    found.add((event.kind, event.name))
+        return frozenset(found)
 
     # --- making it ready ---------------------------------------------------------------------------
 
@@ -577,6 +611,10 @@ class MachineProgram:
             )
 
         return send
+
+
+def _is_plain(kind: DataType) -> bool:
+    return kind in (BOOL, STRING) or is_integer(kind)
 
 
 def _message_writer(
