@@ -21,6 +21,8 @@ from m2c.model.machine import State
 from m2c.model.system import read_with_reference
 from moon.mutation import mutants
 from moon.mutation.shape import Shapes
+from moon.properties.files import load_properties
+from moon.properties.monitor import PropertySet
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 FAULTS = EXAMPLE / "faults"
@@ -43,7 +45,7 @@ def _imported(name: str) -> Iterator[ModuleType]:
         yield _module(name)
     finally:
         sys.path.remove(str(FAULTS))
-        for other in ("catalogue", "inject", "onset"):
+        for other in ("by_property", "catalogue", "inject", "onset"):
             sys.modules.pop(other, None)
 
 
@@ -269,3 +271,92 @@ def test_a_fault_that_never_shows_is_not_counted_as_found(faults_run: Any) -> No
     for name in ("T3", "T4", "T5"):
         row = faults_run.judged(faults_run.fault(name), run)
         assert row.problem == "the fault never showed itself: nothing could be found"
+
+
+TABLE = {
+    "nominal": set(),
+    "T1": {"P1", "P2"},
+    "T2": {"P2", "P3", "A1"},
+    "T3": {"P1"},
+    "T4": {"A2"},
+    "T5": {"P2"},
+    "T6": {"A3"},
+}
+"""Which properties each fault breaks."""
+
+
+def test_the_properties_find_in_virtual_time_what_they_should_and_nothing_else() -> None:
+    command = [sys.executable, str(FAULTS / "run.py"), "--transport", "simulated"]
+    done = subprocess.run(
+        [*command, "--json", "--properties"], capture_output=True, text=True, check=False
+    )
+    rows = {row["id"]: row for row in map(json.loads, done.stdout.splitlines())}
+    assert done.returncode == 0, done.stdout + done.stderr
+    broken = {
+        name: {cell["property"] for cell in row["properties"] if cell["broken"]}
+        for name, row in rows.items()
+    }
+    assert broken == TABLE
+    for row in rows.values():
+        assert [cell["property"] for cell in row["properties"]][:3] == ["P1", "P2", "P3"]
+        for cell in row["properties"]:
+            # one latency bound, a tick of the timer, a step of virtual time
+            assert not cell["broken"] or 150 <= cell["delay_ms"] <= 180
+    # what the paper's properties missed
+    papers = {
+        name: {cell["property"]: cell["paper"] for cell in rows[name]["properties"]}
+        for name in ("T2", "T4", "T6")
+    }
+    assert papers["T2"]["P3"] == papers["T4"]["P1"] == papers["T4"]["P2"] == "no detection"
+    assert papers["T6"]["P3"] == "no detection"
+
+
+def test_moons_form_of_the_properties_means_the_same(faults_run: Any) -> None:
+    first, second = (load_properties(EXAMPLE / f"properties.{kind}") for kind in ("yaml", "xml"))
+    assert [item.name for item in first] == [item.name for item in second]
+    assert [(item.text, item.severity) for item in first] == [
+        (item.text, item.severity) for item in second
+    ]
+    for name in ("T2", "T4", "T6"):
+        run = faults_run.simulated(faults_run.fault(name), _system(), 30.0, first)
+        verdicts = []
+        for properties in (first, second):
+            monitor = PropertySet(properties)
+            for seen in run.heard:
+                monitor.observe(seen)
+            verdicts.append(
+                {key: (found.status, found.since_ns) for key, found in monitor.verdicts().items()}
+            )
+        assert verdicts[0] == verdicts[1]
+        assert {key for key, (status, _) in verdicts[0].items() if status == "false"} == TABLE[name]
+
+
+def test_a_property_that_finds_nothing_or_too_much_fails_the_run(faults_run: Any) -> None:
+    properties = load_properties(EXAMPLE / "properties.yaml")
+    chosen = faults_run.fault("T6")
+    run = faults_run.simulated(chosen, _system(), 5.0, properties)
+    row = faults_run.judged(chosen, run)
+    assert faults_run.with_properties(row, chosen, run).is_well
+    deaf = msgspec.structs.replace(run, broken=())
+    missed = faults_run.with_properties(row, chosen, deaf)
+    assert [cell.problem for cell in missed.properties if cell.problem] == [
+        "A3 is not found broken"
+    ]
+    assert not missed.is_well
+    other = faults_run.fault("T4")
+    wrong = faults_run.with_properties(row, other, run)
+    assert {cell.property for cell in wrong.properties if cell.problem} == {"A2", "A3"}
+    nominal = faults_run.with_properties(faults_run.judged_nominal(deaf), None, run)
+    assert [cell.property for cell in nominal.properties if cell.problem] == ["A3"]
+
+
+def test_a_property_of_which_nothing_is_known_fails_the_run(faults_run: Any) -> None:
+    properties = load_properties(EXAMPLE / "properties.yaml")
+    run = faults_run.simulated(None, _system(), 5.0, properties)
+    row = faults_run.judged_nominal(run)
+    assert faults_run.with_properties(row, None, run).is_well
+    unsure = msgspec.structs.replace(run, standing={**run.standing, "P3": "inconclusive"})
+    (cell,) = [
+        cell for cell in faults_run.with_properties(row, None, unsure).properties if cell.problem
+    ]
+    assert cell.problem == "nothing is known of P3: inconclusive"

@@ -1,15 +1,18 @@
 """Runs the lab tour as it is and with each of the paper's six faults, every model monitored.
 
 ``python examples/lab_tour/faults/run.py [--transport zenoh|simulated] [--json] [--fault T1 …]`` prints
-the paper's table II beside what was found here. Exit code 0: every fault was found in the node that has
-it, as soon as it can be, and neither the tour as it is nor any other node was blamed; 1: not so; 2: it
-could not be run.
+the paper's table II beside what was found here; with ``--properties`` all of it: the paper's properties
+P1 to P3 and three more are monitored, too, each run lasting a whole tour.
+
+Exit code 0: every fault was found in the node that has it, as soon as it can be, and by the properties
+that it breaks; neither the tour as it is nor any other node was blamed; 1: not so; 2: it could not be run.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import logging
 import signal
 import socket
 import subprocess
@@ -19,7 +22,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import by_property
 import msgspec
+from by_property import Cell
 from catalogue import FAULTS, Detected, Fault, Kind, fault
 from inject import SYSTEM, PatchError, generated, patched, replacement
 from onset import Onset, onset
@@ -27,6 +32,7 @@ from onset import Onset, onset
 if TYPE_CHECKING:
     from m2c.model.system import System
     from moon.monitor.watch import SystemWatch
+    from moon.properties.property import Property
     from moon.verdict import Verdict
     from transports.interface import Observation, Transport
 
@@ -63,6 +69,10 @@ class Run(msgspec.Struct, frozen=True):
     """Everything heard; of the tour as it is, nothing is kept."""
     lost: tuple[str, ...] = ()
     """The machines of which the monitor did not know at the end what they do."""
+    broken: tuple[Said, ...] = ()
+    """Verdicts on properties."""
+    standing: dict[str, str] = {}
+    """The verdict at the end of each property that was monitored."""
 
 
 class Row(msgspec.Struct, frozen=True):
@@ -79,6 +89,7 @@ class Row(msgspec.Struct, frozen=True):
         first: whether the verdict is about the first wrong output.
         reason: the first line of the explanation.
         problem: why it counts as failed; "" if all is well.
+        properties: what each property found, if they were monitored.
     """
 
     id: str
@@ -92,6 +103,12 @@ class Row(msgspec.Struct, frozen=True):
     first: bool | None = None
     reason: str = ""
     problem: str = ""
+    properties: tuple[Cell, ...] = ()
+
+    @property
+    def is_well(self) -> bool:
+        """Whether the models' monitors and the properties found what they should."""
+        return self.detected and not any(cell.problem for cell in self.properties)
 
 
 # -- running --------------------------------------------------------------------------------------
@@ -104,9 +121,17 @@ class Listener:
         transport: its own connection.
         system: the models as they should be.
         faulty: the run is over when this node's machine is violated; "" for the tour as it is.
+        properties: to be monitored, too; then the run is not over before its time.
     """
 
-    def __init__(self, transport: Transport, system: System, faulty: str) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        system: System,
+        faulty: str,
+        properties: Sequence[Property] = (),
+    ) -> None:
+        from moon.monitor.properties import PropertyWatch
         from moon.monitor.watch import SystemWatch
         from moon.oracle.bounds import Bounds
 
@@ -117,9 +142,11 @@ class Listener:
         self.first_ns = 0
         """Stamp of the first thing heard."""
         self.violations: list[Said] = []
+        self.broken: list[Said] = []
+        self._properties = PropertyWatch(properties, LATENCY_NS)
         bounds = Bounds(latency=LATENCY_NS, deadline=DEADLINE_NS)
         self.watch: SystemWatch = SystemWatch(
-            transport, system, system.nodes, bounds, [self], _complain
+            transport, system, system.nodes, bounds, [self], _complain, self._properties
         )
 
     def start(self) -> None:
@@ -138,18 +165,28 @@ class Listener:
         from moon.verdict import Outcome
 
         if verdict.outcome is Outcome.VIOLATED:
-            self.violations.append(Said(verdict, self._transport.now_ns()))
+            found = self.broken if verdict.kind == "property" else self.violations
+            found.append(Said(verdict, self._transport.now_ns()))
 
     @property
     def is_over(self) -> bool:
         """Whether what should be found is found."""
-        return any(said.verdict.node == self._faulty for said in self.violations)
+        found = any(said.verdict.node == self._faulty for said in self.violations)
+        return found and not self._properties.properties
 
     def result(self) -> Run:
         """All of it."""
         heard = sorted(self.heard, key=lambda seen: seen.stamp_ns)
-        lost = [item.machine for item in self.watch.statuses() if item.verdict in _UNKNOWN]
-        return Run(tuple(heard), tuple(self.violations), self.count, tuple(lost))
+        statuses = self.watch.statuses()
+        machines = [item for item in statuses if item.kind == "model"]
+        return Run(
+            tuple(heard),
+            tuple(self.violations),
+            self.count,
+            tuple(item.machine for item in machines if item.verdict in _UNKNOWN),
+            tuple(self.broken),
+            {item.machine: item.verdict for item in statuses if item.kind == "property"},
+        )
 
 
 _UNKNOWN = ("inconclusive", "unseen")
@@ -159,7 +196,9 @@ def _complain(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def simulated(chosen: Fault | None, system: System, seconds: float) -> Run:
+def simulated(
+    chosen: Fault | None, system: System, seconds: float, properties: Sequence[Property] = ()
+) -> Run:
     """The tour in virtual time, in this process."""
     from m2c.launch.in_process import SimulatedRun
     from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
@@ -170,7 +209,10 @@ def simulated(chosen: Fault | None, system: System, seconds: float) -> Run:
     conditions = Conditions(delay_s=(0.0, 0.002), tap_delay_s=(0.0, 0.002))
     world = SimulatedWorld(1, conditions)
     listener = Listener(
-        SimulatedTransport(world, "listener"), system, "" if chosen is None else chosen.node
+        SimulatedTransport(world, "listener"),
+        system,
+        "" if chosen is None else chosen.node,
+        properties,
     )
     listener.start()
     # the nodes begin to connect after it listens
@@ -219,7 +261,9 @@ def _faulty_node(chosen: Fault, system: System) -> Any:
     return import_node(package.name, modules, chosen.node)
 
 
-def on_zenoh(chosen: Fault | None, system: System, seconds: float) -> Run:
+def on_zenoh(
+    chosen: Fault | None, system: System, seconds: float, properties: Sequence[Property] = ()
+) -> Run:
     """The tour as processes on Zenoh; the monitor is this one."""
     from transports.registry import connect
 
@@ -236,7 +280,8 @@ def on_zenoh(chosen: Fault | None, system: System, seconds: float) -> Run:
         transport = connect("zenoh", "fault_monitor", {"listen": endpoint})
         process = None
         try:
-            listener = Listener(transport, system, "" if chosen is None else chosen.node)
+            faulty = "" if chosen is None else chosen.node
+            listener = Listener(transport, system, faulty, properties)
             listener.start()
             with (Path(scratch) / "said").open("w+") as said:
                 process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
@@ -331,6 +376,16 @@ def judged_nominal(run: Run) -> Row:
     return row
 
 
+def with_properties(row: Row, chosen: Fault | None, run: Run) -> Row:
+    """``row`` with what the properties found."""
+    if not run.standing:
+        return row
+    wrong = None if chosen is None else onset(chosen.id, run.heard, LATENCY_NS)
+    since = wrong.stamp_ns if wrong is not None else None
+    found = by_property.cells(chosen, run.broken, since, run.standing)
+    return msgspec.structs.replace(row, properties=found)
+
+
 def _failed(row: Row, problem: str) -> Row:
     return msgspec.structs.replace(row, detected=False, problem=problem)
 
@@ -359,6 +414,12 @@ def show(rows: Sequence[Row]) -> None:
             console.print(f"{row.id}: {' and '.join(row.violated)}: {row.reason}", markup=False)
         if row.problem:
             console.print(f"{row.id}: FAILED: {row.problem}", markup=False)
+    if rows[0].properties:
+        lines = [
+            (row.id, row.paper, f"{_found(row)} {_latency(row)}".strip(), row.properties)
+            for row in rows
+        ]
+        by_property.show(console, lines)
 
 
 def _found(row: Row) -> str:
@@ -391,34 +452,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="only this one, and the tour as it is (repeatable)",
     )
     parser.add_argument(
+        "--properties", action="store_true", help="monitor the tour's properties, too"
+    )
+    parser.add_argument(
         "--nominal", type=float, metavar="SECONDS", help="only the tour as it is, this long"
     )
     parser.add_argument(
         "--busy", type=int, default=0, metavar="N", help="beside N processes that only compute"
     )
     chosen = parser.parse_args(arguments)
+    logging.basicConfig(level=logging.CRITICAL)  # what the policy complains of is the fault at work
     from m2c.model import ModelError
     from moon.monitor.reading import read_checked
+    from moon.properties.files import load_properties
     from transports.interface import TransportError
 
-    runner: Callable[[Fault | None, System, float], Run]
+    runner: Callable[[Fault | None, System, float, Sequence[Property]], Run]
     runner = simulated if chosen.transport == "simulated" else on_zenoh
     names = list(dict.fromkeys(chosen.fault or [item.id for item in FAULTS]))
     rows = []
     try:
         system = read_checked([SYSTEM])
+        properties = load_properties(by_property.PROPERTIES) if chosen.properties else []
         with _busy(chosen.busy):
-            rows.append(judged_nominal(runner(None, system, chosen.nominal or TOUR_S)))
+            run = runner(None, system, chosen.nominal or TOUR_S, properties)
+            rows.append(with_properties(judged_nominal(run), None, run))
             _report(rows[-1], chosen.json)
             for name in [] if chosen.nominal else names:
-                rows.append(judged(fault(name), runner(fault(name), system, TOUR_S)))
+                run = runner(fault(name), system, TOUR_S, properties)
+                rows.append(with_properties(judged(fault(name), run), fault(name), run))
                 _report(rows[-1], chosen.json)
     except (PatchError, ModelError, RunError, TransportError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     if not chosen.json:
         show(rows)
-    return 0 if all(row.detected for row in rows) else 1
+    return 0 if all(row.is_well for row in rows) else 1
 
 
 @contextlib.contextmanager
