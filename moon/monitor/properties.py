@@ -254,7 +254,9 @@ def _explained(item: Property, witness: Witness | None) -> Explanation:
     shown = facts[-SHOWN_FACTS:]
     evidence = [Evidence(fact.start_ns, _fact(fact)) for fact in shown]
     if witness is not None and (len(shown) < len(facts) or not witness.complete):
-        evidence.insert(0, Evidence(witness.at_ns, "(there is more that is not shown)"))
+        evidence.insert(
+            0, Evidence(shown[0].start_ns if shown else witness.at_ns, "(and more before)")
+        )
     held = [_what(fact) for fact in shown[-2:]]
     return Explanation(
         (item.meaning,), " and ".join(held), evidence=tuple(evidence), places=(str(item.position),)

@@ -244,6 +244,10 @@ class Cell:
     def begin(self, stamp: int) -> None:
         """Begin at ``stamp`` with the values known so far; the first step is still to be made."""
         self.started = stamp
+        for text in self._index:
+            if text in self.binding.events:
+                # so that a witness knows it did not happen before
+                self._logs[text].append((stamp, False, None))
         values: dict[str, bool] = {}
         for text in self._index:
             if text in self.binding.events:
