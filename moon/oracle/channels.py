@@ -221,7 +221,11 @@ class Channels:
             return any(
                 port.kind is InterfaceKind.SUBSCRIBER or port.part == "feedback" for port in ports
             )
-        serves = any(port.kind is InterfaceKind.SERVER for port in ports)
+        serves = any(
+            port.kind is InterfaceKind.SERVER
+            or (port.kind is InterfaceKind.ACTION_SERVER and port.part == "send_goal")
+            for port in ports
+        )
         return serves and kind is ObservationKind.REQUEST_SENT
 
     def facts(self, observation: Observation) -> list[Fact]:
@@ -338,9 +342,10 @@ _ENDED = {4: EventKind.SUCCEEDED, 5: EventKind.CANCELED, 6: EventKind.ABORTED}
 
 
 def _of_action_server(port: Port, observation: Observation, own: bool) -> Fact | None:
-    if not own:
-        return None
     data, name = observation.data, port.interface
+    if not own:
+        asked = port.part == "send_goal" and observation.kind is ObservationKind.REQUEST_SENT
+        return Fact(observation, Role.ASKED, name) if asked else None
     match port.part, observation.kind:
         case "send_goal", ObservationKind.REQUEST_RECEIVED:
             goal = complete(data["goal"], port.template)

@@ -281,7 +281,7 @@ class Oracle:
     def _take(self, fact: Fact) -> list[Verdict]:
         role = fact.role
         if role is Role.ASKED:
-            asked = (fact.interface, *fact.call)
+            asked = (fact.observation.channel, *fact.call)
             if asked not in self._taken_up and fact.stamp > self._lost_until:
                 self._asked[asked] = fact
                 self._wake = min(self._wake, fact.stamp + self.bounds.deadline)
@@ -290,7 +290,7 @@ class Oracle:
             self.outputs += 1
         elif role in (Role.MESSAGE, Role.INPUT):
             self.inputs += 1
-        if fact.event is not None and fact.event[0] is EventKind.REQUEST:
+        if fact.event is not None and fact.event[0] in (EventKind.REQUEST, EventKind.GOAL):
             self._note_taken_up(fact)
         if fact.stamp <= self._finished and self._base is not None:
             self.late += 1
@@ -325,7 +325,7 @@ class Oracle:
 
     def _note_taken_up(self, fact: Fact) -> None:
         """A request was received; who sent it may be heard before or after."""
-        place = (fact.interface, *fact.call)
+        place = (fact.observation.channel, *fact.call)
         self._asked.pop(place, None)
         taken_up = self._taken_up
         taken_up[place] = fact.stamp
