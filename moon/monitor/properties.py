@@ -165,7 +165,7 @@ class PropertyWatch:
             for stamp in (*between, end):
                 for channel in {loss.channel for loss in group}:
                     found += self._changes(self._ordered.lose(channel, start, stamp))
-                found += self._pass_to(stamp)
+                found += self._pass_to(stamp, even_if_idle=True)
             self._losses = [loss for loss in self._losses if loss not in group]
         return found + self._pass_to(until)
 
@@ -179,13 +179,17 @@ class PropertyWatch:
             group.append(loss)
         return group
 
-    def _pass_to(self, instant: int) -> list[Verdict]:
-        """Everything stamped up to ``instant`` counts."""
+    def _pass_to(self, instant: int, even_if_idle: bool = False) -> list[Verdict]:
+        """Everything stamped up to ``instant`` counts.
+
+        If nothing is due by then nothing is done, which leaves room for what comes later than it
+        should; not so after a loss, which the properties have been told of up to ``instant``.
+        """
         if instant <= self._reached_ns:
             return []
         due = self._ordered.next_deadline()
         idle = self._reached_ns >= 0 and (due is None or due > instant + self._latency_ns)
-        if idle and not any(stamp <= instant for stamp in self._held):
+        if idle and not even_if_idle and not any(stamp <= instant for stamp in self._held):
             return []
         self._reached_ns = instant
         self._held = [stamp for stamp in self._held if stamp > instant]

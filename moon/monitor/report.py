@@ -122,12 +122,14 @@ def closing(summary: Summary) -> list[str]:
             (PROPERTY, ("property", "properties")),
         )
     ]
+    has_models = any(status.kind != PROPERTY for status in summary.machines)
+    of_none = f", {counts.unconcerned:,} of no monitored machine" if has_models else ""
     lines = [
         f"{_many(summary.violations, 'violation')} in {summary.seconds:.1f} s; "
-        f"{''.join(tallies)}"
-        f"heard {counts.heard:,} observations, {counts.unconcerned:,} of no monitored machine"
+        f"{''.join(tallies)}heard {counts.heard:,} observations"
+        f"{of_none}"
     ]
-    if counts.unknown:
+    if counts.unknown and has_models:
         named = [printable(name) for name, _ in counts.unknown.most_common(_SHOWN_UNKNOWN)]
         more = len(counts.unknown) - len(named)
         rest = f" and {more} more" if more else ""

@@ -15,7 +15,7 @@ from moon.properties.files import load_properties
 from moon.sinks.topic import message_of
 from moon.verdict import Outcome
 from tests.monitor.hand_driven import MS, START, HandDriven, S, write_models
-from transports.interface import ObservationKind
+from transports.interface import Observation, ObservationKind
 
 LATENCY = 200 * MS
 FILE = """\
@@ -109,6 +109,8 @@ def test_properties_alone_need_no_models(tmp_path) -> None:
     watched.pass_time(300)
     assert watched.standing() == {"answers": "conforming", "high": "violated"}
     assert watched.watch.summary().counts.unknown == {}
+    (line,) = closing(watched.watch.summary())
+    assert line.endswith("2 properties: 1 conforming, 1 violated; heard 5 observations")
 
 
 def test_a_lost_response_makes_no_violation(watched) -> None:
@@ -144,6 +146,25 @@ def test_what_came_too_late_makes_whatever_depends_on_it_inconclusive(watched) -
     )
     watched.pass_time(2000)
     assert "violated" not in watched.of("answers")
+
+
+def test_after_a_loss_what_comes_even_later_is_counted_and_judges_nothing(tmp_path) -> None:
+    watch = Watched(tmp_path).properties
+    watch.advance(START + S)
+    watch.lose("/Level/tick", START + S, START + S + 100 * MS)
+    watch.advance(START + 2 * S)
+    late = Observation(
+        stamp_ns=START + S + 50 * MS,
+        received_ns=START + 2 * S,
+        channel="/Level/tick",
+        kind=ObservationKind.RESPONSE_SENT,
+        type_name="t/srv/Tick_Response",
+        data={"status": 1},
+        source="Level",
+    )
+    watch.observe(late)
+    assert watch.late == 1
+    assert all(said.outcome is not Outcome.VIOLATED for said in watch.advance(START + 4 * S))
 
 
 def test_a_clock_that_is_set_back_begins_properties_anew(watched) -> None:
