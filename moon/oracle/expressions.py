@@ -215,6 +215,8 @@ def relate(step: Step, operator: str, left: Any, right: Any) -> bool:
     if operator in ("==", "===", "!=", "!=="):
         equal = _may_equal(step, left, right)
         return equal if operator[0] == "=" else not equal
+    if left is right and not left.anything:
+        return operator in ("<=", ">=")  # one number, whichever it is
     certain = unknowns.compare(operator, left, right)
     if certain is not None:
         return certain

@@ -66,6 +66,11 @@ def test_the_oracle_agrees_with_the_reference(block: int) -> None:
     assert not any(found), "\n".join(filter(None, found))
 
 
+@pytest.mark.parametrize("seed", [30032, 209455, 577114])
+def test_cases_that_once_told_them_apart_are_agreed_on(seed: int) -> None:
+    assert not disagreement(seed)
+
+
 def test_the_cases_are_of_both_kinds() -> None:
     truths = [case(Random(seed)).conforms(check_calls=True) for seed in range(100)]
     assert 20 < sum(truths) < 80
