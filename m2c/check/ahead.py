@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from m2c.check.paths import open_branches, possible_targets, statements_of, takable
+from m2c.check.paths import open_branches, possible_targets, takable
 from m2c.model.machine import (
     Emit,
     Event,
@@ -20,6 +20,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
+from m2c.model.walk import statements_in
 
 _Place = tuple[str, bool]
 """A state, and whether a later request is being processed that has no response yet."""
@@ -102,7 +103,7 @@ class Ahead:
             item.kind
             for thread in self.machine.threads
             for state in thread.machine.states
-            for item in statements_of(state)
+            for item in statements_in(state)
             if isinstance(item, Emit) and item.interface == interface
         }
 

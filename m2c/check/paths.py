@@ -129,25 +129,6 @@ def possible_targets(transition: Transition) -> tuple[Target, ...]:
     return tuple(target for target in transition.targets if target.probability != 0)
 
 
-def statements_of(state: State) -> Iterator[Statement]:
-    """Every statement of ``state``, those inside ``<if>`` too."""
-    yield from flat(state.on_entry)
-    yield from flat(state.on_exit)
-    for transition in state.transitions:
-        yield from flat(transition.body)
-        for target in transition.targets:
-            yield from flat(target.body)
-
-
-def flat(statements: tuple[Statement, ...]) -> Iterator[Statement]:
-    """``statements`` and those inside them."""
-    for statement in statements:
-        yield statement
-        if isinstance(statement, If):
-            for _, body in statement.branches:
-                yield from flat(body)
-
-
 def open_branches(statement: If) -> Iterator[tuple[Statement, ...]]:
     """The bodies of ``statement`` that can run."""
     for cond, body in statement.branches:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from m2c.check.paths import statements_of
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Emit, Event, EventKind, Interface, InterfaceKind, Machine
 from m2c.model.scopes import interface_kind_of
+from m2c.model.walk import statements_in
 
 _INPUTS = {
     InterfaceKind.SUBSCRIBER: (EventKind.MESSAGE, "its messages are never read"),
@@ -28,7 +28,7 @@ def check_interfaces(machine: Machine, log: DiagnosticLog) -> None:
                     used.add((interface_kind_of(transition.event.kind), transition.event.name))
                     if transition.event.kind is EventKind.TIMER:
                         used.add((InterfaceKind.TIMER, transition.event.name))
-            for statement in statements_of(state):
+            for statement in statements_in(state):
                 if isinstance(statement, Emit):
                     used.add((interface_kind_of(statement.kind), statement.interface))
     used |= {(InterfaceKind.ACTION_SERVER, thread.interface) for thread in machine.threads}

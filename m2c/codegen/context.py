@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.names import constant
-from m2c.codegen.ports import PortNames, statements_of
+from m2c.codegen.ports import PortNames
 from m2c.model.datatypes import ANY, Array, DataType, Structure
-from m2c.model.expressions import Expression, Index, Literal, Member, Unary, Variable
+from m2c.model.expressions import Literal, Unary
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Assign, Data, Machine, State
 from m2c.model.typing import Scope
+from m2c.model.walk import root_of, statements_of
 
 
 class MachineContext:
@@ -74,12 +75,6 @@ def _is_constant(data: Data, machine: Machine) -> bool:
     if not literal or isinstance(data.type, Array | Structure) or data.type == ANY:
         return False
     return not any(
-        isinstance(item, Assign) and _root(item.location) == data.name
+        isinstance(item, Assign) and root_of(item.location) == data.name
         for item in statements_of(machine)
     )
-
-
-def _root(location: Expression) -> str:
-    while isinstance(location, Member | Index):
-        location = location.object
-    return location.name if isinstance(location, Variable) else ""

@@ -9,13 +9,14 @@ from m2c.codegen.expressions import quoted
 from m2c.codegen.interfaces import zero_text
 from m2c.codegen.layout import INDENT, WIDTH, call, indent
 from m2c.codegen.names import attribute
-from m2c.codegen.ports import EventPort, PortNames, events_of, statements_of
+from m2c.codegen.ports import EventPort, PortNames, events_of
 from m2c.codegen.statements import StatementWriter
 from m2c.codegen.transitions import TransitionWriter
 from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
 from m2c.model.expressions import ObjectLiteral
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, Machine, Raise
+from m2c.model.walk import statements_of
 
 
 class MachineWriter:

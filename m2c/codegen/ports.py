@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import msgspec
 
 from m2c.codegen.names import channel_names, snake
@@ -13,13 +11,12 @@ from m2c.model.machine import (
     Emit,
     Event,
     EventKind,
-    If,
     Interface,
     Machine,
     OutputKind,
-    Statement,
 )
 from m2c.model.scopes import event_data_type, event_parts, interface_kind_of, output_data_type
+from m2c.model.walk import statements_of
 
 _EVENT_SUFFIX = {
     EventKind.MESSAGE: "message",
@@ -204,22 +201,3 @@ def emits_of(machine: Machine) -> list[tuple[OutputKind, str]]:
         if isinstance(statement, Emit):
             found[statement.kind, statement.interface] = None
     return list(found)
-
-
-def statements_of(machine: Machine) -> Iterator[Statement]:
-    """Every statement of ``machine``, nested ones included, in document order."""
-    for state in machine.states:
-        yield from _flatten(state.on_entry)
-        for transition in state.transitions:
-            yield from _flatten(transition.body)
-            for target in transition.targets:
-                yield from _flatten(target.body)
-        yield from _flatten(state.on_exit)
-
-
-def _flatten(statements: tuple[Statement, ...]) -> Iterator[Statement]:
-    for statement in statements:
-        yield statement
-        if isinstance(statement, If):
-            for _, body in statement.branches:
-                yield from _flatten(body)

@@ -6,11 +6,12 @@ from collections.abc import Set
 
 from m2c.codegen.context import MachineContext
 from m2c.codegen.layout import INDENT, indent
-from m2c.codegen.ports import EventPort, statements_of
+from m2c.codegen.ports import EventPort
 from m2c.codegen.statements import StatementWriter
 from m2c.model.datatypes import DataType
 from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
 from m2c.model.scopes import event_parts
+from m2c.model.walk import statements_of
 
 MAX_EVENTLESS_STEPS = 1000
 """Eventless transitions in one macrostep before it is called an endless loop."""

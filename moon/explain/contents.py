@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from m2c.model.expressions import (
     Expression,
     Index,
-    Location,
     MathCall,
-    Member,
-    Variable,
     children,
 )
 from m2c.model.machine import (
@@ -24,15 +21,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-
-
-def flat(statements: Iterable[Statement]) -> Iterator[Statement]:
-    """``statements`` with those inside ``<if>``."""
-    for statement in statements:
-        yield statement
-        if isinstance(statement, If):
-            for _, body in statement.branches:
-                yield from flat(body)
+from m2c.model.walk import flat, statements_of, variables_of
 
 
 def effects(machine: Machine, state: State, transition: Transition) -> list[Statement]:
@@ -48,12 +37,7 @@ def effects(machine: Machine, state: State, transition: Transition) -> list[Stat
 def all_statements(machine: Machine) -> Iterator[Statement]:
     """Every statement of ``machine`` and its action threads."""
     for owner in with_threads(machine):
-        for state in owner.states:
-            yield from flat((*state.on_entry, *state.on_exit))
-            for transition in state.transitions:
-                yield from flat(transition.body)
-                for target in transition.targets:
-                    yield from flat(target.body)
+        yield from statements_of(owner)
 
 
 def with_threads(machine: Machine) -> list[Machine]:
@@ -83,14 +67,6 @@ def expressions(statement: Statement) -> list[Expression]:
             return []
 
 
-def root(location: Location) -> str:
-    """The variable that an assignment to ``location`` changes."""
-    inner: Expression = location
-    while isinstance(inner, Member | Index):
-        inner = inner.object
-    return inner.name if isinstance(inner, Variable) else ""
-
-
 def variables_read(machine: Machine) -> set[str]:
     """The variables on whose values something depends."""
     found: set[str] = set()
@@ -107,9 +83,6 @@ def variables_read(machine: Machine) -> set[str]:
     for owner in with_threads(machine):
         for state in owner.states:
             todo += [t.cond for t in state.transitions if t.cond is not None]
-    while todo:
-        expression = todo.pop()
-        if isinstance(expression, Variable):
-            found.add(expression.name)
-        todo += children(expression)
+    for expression in todo:
+        found.update(variables_of(expression))
     return found

@@ -22,12 +22,12 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import interface_kind_of
+from m2c.model.walk import root_of
 from moon.explain.contents import (
     all_statements,
     draws,
     effects,
     expressions,
-    root,
     variables_read,
     with_threads,
 )
@@ -309,7 +309,7 @@ def _only_inside(state: State, transition: Transition, run: list[Statement], rea
     others = {target.state for target in transition.targets} - {state.name}
     if others:
         shows.append(f"the state becomes {' or '.join(sorted(others))}")
-    every = {root(s.location) for s in run if isinstance(s, Assign)}
+    every = {root_of(s.location) for s in run if isinstance(s, Assign)}
     written = every & read
     if written:
         shows.append(f"{', '.join(sorted(written))} {'is' if len(written) == 1 else 'are'} set")

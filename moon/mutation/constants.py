@@ -17,6 +17,7 @@ from m2c.model.expressions import (
     Variable,
 )
 from m2c.model.machine import Assign, Machine
+from m2c.model.walk import root_of
 from moon.mutation import places
 
 _LARGEST = frozenset(2**bits - 1 for bits in (7, 8, 15, 16, 31, 32, 53, 63, 64))
@@ -43,13 +44,6 @@ def constants(machine: Machine) -> dict[str, Literal]:
         if data.name not in assigned:
             found[data.name] = value
     return found
-
-
-def root_of(location: Expression) -> str:
-    """The variable that ``location`` is a part of; "" if it is none's."""
-    while isinstance(location, Member | Index):
-        location = location.object
-    return location.name if isinstance(location, Variable) else ""
 
 
 def same_typed(variable: Variable, machine: Machine) -> Iterator[Variable]:

@@ -25,8 +25,9 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
+from m2c.model.walk import root_of
 from moon.mutation import places
-from moon.mutation.constants import constants, root_of
+from moon.mutation.constants import constants
 from moon.mutation.places import Block
 from moon.mutation.shape import Shapes
 

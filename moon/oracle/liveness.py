@@ -6,59 +6,21 @@ hypotheses: the oracle leaves its assignments out (live variable analysis over t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from m2c.model.datatypes import is_integer
 from m2c.model.expressions import (
     Binary,
     Conditional,
     EventData,
     Expression,
-    Index,
     Literal,
     Member,
     Unary,
     Variable,
     children,
 )
-from m2c.model.machine import Assign, Emit, If, Machine, Raise, Statement
+from m2c.model.machine import Assign, Emit, If, Machine, Raise
 from m2c.model.typing import Scope, type_of
-
-
-def variables_of(expression: Expression | None) -> Iterator[str]:
-    """Names of the variables in ``expression``."""
-    if expression is None:
-        return
-    if isinstance(expression, Variable):
-        yield expression.name
-    for child in children(expression):
-        yield from variables_of(child)
-
-
-def root_of(location: Expression) -> str:
-    """The variable of which ``location`` is, or is a part."""
-    while isinstance(location, Member | Index):
-        location = location.object
-    return location.name if isinstance(location, Variable) else ""
-
-
-def statements_of(machine: Machine) -> Iterator[Statement]:
-    """Every statement of ``machine``, those inside ``if`` included."""
-
-    def inside(statements: tuple[Statement, ...]) -> Iterator[Statement]:
-        for statement in statements:
-            yield statement
-            if isinstance(statement, If):
-                for _, body in statement.branches:
-                    yield from inside(body)
-
-    for state in machine.states:
-        yield from inside(state.on_entry)
-        yield from inside(state.on_exit)
-        for transition in state.transitions:
-            yield from inside(transition.body)
-            for target in transition.targets:
-                yield from inside(target.body)
+from m2c.model.walk import root_of, statements_of, variables_of
 
 
 def live_variables(machine: Machine) -> frozenset[str]:

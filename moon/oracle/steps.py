@@ -33,9 +33,10 @@ from m2c.model.machine import (
 )
 from m2c.model.scopes import event_parts, output_data_type
 from m2c.model.typing import Scope, type_of
+from m2c.model.walk import root_of, statements_of
 from m2c.runtime import ecmascript
 from moon.oracle.expressions import Closures, zero
-from moon.oracle.liveness import live_variables, root_of, statements_of
+from moon.oracle.liveness import live_variables
 from moon.oracle.unknowns import Unknown, anything
 
 MAX_STEPS = 1000

@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 
 from m2c.model.expressions import Variable
+from m2c.model.walk import variables_of
 from moon.properties.formula import Formula, Predicate, predicates
 from moon.properties.predicates import (
     ENVIRONMENT,
@@ -20,7 +21,6 @@ from moon.properties.predicates import (
     PredicateError,
     UnknownValue,
     truth_source,
-    variables_of,
 )
 from moon.properties.property import Port
 from transports.interface import ObservationKind

@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Callable, Mapping
 
 from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.walk import variables_of
 from moon.properties.binding import bind
 from moon.properties.formula import Formula, Interval, predicates
 from moon.properties.meaning import (
@@ -14,7 +15,7 @@ from moon.properties.meaning import (
     pattern_sentence,
 )
 from moon.properties.patterns import Pattern, PatternError, deadline, pattern_formula
-from moon.properties.predicates import PredicateError, variables_of
+from moon.properties.predicates import PredicateError
 from moon.properties.property import Port, Property, PropertySeverity, Role
 from moon.properties.syntax import FormulaError, condition, parse_formula, ticks
 

@@ -53,20 +53,6 @@ def truth_source(expression: Expression, names: dict[str, str]) -> str:
     return _Source(names).truth(expression)
 
 
-def variables_of(expression: Expression) -> list[str]:
-    """Names of the variables of ``expression``, in order of appearance."""
-    from m2c.model.expressions import children
-
-    found: list[str] = []
-    pending = [expression]
-    while pending:
-        here = pending.pop()
-        if isinstance(here, Variable) and here.name not in found:
-            found.append(here.name)
-        pending.extend(reversed(children(here)))
-    return found
-
-
 _COMPARE = {"<": "less", "<=": "at_most", ">": "more", ">=": "at_least"}
 _ALWAYS_BOOL = {"<", "<=", ">", ">=", "==", "!=", "===", "!=="}
 

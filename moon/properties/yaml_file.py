@@ -11,6 +11,7 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import Expression
+from m2c.model.walk import variables_of
 from moon.properties import channels
 from moon.properties.declaration import (
     TIME_UNITS,
@@ -24,7 +25,7 @@ from moon.properties.declaration import (
 )
 from moon.properties.formula import Formula, Interval
 from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
-from moon.properties.predicates import PredicateError, truth_source, variables_of
+from moon.properties.predicates import PredicateError, truth_source
 from moon.properties.property import Port, Property, PropertySeverity, Role
 from moon.properties.yaml_tree import Mapping, Scalar, Sequence, YamlNode, parse_yaml, read_yaml
 

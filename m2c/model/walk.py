@@ -1,0 +1,52 @@
+"""Walking over a machine: its statements with those inside ``<if>``, and what an expression names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from m2c.model.expressions import Expression, Index, Member, Variable, children
+from m2c.model.machine import If, Machine, State, Statement
+
+
+def flat(statements: Iterable[Statement]) -> Iterator[Statement]:
+    """``statements`` with those inside ``<if>``, in document order."""
+    for statement in statements:
+        yield statement
+        if isinstance(statement, If):
+            for _, body in statement.branches:
+                yield from flat(body)
+
+
+def statements_in(state: State) -> Iterator[Statement]:
+    """Every statement of ``state``: on entry, of its transitions, on exit."""
+    yield from flat(state.on_entry)
+    for transition in state.transitions:
+        yield from flat(transition.body)
+        for target in transition.targets:
+            yield from flat(target.body)
+    yield from flat(state.on_exit)
+
+
+def statements_of(machine: Machine) -> Iterator[Statement]:
+    """Every statement of ``machine``, without those of its action threads."""
+    for state in machine.states:
+        yield from statements_in(state)
+
+
+def variables_of(expression: Expression | None) -> list[str]:
+    """Names of the variables of ``expression``, each once, in order of appearance."""
+    found: dict[str, None] = {}
+    pending = [] if expression is None else [expression]
+    while pending:
+        here = pending.pop()
+        if isinstance(here, Variable):
+            found[here.name] = None
+        pending.extend(reversed(children(here)))
+    return list(found)
+
+
+def root_of(location: Expression) -> str:
+    """The variable that ``location`` is, or is a part of; "" if it is none's."""
+    while isinstance(location, Member | Index):
+        location = location.object
+    return location.name if isinstance(location, Variable) else ""
