@@ -28,7 +28,7 @@ from m2c.model.expressions import (
 )
 from m2c.runtime import ecmascript
 
-_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     "+": ecmascript.add,
     "-": ecmascript.subtract,
     "*": ecmascript.multiply,
@@ -44,6 +44,7 @@ _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     ">": lambda left, right: ecmascript.less(right, left),
     ">=": lambda left, right: ecmascript.less_or_equal(right, left),
 }
+"""What each binary operator does, on values that are all known."""
 
 
 def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mapping[str, Any]) -> Any:
@@ -86,7 +87,7 @@ def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mappin
                 case "typeof":
                     return ecmascript.type_name(value)
         case Binary(operator=operator, left=left, right=right):
-            return _OPERATORS[operator](
+            return OPERATORS[operator](
                 evaluate(left, variables, event), evaluate(right, variables, event)
             )
         case Logical(operator=operator, left=left, right=right):

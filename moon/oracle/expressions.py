@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
+from m2c.model.evaluate import OPERATORS
 from m2c.model.expressions import (
     ArrayLiteral,
     Binary,
@@ -39,24 +40,8 @@ if TYPE_CHECKING:
 
 Evaluate = Callable[["Step"], Any]
 
-_EXACT: dict[str, Callable[[Any, Any], Any]] = {
-    "+": ecmascript.add,
-    "-": ecmascript.subtract,
-    "*": ecmascript.multiply,
-    "/": ecmascript.divide,
-    "%": ecmascript.remainder,
-    "**": ecmascript.power,
-    "==": ecmascript.equals,
-    "===": ecmascript.strict_equals,
-    "!=": lambda left, right: not ecmascript.equals(left, right),
-    "!==": lambda left, right: not ecmascript.strict_equals(left, right),
-    "<": ecmascript.less,
-    "<=": ecmascript.less_or_equal,
-    ">": lambda left, right: ecmascript.less(right, left),
-    ">=": lambda left, right: ecmascript.less_or_equal(right, left),
-}
 _SYMBOLIC = {
-    operator: unknowns.arithmetic(operator, _EXACT[operator])
+    operator: unknowns.arithmetic(operator, OPERATORS[operator])
     for operator in ("+", "-", "*", "/", "%", "**")
 }
 
@@ -178,7 +163,7 @@ class Closures:
     def _binary(self, node: Binary) -> Evaluate:
         left, right = self._compile(node.left), self._compile(node.right)
         operator = node.operator
-        exact = _EXACT[operator]
+        exact = OPERATORS[operator]
         if not self._symbolic:
             return lambda step: exact(left(step), right(step))
         if operator in _SYMBOLIC:

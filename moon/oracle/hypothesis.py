@@ -112,6 +112,19 @@ class Alarm:
         self.data = data
         self.id = identifier
 
+    def due(self, low: int, high: int) -> Alarm:
+        """The same timer, due between ``low`` and ``high``."""
+        made = copy.copy(self)
+        made.low, made.high = low, high
+        return made
+
+    def not_before(self, limit: int) -> Alarm:
+        """The same periodic timer, without the times that were over before ``limit``."""
+        if self.high >= limit:
+            return self
+        missed = ((limit - self.high - 1) // self.period + 1) * self.period
+        return self.due(self.low + missed, self.high + missed)
+
 
 class Posted:
     """An event that the machine sent itself, on its executor's queue."""

@@ -49,26 +49,24 @@ class Inputs(Running):
         assert fact.event is not None
         parts = {"goal_id": goal.number}
         for taken, step in self._take(grown, 0, fact.event, fact.data, parts):
-            for made in self._absorb(grown, 0, step, fact.stamp, fact.stamp):
-                if taken:
-                    yield made
-                else:  # rejected by the node
-                    yield self._reject(made, goal, fact)
+            made = self._absorb(grown, 0, step, fact.stamp, fact.stamp)
+            # what no transition takes is rejected by the node
+            yield made if taken else self._reject(made, goal, fact)
 
     def _reject(self, hypothesis: Hypothesis, goal: Goal, fact: Fact) -> Hypothesis:
-        position = self.machine.position
-        owed = Owed(
-            OutputKind.REJECT_GOAL,
-            fact.interface,
-            None,
-            fact.stamp,
-            fact.stamp,
-            position,
-            position,
-            goal=goal.id,
-        )
         goals = tuple(g for g in hypothesis.goals if g.number != goal.number or not g.served)
-        return but(hypothesis, owed=(*hypothesis.owed, owed), goals=goals)
+        rejected = but(hypothesis, goals=goals)
+        return self._owing(rejected, OutputKind.REJECT_GOAL, goal, fact)
+
+    def _owing(
+        self, hypothesis: Hypothesis, kind: OutputKind, goal: Goal, fact: Fact
+    ) -> Hypothesis:
+        """``hypothesis`` with something more to be sent about ``goal``, by the node and not by a
+        statement of the model.
+        """
+        place = self.machine.position
+        owed = Owed(kind, goal.interface, None, fact.stamp, fact.stamp, place, place, goal=goal.id)
+        return but(hypothesis, owed=(*hypothesis.owed, owed))
 
     def _cancel_input(self, hypothesis: Hypothesis, fact: Fact) -> Iterator[Hypothesis]:
         """See ``transports.actions``: which goals a cancel request means, and who hears of it."""
@@ -133,22 +131,9 @@ class Inputs(Running):
         if event[0] is EventKind.GOAL_ACCEPTED:
             accepted = changed(hypothesis, goal, phase="running", cancel=False)
             for made in self.run(accepted, 0, event, fact.data, parts, fact.stamp, fact.stamp):
-                yield self._cancel_now(made, goal, fact) if goal.cancel else made
+                cancel = OutputKind.SEND_CANCEL
+                yield self._owing(made, cancel, goal, fact) if goal.cancel else made
             return
         goals = tuple(g for g in hypothesis.goals if g.served or g.number != goal.number)
         ended = but(hypothesis, goals=goals)
         yield from self.run(ended, 0, event, fact.data, parts, fact.stamp, fact.stamp)
-
-    def _cancel_now(self, hypothesis: Hypothesis, goal: Goal, fact: Fact) -> Hypothesis:
-        position = self.machine.position
-        owed = Owed(
-            OutputKind.SEND_CANCEL,
-            goal.interface,
-            None,
-            fact.stamp,
-            fact.stamp,
-            position,
-            position,
-            goal=goal.id,
-        )
-        return but(hypothesis, owed=(*hypothesis.owed, owed))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -10,7 +11,6 @@ from moon.oracle.channels import Fact
 from moon.oracle.goals import adopt, but, goal_called
 from moon.oracle.hypothesis import (
     ANY_CALL,
-    Alarm,
     AlarmKey,
     Hypothesis,
     Owed,
@@ -90,7 +90,7 @@ class Outputs(Running):
             if (alarm.instance, alarm.event) == key:
                 low = max(alarm.low, stamp - self.bounds.latency)
                 high = max(low, min(alarm.high, stamp + alarm.period + self._slack(alarm.period)))
-                made.append(Alarm(alarm.instance, alarm.event, low, high, alarm.period))
+                made.append(alarm.due(low, high))
             else:
                 made.append(alarm)
         return hypothesis.with_alarms(tuple(made))
@@ -169,16 +169,6 @@ def _substituted(hypothesis: Hypothesis, found: Mapping[int, tuple[Unknown, Any]
 def _owed_with(owed: Owed, put: Any) -> Owed:
     if not is_unknown(owed.data) and not isinstance(owed.goal, Unknown):
         return owed
-    return Owed(
-        owed.kind,
-        owed.interface,
-        put(owed.data),
-        owed.low,
-        owed.high,
-        owed.position,
-        owed.transition,
-        owed.call,
-        put(owed.goal),
-        owed.optional,
-        owed.alarm,
-    )
+    made = copy.copy(owed)
+    made.data, made.goal = put(owed.data), put(owed.goal)
+    return made

@@ -94,7 +94,7 @@ class Running:
             elif not taken and not step.outputs and not step.scheduled:
                 yield hypothesis
             else:
-                yield from self._absorb(hypothesis, instance, step, low, high, alarm, call)
+                yield self._absorb(hypothesis, instance, step, low, high, alarm, call)
 
     def _take(
         self,
@@ -117,7 +117,7 @@ class Running:
         high: int,
         alarm: AlarmKey | None = None,
         call: tuple[str, int] | None = None,
-    ) -> Iterator[Hypothesis]:
+    ) -> Hypothesis:
         """``before`` after ``step`` of one of its instances."""
         instances = before.instances
         changed = (step.state, tuple(step.data))
@@ -132,7 +132,7 @@ class Running:
             self._schedule(made, instance, step.scheduled, low, high)
         for output in step.outputs:
             self._owe(made, instance, output, low, high, alarm, call)
-        yield made
+        return made
 
     def _awakened(
         self, before: Hypothesis, made: Hypothesis, alarm: Alarm, low: int, high: int
@@ -140,14 +140,11 @@ class Running:
         """A periodic timer that a step makes matter: it may just have rung unheard, or just not."""
         if not alarm.period or self._matters(before, alarm) or not self._matters(made, alarm):
             return alarm
-        first, last, period = alarm.low, alarm.high, alarm.period
-        latency = self.bounds.latency
-        if last + latency < low:
-            missed = (low - latency - last) // period + 1
-            first, last = first + missed * period, last + missed * period
-        if first <= high:
-            last = min(last + period, high + period) + self._slack(period)
-        return Alarm(alarm.instance, alarm.event, first, max(last, first), period)
+        rings = alarm.not_before(low - self.bounds.latency)
+        last = rings.high
+        if rings.low <= high:
+            last = min(last, high) + rings.period + self._slack(rings.period)
+        return rings.due(rings.low, max(last, rings.low))
 
     def _schedule(
         self, made: Hypothesis, instance: int, scheduled: list[Delayed | str], low: int, high: int
@@ -293,22 +290,14 @@ class Running:
         alarms = hypothesis.alarms
         if not any(a.period and a.high + latency < now for a in alarms):
             return hypothesis
-        made = []
-        for alarm in alarms:
-            if alarm.period and alarm.high + latency < now and not self._matters(hypothesis, alarm):
-                missed = (now - latency - alarm.high) // alarm.period + 1
-                made.append(
-                    Alarm(
-                        alarm.instance,
-                        alarm.event,
-                        alarm.low + missed * alarm.period,
-                        alarm.high + missed * alarm.period,
-                        alarm.period,
-                    )
-                )
-            else:
-                made.append(alarm)
-        return hypothesis.with_alarms(tuple(made))
+        return hypothesis.with_alarms(
+            tuple(
+                alarm
+                if not alarm.period or self._matters(hypothesis, alarm)
+                else alarm.not_before(now - latency)
+                for alarm in alarms
+            )
+        )
 
     def _slack(self, duration: int) -> int:
         """By how much a timer and the stamps may disagree after ``duration`` (ns).

@@ -18,7 +18,7 @@ from moon.oracle.goals import adopt, but, goal_called
 from moon.oracle.hypothesis import Alarm, Hypothesis
 from moon.oracle.inputs import Inputs
 from moon.oracle.outputs import Outputs
-from moon.oracle.steps import MachineProgram
+from moon.oracle.steps import StateProgram
 
 
 class Search(Inputs, Outputs):
@@ -44,10 +44,11 @@ class Search(Inputs, Outputs):
         for instance in (*range(1, len(self.programs)), 0):
             grown: list[Hypothesis] = []
             for hypothesis in found:
-                state, data = hypothesis.instances[instance]
-                del state
-                for _, step in self.programs[instance].start(data):
-                    grown += self._absorb(hypothesis, instance, step, start, start + slack)
+                _, data = hypothesis.instances[instance]
+                grown += [
+                    self._absorb(hypothesis, instance, step, start, start + slack)
+                    for _, step in self.programs[instance].start(data)
+                ]
             found = grown
         if whole:
             return found
@@ -71,9 +72,8 @@ class Search(Inputs, Outputs):
             combinations = [
                 (*known, (index, data))
                 for known in combinations
-                for index, state in enumerate(program.machine.states)
-                if not program.states[index].eventless or _can_rest(program, index)
-                if state is not None
+                for index, state in enumerate(program.states)
+                if _can_rest(state)
             ]
             if len(combinations) > self.bounds.hypotheses:
                 raise TooManyError
@@ -264,12 +264,9 @@ class Search(Inputs, Outputs):
             latest = min(alarm.high, now)
             if latency >= alarm.period:
                 latest = max(latest, high)
-            following = Alarm(
-                alarm.instance,
-                alarm.event,
+            following = alarm.due(
                 max(alarm.low, low - latency) + alarm.period - slack,
                 latest + alarm.period + slack,
-                alarm.period,
             )
             others = (*hypothesis.alarms[:place], following, *hypothesis.alarms[place + 1 :])
         rest = hypothesis.with_alarms(others)
@@ -289,6 +286,6 @@ class Search(Inputs, Outputs):
         return self._latest(hypothesis)
 
 
-def _can_rest(program: MachineProgram, index: int) -> bool:
-    """Whether a step can end in a state that has eventless transitions."""
-    return all(t.condition is not None for t in program.states[index].eventless)
+def _can_rest(state: StateProgram) -> bool:
+    """Whether a step can end in ``state``: no eventless transition leaves it for sure."""
+    return all(transition.condition is not None for transition in state.eventless)

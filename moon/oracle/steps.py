@@ -8,6 +8,7 @@ for each of their outcomes.
 from __future__ import annotations
 
 import copy
+import functools
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
@@ -220,7 +221,6 @@ class MachineProgram:
         self.live = live_variables(machine)
         """Variables that make a difference to what is seen; others are left as they begin."""
         self._exact = self._compile(symbolic=False)
-        self._symbolic = self._compile(symbolic=True)
         self.states = self._exact
         self.draws = "function='random'" in repr(machine)
         """Whether values are drawn at random."""
@@ -238,6 +238,11 @@ class MachineProgram:
         """Variables that change."""
 
     # --- taking steps ------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _symbolic(self) -> list[StateProgram]:
+        """The states for steps with unknown values, made when the first such step is taken."""
+        return self._compile(symbolic=True)
 
     def initial_data(self) -> tuple[Any, ...]:
         """The datamodel before the first step."""
