@@ -26,6 +26,7 @@ from moon.properties.monitor import PropertySet
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 FAULTS = EXAMPLE / "faults"
+MODULES = [path.stem for path in FAULTS.glob("*.py")]
 
 
 @pytest.fixture
@@ -45,7 +46,7 @@ def _imported(name: str) -> Iterator[ModuleType]:
         yield _module(name)
     finally:
         sys.path.remove(str(FAULTS))
-        for other in ("by_property", "catalogue", "inject", "onset"):
+        for other in MODULES:
             sys.modules.pop(other, None)
 
 

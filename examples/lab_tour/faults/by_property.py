@@ -95,11 +95,14 @@ def _cell(chosen: Fault | None, name: str, said: Any, onset_ns: int | None, stan
     )
 
 
-def show(console: Console, rows: Sequence[tuple[str, str, str, tuple[Cell, ...]]]) -> None:
+def show(
+    console: Console, transport: str, rows: Sequence[tuple[str, str, str, tuple[Cell, ...]]]
+) -> None:
     """A table: of each fault its id, what the model monitors said there and here, and the properties."""
     names = [cell.property for cell in rows[0][3]]
     table = Table(
-        title="Table II: the paper's (above) and, in seconds since the fault showed, ours (below)",
+        title="Table II: the paper's (above) and, in seconds since the fault showed, ours on "
+        f"{transport} (below)",
         title_style="bold",
     )
     for heading in ("", "model", *names):

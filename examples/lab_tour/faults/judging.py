@@ -1,0 +1,158 @@
+"""Whether a fault was found where and when it should be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import by_property
+import msgspec
+from by_property import Cell
+from catalogue import Detected, Fault
+from listener import DEADLINE_NS, LATENCY_NS, Run
+from onset import Onset, onset
+
+LATE_NS = 200_000_000
+"""A missing output should be reported this long after its deadline, at the latest: one latency bound, and
+what is left for the monitor's timer and a busy machine."""
+MOST_LOST = 3
+"""A monitor that was held up finds machines again when they next do something; ResetSkill, say, is ticked
+once in a tour."""
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One line of the result.
+
+    Attributes:
+        id: of the fault; ``nominal`` for the tour as it is.
+        transport: that it was run on.
+        type, paper: as the paper has them.
+        node: that has the fault.
+        violated: the machines that were found in violation, in the order of the verdicts.
+        detected: whether the faulty one was found, as soon as it should be.
+        latency_ms: from the first wrong output, or the input that was not answered, to the verdict.
+        after_deadline_ms: for missing outputs: from the deadline to the verdict.
+        first: whether the verdict is about the first wrong output.
+        reason: the first line of the explanation.
+        problem: why it counts as failed; "" if all is well.
+        properties: what each property found, if they were monitored.
+    """
+
+    id: str
+    transport: str = ""
+    type: str = ""
+    node: str = ""
+    paper: str = ""
+    violated: tuple[str, ...] = ()
+    detected: bool = False
+    latency_ms: float | None = None
+    after_deadline_ms: float | None = None
+    first: bool | None = None
+    reason: str = ""
+    problem: str = ""
+    properties: tuple[Cell, ...] = ()
+
+    @property
+    def is_well(self) -> bool:
+        """Whether the models' monitors and the properties found what they should."""
+        return self.detected and not any(cell.problem for cell in self.properties)
+
+
+def judged(chosen: Fault, run: Run) -> Row:
+    """Whether ``chosen`` was found where and when it should be."""
+    blamed = tuple(dict.fromkeys(said.verdict.node for said in run.violations))
+    row = Row(
+        id=chosen.id,
+        type=chosen.type,
+        node=chosen.node,
+        paper=chosen.paper.model_monitor,
+        violated=blamed,
+    )
+    wrong: Onset | None = onset(chosen.id, run.heard, LATENCY_NS)
+    said = next((item for item in run.violations if item.verdict.node == chosen.node), None)
+    if wrong is None:
+        return _failed(row, "the fault never showed itself: nothing could be found")
+    if said is None:
+        return _failed(row, f"missed: {wrong.what} {_seconds(run, wrong.stamp_ns)}, and no verdict")
+    latency_ns = said.at_ns - wrong.stamp_ns
+    row = msgspec.structs.replace(
+        row, reason=said.verdict.reason.splitlines()[0], latency_ms=latency_ns / 1e6
+    )
+    if chosen.expected.when is Detected.AT_THE_DEADLINE:
+        late_ns = latency_ns - DEADLINE_NS
+        row = msgspec.structs.replace(row, after_deadline_ms=late_ns / 1e6)
+        if late_ns < 0:
+            return _failed(row, "said before the deadline was over")
+        if late_ns > LATE_NS:
+            return _failed(row, f"said {late_ns / 1e6:.0f} ms after the deadline")
+    else:
+        after_ms = (said.verdict.stamp_ns - wrong.stamp_ns) / 1e6
+        row = msgspec.structs.replace(row, first=not after_ms)
+        if after_ms > 0:
+            return _failed(row, f"not the first wrong output, but one {after_ms:.0f} ms later")
+        if after_ms < 0:
+            return _failed(row, f"blamed {-after_ms:.0f} ms before the first wrong output")
+    others = [name for name in blamed if name != chosen.node]
+    if others:
+        return _failed(row, f"blamed without a fault: {', '.join(others)}")
+    return msgspec.structs.replace(row, detected=True)
+
+
+def judged_nominal(run: Run) -> Row:
+    """Whether nothing was found in the tour as it is."""
+    blamed = tuple(dict.fromkeys(said.verdict.node for said in run.violations))
+    row = Row(id="nominal", type="no fault", violated=blamed, detected=not blamed)
+    if not run.count:
+        return _failed(row, "nothing was heard")
+    if len(run.lost) > MOST_LOST:
+        return _failed(row, f"not known what these do: {', '.join(run.lost)}")
+    if run.violations:
+        reason = run.violations[0].verdict.reason.splitlines()[0]
+        return _failed(msgspec.structs.replace(row, reason=reason), "a false alarm")
+    return row
+
+
+def with_properties(row: Row, chosen: Fault | None, run: Run) -> Row:
+    """``row`` with what the properties found."""
+    if not run.standing:
+        return row
+    wrong = None if chosen is None else onset(chosen.id, run.heard, LATENCY_NS)
+    since = wrong.stamp_ns if wrong is not None else None
+    found = by_property.cells(chosen, run.broken, since, run.standing)
+    return msgspec.structs.replace(row, properties=found)
+
+
+def differences(rows: Sequence[Row]) -> list[str]:
+    """Where the verdicts on one fault differ from transport to transport, one sentence each."""
+    found = []
+    first: dict[str, Row] = {}
+    for row in rows:
+        other = first.setdefault(row.id, row)
+        for what, one, here in (
+            ("in violation", other.violated, row.violated),
+            ("found", other.detected, row.detected),
+            ("broken", _broken(other), _broken(row)),
+        ):
+            if one != here:
+                found.append(
+                    f"{row.id}: {what}: {_named(one)} on {other.transport}, "
+                    f"{_named(here)} on {row.transport}"
+                )
+    return found
+
+
+def _broken(row: Row) -> tuple[str, ...]:
+    return tuple(cell.property for cell in row.properties if cell.broken)
+
+
+def _named(verdict: tuple[str, ...] | bool) -> str:
+    if isinstance(verdict, bool):
+        return "yes" if verdict else "no"
+    return ", ".join(verdict) or "nobody"
+
+
+def _failed(row: Row, problem: str) -> Row:
+    return msgspec.structs.replace(row, detected=False, problem=problem)
+
+
+def _seconds(run: Run, stamp_ns: int) -> str:
+    return f"after {(stamp_ns - run.heard[0].stamp_ns) / 1e9:.1f} s"

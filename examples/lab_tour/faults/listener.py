@@ -1,0 +1,129 @@
+"""What is heard and said in one run: a monitor of all models, and of properties beside them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+if TYPE_CHECKING:
+    from m2c.model.system import System
+    from moon.monitor.watch import SystemWatch
+    from moon.properties.property import Property
+    from moon.verdict import Verdict
+    from transports.interface import Observation, Transport
+
+DEADLINE_NS = 1_000_000_000
+"""Of outputs, as ``moon monitor`` has it when nothing is said."""
+LATENCY_NS = 150_000_000
+"""The latency bound. What was sent in time may be heard one bound later, so a monitor waits that long
+after a deadline."""
+
+
+class Said(msgspec.Struct, frozen=True):
+    """A verdict, and when it was said (ns since the epoch, on the monitor's clock)."""
+
+    verdict: Any
+    at_ns: int
+
+
+class Run(msgspec.Struct, frozen=True):
+    """What was heard (by stamp) and said in one run."""
+
+    heard: tuple[Any, ...]
+    violations: tuple[Said, ...]
+    count: int = 0
+    """Of everything heard, kept or not."""
+    lost: tuple[str, ...] = ()
+    """The machines of which the monitor did not know at the end what they do."""
+    broken: tuple[Said, ...] = ()
+    """Verdicts on properties."""
+    standing: dict[str, str] = {}
+    """The verdict at the end of each property that was monitored."""
+
+
+class Listener:
+    """A monitor of all models, and what it heard and said.
+
+    Args:
+        transport: its own connection.
+        system: the models as they should be.
+        faulty: the run is over when this node's machine is violated; "" for the tour as it is.
+        properties: to be monitored, too; then the run is not over before its time.
+        keeps: whether everything heard is kept; a long run of the tour as it is fills the memory.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        system: System,
+        faulty: str,
+        properties: Sequence[Property] = (),
+        keeps: bool = True,
+    ) -> None:
+        from moon.monitor.properties import PropertyWatch
+        from moon.monitor.watch import SystemWatch
+        from moon.oracle.bounds import Bounds
+
+        self._transport = transport
+        self._faulty = faulty
+        self._keeps = keeps
+        self.heard: list[Observation] = []
+        self.count = 0
+        self.first_ns = 0
+        """Stamp of the first thing heard."""
+        self.violations: list[Said] = []
+        self.broken: list[Said] = []
+        self._properties = PropertyWatch(properties, LATENCY_NS)
+        bounds = Bounds(latency=LATENCY_NS, deadline=DEADLINE_NS)
+        self.watch: SystemWatch = SystemWatch(
+            transport, system, system.nodes, bounds, [self], _complain, self._properties
+        )
+
+    def start(self) -> None:
+        """Listen: before the nodes start."""
+        self._transport.tap([], self._hear)
+        self.watch.start()
+
+    def _hear(self, seen: Observation) -> None:
+        self.first_ns = self.first_ns or seen.stamp_ns
+        self.count += 1
+        if self._keeps:
+            self.heard.append(seen)
+
+    def take(self, verdict: Verdict) -> None:
+        """A verdict, from the watch."""
+        from moon.verdict import Outcome
+
+        if verdict.outcome is Outcome.VIOLATED:
+            found = self.broken if verdict.kind == "property" else self.violations
+            found.append(Said(verdict, self._transport.now_ns()))
+
+    @property
+    def is_over(self) -> bool:
+        """Whether what should be found is found."""
+        found = any(said.verdict.node == self._faulty for said in self.violations)
+        return found and not self._properties.properties
+
+    def result(self) -> Run:
+        """All of it."""
+        heard = sorted(self.heard, key=lambda seen: seen.stamp_ns)
+        statuses = self.watch.statuses()
+        machines = [item for item in statuses if item.kind == "model"]
+        return Run(
+            tuple(heard),
+            tuple(self.violations),
+            self.count,
+            tuple(item.machine for item in machines if item.verdict in _UNKNOWN),
+            tuple(self.broken),
+            {item.machine: item.verdict for item in statuses if item.kind == "property"},
+        )
+
+
+_UNKNOWN = ("inconclusive", "unseen")
+
+
+def _complain(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

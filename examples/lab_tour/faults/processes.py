@@ -1,0 +1,186 @@
+"""The tour as processes, on Zenoh or on ROS 2; the monitor is this one."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+from catalogue import Fault
+from inject import SYSTEM, replacement
+from listener import Listener, Run
+
+if TYPE_CHECKING:
+    from m2c.model.system import System
+    from moon.properties.property import Property
+    from transports.interface import Transport
+
+TICK_S = 0.01
+"""How often the run looks whether it is over."""
+STOP_S = 30.0
+"""How long ``m2c run`` may take to stop its nodes."""
+ROOT = SYSTEM.parents[2]
+_EXECUTED = "LAB_TOUR_INTERFACES_BUILT"
+
+
+class RunError(Exception):
+    """A run could not be held; the text says why."""
+
+
+def on_zenoh(
+    chosen: Fault | None,
+    system: System,
+    seconds: float,
+    properties: Sequence[Property] = (),
+    keeps: bool = True,
+) -> Run:
+    """The tour as processes on Zenoh; see ``run.py`` for the arguments."""
+    from transports.registry import connect
+
+    endpoint = _free_endpoint()
+    with tempfile.TemporaryDirectory(prefix="faults-") as scratch:
+        # the nodes meet at the monitor, which so is there before them
+        meeting = Path(scratch) / "zenoh.json5"
+        meeting.write_bytes(msgspec.json.encode({"connect": {"endpoints": [endpoint]}}))
+        transport = connect("zenoh", "fault_monitor", {"listen": endpoint})
+        faulty = "" if chosen is None else chosen.node
+        listener = Listener(transport, system, faulty, properties, keeps)
+        arguments = ["--zenoh-config", str(meeting)]
+        return _held(arguments, chosen, transport, listener, seconds, Path(scratch))
+
+
+def on_ros2(
+    chosen: Fault | None,
+    system: System,
+    seconds: float,
+    properties: Sequence[Property] = (),
+    keeps: bool = True,
+) -> Run:
+    """The tour as processes on ROS 2, on loopback and in a domain that no other run uses.
+
+    ``find_interfaces`` must have been called when this process began.
+    """
+    from transports.registry import connect
+
+    with own_domain(), tempfile.TemporaryDirectory(prefix="faults-") as scratch:
+        transport = connect("ros2", "fault_monitor", {})
+        faulty = "" if chosen is None else chosen.node
+        listener = Listener(transport, system, faulty, properties, keeps)
+        arguments = ["--transport", "ros2"]
+        return _held(arguments, chosen, transport, listener, seconds, Path(scratch))
+
+
+def _held(
+    arguments: Sequence[str],
+    chosen: Fault | None,
+    transport: Transport,
+    listener: Listener,
+    seconds: float,
+    scratch: Path,
+) -> Run:
+    """Run ``m2c run`` with ``arguments``, and listen to it over ``transport``, which is closed."""
+    process = None
+    try:
+        command = [str(Path(sys.executable).parent / "m2c"), "run", str(SYSTEM), "--quiet"]
+        command += arguments
+        if chosen is not None:
+            command += ["--replace", f"{chosen.node}={replacement(chosen, scratch)}"]
+        listener.start()
+        with (scratch / "said").open("w+") as said:
+            process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
+            _spin(transport, process, listener, seconds)
+            if process.poll() is not None:
+                said.seek(0)
+                raise RunError(f"m2c run ended by itself:\n{said.read()}")
+            result = listener.result()
+            process.send_signal(signal.SIGINT)
+            process.wait(STOP_S)
+        return result
+    finally:
+        if process is not None and process.poll() is None:
+            process.kill()
+            process.wait()
+        transport.close()
+
+
+def _spin(
+    transport: Transport, process: subprocess.Popen[bytes], listener: Listener, seconds: float
+) -> None:
+    """Listen until ``seconds`` after the first thing heard, or until all is found."""
+    ended = False
+
+    def look() -> None:
+        nonlocal ended
+        passed_ns = transport.now_ns() - listener.first_ns if listener.first_ns else 0
+        ended = ended or passed_ns > seconds * 1e9 or process.poll() is not None
+
+    transport.every(TICK_S, look)
+    transport.spin(lambda: ended or listener.is_over)
+
+
+def _free_endpoint() -> str:
+    with contextlib.closing(socket.socket()) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
+    """A ROS domain that nobody else here has taken, on loopback; for this process and its children.
+
+    Raises:
+        RunError: what chooses it is not installed.
+    """
+    try:
+        from domain_coordinator import domain_id
+    except ImportError as error:
+        raise RunError("domain_coordinator is missing: pip install 'm2c-moon[ros2]'") from error
+    next_one = os.getpid()
+
+    def candidate() -> int:
+        nonlocal next_one
+        next_one += 1
+        return next_one % 100 + 1
+
+    with domain_id(candidate) as number:
+        os.environ["ROS_DOMAIN_ID"] = str(number)
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        yield number
+
+
+def find_interfaces() -> None:
+    """Make the tour's interface packages importable: build them if need be, and start anew with them.
+
+    The folders that libraries are loaded from are read when a process begins; so this one begins again,
+    with the arguments that it had. Where the packages are importable (a sourced workspace), nothing is
+    done.
+
+    Raises:
+        RunError: they cannot be built, or cannot be imported when they are.
+    """
+    from m2c.rosidl.build import InterfaceBuildError, build_interfaces
+
+    if importlib.util.find_spec("tour_interfaces") is not None:
+        return
+    if os.environ.get(_EXECUTED):
+        raise RunError("the interface packages are built, and tour_interfaces is not found")
+    try:
+        built = build_interfaces([SYSTEM.parent / "interfaces"], ROOT / "build" / "interfaces")
+    except InterfaceBuildError as error:
+        raise RunError(str(error)) from error
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execve(
+        sys.executable,
+        [sys.executable, *sys.orig_argv[1:]],
+        {**built.environment(), _EXECUTED: "yes"},
+    )
