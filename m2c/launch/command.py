@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import click
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+from transports.options import DEFAULT_ENDPOINT
 
 
 @click.command()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import select
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
@@ -161,17 +160,6 @@ def output_for(
     text = Renderer(colour=on_terminal and not os.environ.get("NO_COLOR")).text
     encoding = sys.stdout.encoding or "utf-8"
     return Lines(lambda line: text(line).encode(encoding, "backslashreplace"), post)
-
-
-def reader_is_gone() -> bool:
-    """Whether nobody can read standard output any more (as after ``| head``)."""
-    try:
-        out = sys.stdout.fileno()
-    except OSError:  # not a file
-        return False
-    poll = select.poll()
-    poll.register(out, 0)
-    return any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0))
 
 
 def _hook(value: Any) -> Any:

@@ -1,0 +1,203 @@
+"""How a command that watches meets the running system, and how it ends.
+
+What ``moon``'s commands share: the options of their connection, what they say of it, and running
+until a signal, a time or what they have seen ends them.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import select
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypeVar
+
+import click
+
+from transports.options import DEFAULT_ENDPOINT, transport_options
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from transports.interface import Transport
+
+REFRESH_S = 0.5
+"""How often what is shown is drawn anew, and losses looked for."""
+
+_Number = TypeVar("_Number", bound=float | None)
+
+
+class Network(NamedTuple):  # msgspec's would cost each --help its import
+    """Where the system runs that is to be watched.
+
+    Attributes:
+        transport: name of the middleware.
+        endpoints: where to connect; by default, on Zenoh, where ``m2c run`` lets its nodes meet.
+        zenoh_config: Zenoh's configuration file.
+        namespace: prefix of every channel.
+    """
+
+    transport: str
+    endpoints: tuple[str, ...] = ()
+    zenoh_config: Path | None = None
+    namespace: str = ""
+
+
+_NETWORK_OPTIONS = (
+    click.option("--transport", default="zenoh", show_default=True, help="The middleware."),
+    click.option(
+        "--endpoint",
+        multiple=True,
+        help=f"Where to connect (repeatable); for zenoh without a configuration file by default "
+        f"{DEFAULT_ENDPOINT}.",
+    ),
+    click.option(
+        "--zenoh-config",
+        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        help="Zenoh configuration file (TLS, routers…).",
+    ),
+    click.option("--namespace", default="", help="Prefix of every channel."),
+)
+
+
+def network_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of its connection; it gets them as one argument, ``network``."""
+
+    @functools.wraps(command)
+    def with_network(
+        transport: str,
+        endpoint: tuple[str, ...],
+        zenoh_config: Path | None,
+        namespace: str,
+        **others: object,
+    ) -> None:
+        command(network=Network(transport, endpoint, zenoh_config, namespace), **others)
+
+    for option in reversed(_NETWORK_OPTIONS):
+        with_network = option(with_network)
+    return with_network
+
+
+def finite(_: click.Context, parameter: click.Parameter, value: _Number) -> _Number:
+    """The callback of an option in seconds: ``nan`` and ``inf`` are numbers to click."""
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is not a number of seconds")
+    return value
+
+
+@contextmanager
+def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
+    """A connection to ``network``, closed afterwards; what goes wrong with it ends the process.
+
+    The exit code is 2 then, after one sentence on standard error; 0 if only the reader of standard
+    output has gone.
+
+    Args:
+        network: where to connect.
+        name: of the command; the node is called ``<name>_<process id>``.
+        writing: what the command writes, for ``cannot write …``.
+    """
+    from transports.interface import TransportError
+    from transports.registry import connect
+
+    endpoints = network.endpoints
+    if not endpoints and network.zenoh_config is None and network.transport == "zenoh":
+        endpoints = (DEFAULT_ENDPOINT,)
+    config = str(network.zenoh_config) if network.zenoh_config is not None else ""
+    options = transport_options(endpoints, config, network.namespace)
+    try:
+        connection = connect(network.transport, f"{name}_{os.getpid()}", options)
+        try:
+            yield connection
+        finally:
+            connection.close()
+    except TransportError as error:
+        fail(str(error))
+    except BrokenPipeError:
+        _write_to_nobody()
+        sys.exit(0)
+    except OSError as error:
+        to = f" to {error.filename}" if error.filename else ""
+        say(f"error: cannot write {writing}{to}: {error.strerror}")
+        _write_to_nobody()
+        sys.exit(2)
+
+
+class Watching:
+    """Runs a connection until it is to end: ``stop()``, a signal, a time, or what was seen.
+
+    Args:
+        connection: what to run; its executor is the thread that calls ``run``.
+    """
+
+    def __init__(self, connection: Transport) -> None:
+        self._connection = connection
+        self._stopped = False
+
+    def stop(self) -> None:
+        """End ``run``; on the executor's thread."""
+        self._stopped = True
+
+    def run(
+        self,
+        look_around: Callable[[], None],
+        seconds: float | None = None,
+        is_over: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Run, for at most ``seconds``, until ``stop()``, a signal, or ``is_over()`` holds.
+
+        ``look_around`` is called every :data:`REFRESH_S`.
+
+        Raises:
+            BrokenPipeError: nobody reads standard output any more.
+        """
+
+        def look() -> None:
+            if _reader_is_gone():
+                raise BrokenPipeError
+            look_around()
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._asked_to_stop)
+        self._connection.every(REFRESH_S, look)
+        if seconds is not None:
+            self._connection.after(seconds, self.stop)
+        self._connection.spin(until=lambda: self._stopped or is_over())
+
+    def _asked_to_stop(self, number: int, _: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_DFL)  # asked twice: a reader that is stuck holds us up
+        self._connection.post(self.stop)
+
+
+def say(text: str) -> None:
+    """One line on standard error, at once."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def fail(message: str) -> NoReturn:
+    """End the process: it could not do what was asked."""
+    say(f"error: {message}")
+    sys.exit(2)
+
+
+def _reader_is_gone() -> bool:
+    """Whether nobody can read standard output any more (as after ``| head``)."""
+    try:
+        out = sys.stdout.fileno()
+    except OSError:  # not a file
+        return False
+    poll = select.poll()
+    poll.register(out, 0)
+    return any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0))
+
+
+def _write_to_nobody() -> None:
+    """Let what is still buffered go nowhere: Python would complain of it when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())

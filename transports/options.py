@@ -1,0 +1,22 @@
+"""The options by which a command line's processes find their middleware."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+"""Where the nodes of a system meet on Zenoh unless somebody says otherwise: ``m2c run`` listens
+there, and what watches the system connects to it.
+"""
+
+
+def transport_options(endpoints: Sequence[str], config: str, namespace: str) -> dict[str, str]:
+    """What ``transports.registry.connect`` takes: the options that are given, by their names.
+
+    Args:
+        endpoints: where to connect; none leaves that to the configuration or the middleware.
+        config: a Zenoh configuration file, or "".
+        namespace: prefix of every channel, or "".
+    """
+    options = {"endpoint": ",".join(endpoints), "config": config, "namespace": namespace}
+    return {name: value for name, value in options.items() if value}
