@@ -20,42 +20,12 @@ from std_msgs.msg import String
 from transports.interface import TransportError
 from transports.ros2 import qos
 from transports.ros2.executor import LOG, Executor
+from transports.ros_forms import CallError, read_call_error
 
-TOPIC = "/_m2c/call_errors"
 _KEPT = 100
 
 
-class CallError(msgspec.Struct, frozen=True):
-    """A call that did not end in a response.
-
-    Attributes:
-        service, type_name: full name and type.
-        by_server: whether the server says so (it failed the request), or the client (how it ended).
-        client, gid: the calling node and its GID as the server sees it, hexadecimal.
-        call: the number of the client's call.
-        error: ``remote_error: …``, ``timeout: …``, ``unavailable: …``.
-        node: who says so.
-        stamp_ns: when, ns since the epoch.
-    """
-
-    service: str
-    type_name: str
-    by_server: bool
-    client: str
-    gid: str
-    call: int
-    error: str
-    node: str
-    stamp_ns: int
-
-
 _encode = msgspec.json.Encoder().encode
-_decode = msgspec.json.Decoder(CallError).decode
-
-
-def read(text: str) -> CallError:
-    """The record; msgspec.DecodeError if it is none."""
-    return _decode(text)
 
 
 class CallErrors:
@@ -96,7 +66,7 @@ class CallErrors:
         if taken is None:
             return False
         try:
-            error = read(taken[0].data)
+            error = read_call_error(taken[0].data)
         except msgspec.DecodeError as fault:
             LOG.warning("%s: message dropped: %s", self._topic, fault)
             return True

@@ -17,17 +17,17 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.serialization import deserialize_message
 
-from transports.interface import Observation, ObservationKind, TransportError
+from transports import ros_forms
+from transports.interface import Observation, TransportError
 from transports.losses import Losses
-from transports.ros2 import call_errors, native, qos
+from transports.ros2 import native, qos
 from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph, is_event_topic
 from transports.ros2.interfaces import ros_class
 from transports.ros2.messages import plain_of
 from transports.ros2.presence import TOPIC as NODES_TOPIC
 from transports.ros2.presence import Announcements, matches
-from transports.ros2.topics import STRING, carried_message
-from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
+from transports.service_events import EVENT_SUFFIX
 
 _QUIET = ("/rosout", "/parameter_events", "/clock")
 """Topics of ROS 2 itself, which every node has: heard only when a glob is their name."""
@@ -36,6 +36,8 @@ _QUIET_PACKAGES = ("rcl_interfaces/", "type_description_interfaces/", "compositi
 _NAMELESS_S = 1.0
 """How long a message waits for the name of who published it."""
 _RETRY_S = 0.02
+_TURN_S = 0.01
+"""How long the tap subscribes before what else is to be done has its turn."""
 _SILENT_S = 1.0
 """A service that has had no events for so long has none: its endpoints come and go one by one."""
 _NUMBERS = 2**63
@@ -106,6 +108,8 @@ class Tap:
         self._losses = Losses()
         self._numbers = Numbers()
         self._heard: dict[str, _Heard] = {}
+        self._to_hear: deque[tuple[str, Sequence[str]]] = deque()
+        """What the graph showed when it was last looked at, and has not been heard yet."""
         self._deaf: dict[str, str] = {}
         self._waiting: deque[tuple[float, str, Callable[..., Any], native.Taken, Any]] = deque()
         self._retrying = False
@@ -149,22 +153,35 @@ class Tap:
         self._node.destroy_subscription(heard.subscription)
 
     def refresh(self) -> None:
-        """Subscribe to what is new in the graph (on the executor)."""
+        """Look for what is new in the graph, and subscribe to it bit by bit (on the executor).
+
+        A subscription takes DDS some 50 ms while a whole system starts beside it: what else is to
+        be done here, a monitor's clock for one, has its turn between two of them.
+        """
         if self._closed:
             return
         self._graph.learn_participants()
         self._deliver()
         self._note_silence()
-        before = set(self._deaf)
-        for topic, types in self._node.get_topic_names_and_types():
-            if self._wants(topic):
-                self._hear(topic, types)
-        if set(self._deaf) != before:
-            self._announcements.own.refused = sorted(self._deaf)
+        is_hearing = bool(self._to_hear)
+        topics = self._node.get_topic_names_and_types()
+        self._to_hear = deque((topic, types) for topic, types in topics if self._wants(topic))
+        if not is_hearing:
+            self._hear_next()
+
+    def _hear_next(self) -> None:
+        """Subscribe to some of what is to be heard, the rest in the next turn."""
+        deadline = time.monotonic() + _TURN_S
+        while self._to_hear and not self._closed and time.monotonic() < deadline:
+            self._hear(*self._to_hear.popleft())
+        if self._to_hear:
+            self._executor.post(self._hear_next)
+        elif self._announcements.own.refused != (refused := sorted(self._deaf)):
+            self._announcements.own.refused = refused
             self._announcements.tell_again()
 
     def _wants(self, topic: str) -> bool:
-        if topic == self._prefix + call_errors.TOPIC:
+        if topic == self._prefix + ros_forms.CALL_ERRORS:
             return True
         if not topic.startswith(self._prefix + "/"):
             return False
@@ -212,7 +229,7 @@ class Tap:
             )
         except (_rclpy.RCLError, ValueError) as error:
             raise TransportError(" ".join(str(error).split())) from error
-        if topic == self._prefix + call_errors.TOPIC:
+        if topic == self._prefix + ros_forms.CALL_ERRORS:
             observe: Callable[..., Observation | None] = self._observe_error
         elif is_event_topic(topic):
             observe = self._observe_event
@@ -285,17 +302,15 @@ class Tap:
     ) -> Observation:
         channel = topic.removeprefix(self._prefix)
         source, number = self._numbered(topic, channel, taken)
-        carried = carried_message(message.data) if type_name == STRING else None
         received_ns = taken.received_ns or time.time_ns()
-        return Observation(
-            stamp_ns=taken.source_ns or received_ns,
-            received_ns=received_ns,
-            channel=channel,
-            kind=ObservationKind.MESSAGE,
-            type_name=type_name if carried is None else carried.m2c_type,
-            data=plain_of(message) if carried is None else carried.message,
-            source=source,
-            sequence=number,
+        return ros_forms.of_message(
+            channel,
+            type_name,
+            plain_of(message),
+            taken.source_ns or received_ns,
+            received_ns,
+            source,
+            number,
         )
 
     def _observe_event(
@@ -305,52 +320,41 @@ class Tap:
         channel = service.removeprefix(self._prefix)
         source, number = self._numbered(topic, channel, taken)
         info = message.info
-        kind = KIND_OF_EVENT[info.event_type]
-        is_request = kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
-        contents = message.request if is_request else message.response
+        asks = ros_forms.is_request(info.event_type)
+        contents = message.request if asks else message.response
         if not contents:
             self._deaf.setdefault(
                 service,
                 f"the events of {service} carry no contents: ask for "
                 "ServiceIntrospectionState.CONTENTS instead of METADATA",
             )
-        return Observation(
-            stamp_ns=info.stamp.sec * 10**9 + info.stamp.nanosec,
-            received_ns=taken.received_ns or time.time_ns(),
-            channel=channel,
-            kind=kind,
-            type_name=type_name.removesuffix(TYPE_SUFFIX)
-            + ("_Request" if is_request else "_Response"),
-            data=plain_of(contents[0]) if contents else None,
-            source=source,
-            sequence=number,
-            client=self._graph.client_of(service, bytes(info.client_gid)),
-            call=info.sequence_number,
+        return ros_forms.of_event(
+            channel,
+            type_name,
+            info.event_type,
+            info.stamp.sec * 10**9 + info.stamp.nanosec,
+            info.sequence_number,
+            plain_of(contents[0]) if contents else None,
+            self._graph.client_of(service, bytes(info.client_gid)),
+            taken.received_ns or time.time_ns(),
+            source,
+            number,
         )
 
     def _observe_error(
         self, topic: str, type_name: str, taken: native.Taken, message: Any
     ) -> Observation | None:
         try:
-            error = call_errors.read(message.data)
+            error = ros_forms.read_call_error(message.data)
         except msgspec.DecodeError as fault:
             self._losses.undecodable(topic, self._graph.publisher_of(topic, taken.gid), fault)
             return None
         if not matches(error.service, self._globs):
             return None
-        return Observation(
-            stamp_ns=error.stamp_ns,
-            received_ns=taken.received_ns or time.time_ns(),
-            channel=error.service.removeprefix(self._prefix),
-            kind=ObservationKind.RESPONSE_SENT
-            if error.by_server
-            else ObservationKind.RESPONSE_RECEIVED,
-            type_name=f"{error.type_name}_Response",
-            data=None,
-            source=error.node,
-            client=error.client,
-            call=error.call,
-            error=error.error,
+        return ros_forms.of_call_error(
+            error,
+            error.service.removeprefix(self._prefix),
+            taken.received_ns or time.time_ns(),
         )
 
     def _note_silence(self) -> None:

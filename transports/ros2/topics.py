@@ -17,16 +17,7 @@ from transports.interface import Message, Topic, TransportError
 from transports.ros2 import qos
 from transports.ros2.executor import LOG, Executor
 from transports.ros2.messages import Codec
-
-OWN_PACKAGES = ("m2c/", "moon_msgs/")
-STRING = "std_msgs/msg/String"
-
-
-class Carried(msgspec.Struct, frozen=True):
-    """A message without a ROS type, and the type that it has here."""
-
-    m2c_type: str
-    message: Any
+from transports.ros_forms import OWN_PACKAGES, Carried
 
 
 class CarriedCodec:
@@ -53,16 +44,6 @@ class CarriedCodec:
         if carried.m2c_type != self.type_name:
             raise msgspec.ValidationError(f"expected type {self.type_name}, got {carried.m2c_type}")
         return msgspec.convert(carried.message, self._message)
-
-
-def carried_message(text: str) -> Carried | None:
-    """What a String carries, if it carries one of our messages."""
-    if not text.startswith('{"m2c_type":'):
-        return None
-    try:
-        return msgspec.json.decode(text, type=Carried)
-    except msgspec.DecodeError:
-        return None
 
 
 def codec_of(topic: Topic) -> Codec | CarriedCodec:

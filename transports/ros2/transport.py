@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from transports import actions
+from transports import actions, ros_forms
 from transports.interface import (
     Action,
     ActionClient,
@@ -17,7 +17,7 @@ from transports.interface import (
     Topic,
     TransportError,
 )
-from transports.ros2 import call_errors, qos, topics
+from transports.ros2 import qos, topics
 from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import Executor, Timer
 from transports.ros2.faults import Declared, Faults
@@ -268,7 +268,7 @@ class Ros2Transport:
 
     def _call_errors(self) -> CallErrors:
         if self._errors is None:
-            topic = self._prefix + call_errors.TOPIC
+            topic = self._prefix + ros_forms.CALL_ERRORS
             self._errors = CallErrors(self._ros, self._executor, topic)
             self._own.publishes.append(topic)
             self._own.subscribes.append(topic)
@@ -292,4 +292,6 @@ class Ros2Transport:
 
 
 def _ros_type(topic: Topic) -> str:
-    return topics.STRING if topic.type_name.startswith(topics.OWN_PACKAGES) else topic.type_name
+    return (
+        ros_forms.STRING if topic.type_name.startswith(ros_forms.OWN_PACKAGES) else topic.type_name
+    )

@@ -1,0 +1,163 @@
+"""What messages of ROS 2 mean as observations, whoever reads them: a tap from rclpy, or a bag.
+
+Three forms are more than they seem: service events (``<service>/_service_event``), a
+``std_msgs/msg/String`` that carries a message without a ROS type, and the record of a call that ended
+without a response (on ``/_m2c/call_errors``).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from transports.interface import Observation, ObservationKind
+from transports.service_events import KIND_OF_EVENT, TYPE_SUFFIX
+
+OWN_PACKAGES = ("m2c/", "moon_msgs/")
+"""Packages of types that have no ROS definition: what the tools tell each other."""
+STRING = "std_msgs/msg/String"
+CALL_ERRORS = "/_m2c/call_errors"
+"""Where it is said how calls ended without a response."""
+
+
+class Carried(msgspec.Struct, frozen=True):
+    """A message without a ROS type, and the type that it has here."""
+
+    m2c_type: str
+    message: Any
+
+
+def carried_message(text: str) -> Carried | None:
+    """What a String carries, if it carries one of our messages."""
+    if not text.startswith('{"m2c_type":'):
+        return None
+    try:
+        return msgspec.json.decode(text, type=Carried)
+    except msgspec.DecodeError:
+        return None
+
+
+class CallError(msgspec.Struct, frozen=True):
+    """A call that did not end in a response.
+
+    Attributes:
+        service, type_name: full name and type.
+        by_server: whether the server says so (it failed the request), or the client (how it ended).
+        client, gid: the calling node and its GID as the server sees it, hexadecimal.
+        call: the number of the client's call.
+        error: ``remote_error: …``, ``timeout: …``, ``unavailable: …``.
+        node: who says so.
+        stamp_ns: when, ns since the epoch.
+    """
+
+    service: str
+    type_name: str
+    by_server: bool
+    client: str
+    gid: str
+    call: int
+    error: str
+    node: str
+    stamp_ns: int
+
+
+_decode_error = msgspec.json.Decoder(CallError).decode
+
+
+def read_call_error(text: str) -> CallError:
+    """The record; msgspec.DecodeError if it is none."""
+    return _decode_error(text)
+
+
+def of_message(
+    channel: str,
+    type_name: str,
+    data: Any,
+    stamp_ns: int,
+    received_ns: int,
+    source: str = "",
+    sequence: int = -1,
+) -> Observation:
+    """A message of a topic; ``data`` is plain (maps, lists and scalars)."""
+    if type_name == STRING:
+        carried = carried_message(data["data"])
+        if carried is not None:
+            type_name, data = carried.m2c_type, carried.message
+    return Observation(
+        stamp_ns=stamp_ns,
+        received_ns=received_ns,
+        channel=channel,
+        kind=ObservationKind.MESSAGE,
+        type_name=type_name,
+        data=data,
+        source=source,
+        sequence=sequence,
+    )
+
+
+def is_request(event_type: int) -> bool:
+    """Whether an event of ``service_msgs/msg/ServiceEventInfo.event_type`` is about a request."""
+    return KIND_OF_EVENT[event_type] in (
+        ObservationKind.REQUEST_SENT,
+        ObservationKind.REQUEST_RECEIVED,
+    )
+
+
+def of_event(
+    channel: str,
+    type_name: str,
+    event_type: int,
+    stamp_ns: int,
+    call: int,
+    contents: Any,
+    client: str,
+    received_ns: int,
+    source: str = "",
+    sequence: int = -1,
+) -> Observation:
+    """One of the four events of a call.
+
+    Args:
+        channel: the service.
+        type_name: of the event (``pkg/srv/Name_Event``).
+        event_type: of its ``service_msgs/msg/ServiceEventInfo``.
+        stamp_ns: of the same.
+        call: its ``sequence_number``.
+        contents: the request or response, plain; None if the event has none.
+        client: who calls.
+        received_ns: when the event was received.
+        source: who published it.
+        sequence: its number as a publication; -1 where not known.
+    """
+    part = "_Request" if is_request(event_type) else "_Response"
+    return Observation(
+        stamp_ns=stamp_ns,
+        received_ns=received_ns,
+        channel=channel,
+        kind=KIND_OF_EVENT[event_type],
+        type_name=type_name.removesuffix(TYPE_SUFFIX) + part,
+        data=contents,
+        source=source,
+        sequence=sequence,
+        client=client,
+        call=call,
+    )
+
+
+def of_call_error(error: CallError, channel: str, received_ns: int) -> Observation:
+    """The end of a call that had no response; ``channel`` is the service without its namespace."""
+    return Observation(
+        stamp_ns=error.stamp_ns,
+        received_ns=received_ns,
+        channel=channel,
+        kind=ObservationKind.RESPONSE_SENT
+        if error.by_server
+        else ObservationKind.RESPONSE_RECEIVED,
+        type_name=f"{error.type_name}_Response",
+        data=None,
+        source=error.node,
+        client=error.client,
+        call=error.call,
+        error=error.error,
+    )
