@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
 from moon.oracle.bounds import Bounds
-from moon.oracle.oracle import Losses, Oracle
+from moon.oracle.oracle import Oracle
+from moon.oracle.suspicions import Losses
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind

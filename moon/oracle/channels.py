@@ -9,6 +9,7 @@ Messages of others on its topics are not ordered against them.
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Any
 
@@ -80,12 +81,11 @@ class Fact:
         lane: source and channel: facts of one lane keep their order.
         droppable: whether the machine may never have got it (set by the oracle).
         observation: what was observed.
-        base: the fact itself, where this is one that was perhaps taken already.
     """
 
     __slots__ = (
+        "_base",
         "_perhaps",
-        "base",
         "call",
         "data",
         "droppable",
@@ -119,9 +119,14 @@ class Fact:
         self.goal = goal
         self.call = (observation.client, observation.call)
         self.droppable = False
-        self.base = self
+        self._base: Fact | None = None
         self._perhaps: Fact | None = None
         self.lane = (observation.source, observation.channel)
+
+    @property
+    def base(self) -> Fact:
+        """The fact itself, where this is one that was perhaps taken already."""
+        return self._base or self  # not kept as a reference to itself: that would be a cycle
 
     def perhaps(self) -> Fact:
         """The same fact for a hypothesis in which it may have been taken already."""
@@ -129,9 +134,13 @@ class Fact:
             return self
         if self._perhaps is None:
             twin = copy.copy(self)
-            twin.droppable, twin.base = True, self
+            twin.droppable, twin._base = True, self
             self._perhaps = twin
         return self._perhaps
+
+
+Reader = Callable[[Observation], Fact | None]
+"""Makes a fact of an observation, if it is one."""
 
 
 class Port:
@@ -212,46 +221,87 @@ class Channels:
 
     def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
         """Whether observations like this can mean anything to the machine."""
-        ports = self.ports.get(channel)
-        if source == self.node:
-            return True
-        if ports is None:
-            return False
-        if kind is ObservationKind.MESSAGE:
-            return any(
-                port.kind is InterfaceKind.SUBSCRIBER or port.part == "feedback" for port in ports
-            )
-        serves = any(
-            port.kind is InterfaceKind.SERVER
-            or (port.kind is InterfaceKind.ACTION_SERVER and port.part == "send_goal")
-            for port in ports
-        )
-        return serves and kind is ObservationKind.REQUEST_SENT
+        return source == self.node or bool(self.readers(channel, source, kind))
 
-    def facts(self, observation: Observation) -> list[Fact]:
-        """What ``observation`` is to the machine: usually one fact or none."""
-        ports = self.ports.get(observation.channel)
-        own = observation.source == self.node
+    def readers(self, channel: str, source: str, kind: ObservationKind) -> tuple[Reader, ...]:
+        """What makes facts of the observations of one source, channel and kind."""
+        ports = self.ports.get(channel)
+        own = source == self.node
+        if own and kind in _SENDINGS and self._is_strange(channel, ports, kind):
+            return (_strange,)
+        made = (self._reader(port, kind, own) for port in ports or ())
+        return tuple(reader for reader in made if reader is not None)
+
+    def _is_strange(self, channel: str, ports: list[Port] | None, kind: ObservationKind) -> bool:
+        """Whether the machine's model has no words for its sending this."""
         if ports is None:
-            if own and self._is_strange(observation):
-                return [Fact(observation, Role.STRANGE)]
-            return []
-        facts: list[Fact] = []
-        for port in ports:
-            fact = self._fact(port, observation, own)
-            if fact is not None:
-                if port.part:
-                    self._remember_goal(fact)
-                facts.append(fact)
+            return not channel.startswith(MIDDLEWARE_CHANNELS) and not channel.endswith(
+                MIDDLEWARE_ENDINGS
+            )
         serves_only = all(port.kind is InterfaceKind.SERVER for port in ports)
-        if own and serves_only and observation.kind is ObservationKind.REQUEST_SENT:
-            return [Fact(observation, Role.STRANGE)]
-        return facts
+        return serves_only and kind is ObservationKind.REQUEST_SENT
+
+    def _reader(self, port: Port, kind: ObservationKind, own: bool) -> Reader | None:
+        name, template = port.interface, port.template
+        match port.kind:
+            case InterfaceKind.SUBSCRIBER if kind is ObservationKind.MESSAGE:
+                return _taking(Role.MESSAGE, name, EventKind.MESSAGE, template)
+            case InterfaceKind.PUBLISHER if own and kind is ObservationKind.MESSAGE:
+                return _giving(name, OutputKind.PUBLISH, template)
+            case InterfaceKind.SERVER:
+                return _served(name, kind, own, template)
+            case InterfaceKind.CLIENT if own:
+                return self._called(name, kind, template)
+            case InterfaceKind.ACTION_SERVER if own:
+                return self._of_action(port, kind, _of_action_server)
+            case InterfaceKind.ACTION_SERVER:
+                asked = port.part == "send_goal" and kind is ObservationKind.REQUEST_SENT
+                return _asking(name) if asked else None
+            case InterfaceKind.ACTION_CLIENT if own or (
+                port.part == "feedback" and kind is ObservationKind.MESSAGE
+            ):
+                return self._of_action(port, kind, _of_action_client)
+        return None
+
+    def _called(self, name: str, kind: ObservationKind, template: Any) -> Reader | None:
+        node = self.node
+        if kind is ObservationKind.REQUEST_SENT:
+
+            def sent(seen: Observation) -> Fact | None:
+                if seen.client != node:
+                    return None
+                return Fact(seen, Role.OUTPUT, name, None, OutputKind.REQUEST, seen.data)
+
+            return sent
+        if kind is not ObservationKind.RESPONSE_RECEIVED:
+            return None
+        answer, failure = (EventKind.RESPONSE, name), (EventKind.CALL_ERROR, name)
+
+        def received(seen: Observation) -> Fact | None:
+            if seen.client != node:
+                return None
+            if seen.error:
+                return Fact(seen, Role.INPUT, name, failure)
+            return Fact(seen, Role.INPUT, name, answer, None, complete(seen.data, template))
+
+        return received
+
+    def _of_action(
+        self, port: Port, kind: ObservationKind, read: Callable[[Port, Observation], Fact | None]
+    ) -> Reader:
+        if kind is ObservationKind.MESSAGE:
+            return lambda seen: read(port, seen)
+
+        def remembering(seen: Observation) -> Fact | None:
+            fact = read(port, seen)
+            if fact is not None:
+                self._remember_goal(fact)
+            return fact
+
+        return remembering
 
     def _remember_goal(self, fact: Fact) -> None:
         """Responses of an action's services do not name their goal; their requests do."""
-        if fact.observation.kind is ObservationKind.MESSAGE:
-            return
         place = (fact.observation.channel, *fact.call)
         if fact.goal:
             self._goals[place] = fact.goal
@@ -272,68 +322,42 @@ class Channels:
         """Whether the machine was heard sending this goal since its past is known."""
         return goal in self._sent
 
-    def _is_strange(self, observation: Observation) -> bool:
-        if observation.kind not in _SENDINGS:
-            return False
-        channel = observation.channel
-        return not channel.startswith(MIDDLEWARE_CHANNELS) and not channel.endswith(
-            MIDDLEWARE_ENDINGS
-        )
 
-    def _fact(self, port: Port, observation: Observation, own: bool) -> Fact | None:
-        kind, name = observation.kind, port.interface
-        match port.kind:
-            case InterfaceKind.SUBSCRIBER:
-                if kind is ObservationKind.MESSAGE:
-                    data = complete(observation.data, port.template)
-                    return Fact(
-                        observation, Role.MESSAGE, name, (EventKind.MESSAGE, name), None, data
-                    )
-            case InterfaceKind.PUBLISHER:
-                if own and kind is ObservationKind.MESSAGE:
-                    data = complete(observation.data, port.template)
-                    return Fact(observation, Role.OUTPUT, name, None, OutputKind.PUBLISH, data)
-            case InterfaceKind.SERVER:
-                return self._served(port, observation, own)
-            case InterfaceKind.CLIENT:
-                return self._called(port, observation, own)
-            case InterfaceKind.ACTION_SERVER:
-                return _of_action_server(port, observation, own)
-            case InterfaceKind.ACTION_CLIENT:
-                return _of_action_client(port, observation, own)
-        return None
+def _strange(seen: Observation) -> Fact:
+    return Fact(seen, Role.STRANGE)
 
-    def _served(self, port: Port, observation: Observation, own: bool) -> Fact | None:
-        name = port.interface
-        match observation.kind:
-            case ObservationKind.REQUEST_RECEIVED if own:
-                data = complete(observation.data, port.template)
-                return Fact(observation, Role.INPUT, name, (EventKind.REQUEST, name), None, data)
-            case ObservationKind.RESPONSE_SENT if own:
-                if observation.error:
-                    return None  # the transport refuses a request that is none
-                return Fact(
-                    observation, Role.OUTPUT, name, None, OutputKind.RESPONSE, observation.data
-                )
-            case ObservationKind.REQUEST_SENT if observation.source != self.node:
-                return Fact(observation, Role.ASKED, name)
-        return None
 
-    def _called(self, port: Port, observation: Observation, own: bool) -> Fact | None:
-        if not own or observation.client != self.node:
-            return None
-        name = port.interface
-        match observation.kind:
-            case ObservationKind.REQUEST_SENT:
-                return Fact(
-                    observation, Role.OUTPUT, name, None, OutputKind.REQUEST, observation.data
-                )
-            case ObservationKind.RESPONSE_RECEIVED:
-                if observation.error:
-                    return Fact(observation, Role.INPUT, name, (EventKind.CALL_ERROR, name))
-                data = complete(observation.data, port.template)
-                return Fact(observation, Role.INPUT, name, (EventKind.RESPONSE, name), None, data)
-        return None
+def _asking(name: str) -> Reader:
+    return lambda seen: Fact(seen, Role.ASKED, name)
+
+
+def _taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
+    event = (kind, name)
+    return lambda seen: Fact(seen, role, name, event, None, complete(seen.data, template))
+
+
+def _giving(name: str, kind: OutputKind, template: Any) -> Reader:
+    return lambda seen: Fact(seen, Role.OUTPUT, name, None, kind, complete(seen.data, template))
+
+
+def _served(name: str, kind: ObservationKind, own: bool, template: Any) -> Reader | None:
+    match kind:
+        case ObservationKind.REQUEST_RECEIVED if own:
+            return _taking(Role.INPUT, name, EventKind.REQUEST, template)
+        case ObservationKind.RESPONSE_SENT if own:
+            return _answering(name)
+        case ObservationKind.REQUEST_SENT if not own:
+            return _asking(name)
+    return None
+
+
+def _answering(name: str) -> Reader:
+    def answer(seen: Observation) -> Fact | None:
+        if seen.error:
+            return None  # the transport refuses a request that is none
+        return Fact(seen, Role.OUTPUT, name, None, OutputKind.RESPONSE, seen.data)
+
+    return answer
 
 
 _ENDS = {4: OutputKind.SUCCEED, 5: OutputKind.CANCEL, 6: OutputKind.ABORT}
@@ -341,11 +365,8 @@ _ENDS = {4: OutputKind.SUCCEED, 5: OutputKind.CANCEL, 6: OutputKind.ABORT}
 _ENDED = {4: EventKind.SUCCEEDED, 5: EventKind.CANCELED, 6: EventKind.ABORTED}
 
 
-def _of_action_server(port: Port, observation: Observation, own: bool) -> Fact | None:
+def _of_action_server(port: Port, observation: Observation) -> Fact | None:
     data, name = observation.data, port.interface
-    if not own:
-        asked = port.part == "send_goal" and observation.kind is ObservationKind.REQUEST_SENT
-        return Fact(observation, Role.ASKED, name) if asked else None
     match port.part, observation.kind:
         case "send_goal", ObservationKind.REQUEST_RECEIVED:
             goal = complete(data["goal"], port.template)
@@ -375,14 +396,12 @@ def _of_action_server(port: Port, observation: Observation, own: bool) -> Fact |
     return None
 
 
-def _of_action_client(port: Port, observation: Observation, own: bool) -> Fact | None:
+def _of_action_client(port: Port, observation: Observation) -> Fact | None:
     data, name = observation.data, port.interface
     if port.part == "feedback" and observation.kind is ObservationKind.MESSAGE:
         feedback = complete(data["feedback"], port.template)
         event = (EventKind.FEEDBACK, name)
         return Fact(observation, Role.MESSAGE, name, event, None, feedback, goal_id(data))
-    if not own:
-        return None
     match port.part, observation.kind:
         case "send_goal", ObservationKind.REQUEST_SENT:
             kind = OutputKind.SEND_GOAL

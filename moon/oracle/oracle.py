@@ -9,30 +9,23 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import deque
-from enum import Enum
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for
+from moon.oracle.anchoring import Anchoring
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.channels import Channels, Fact, Role
 from moon.oracle.explain import explanation_of, told
 from moon.oracle.hypothesis import Hypothesis
+from moon.oracle.lanes import Count, Lanes, Sequel
 from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
+from moon.oracle.suspicions import Losses, Suspicions
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
-
-KEPT_FACTS = 20_000
-"""Facts kept while the oracle looks for a moment that is certain."""
-
-KEPT_SUSPICIONS = 16
-"""Violations that wait for proof that no observation is missing."""
-
-KEPT_SOURCES = 4096
-"""Sources and channels of which the last number is remembered; names come from the wire."""
 
 KEPT_CALLS = 256
 """Requests received whose sending was not heard yet."""
@@ -40,22 +33,7 @@ KEPT_CALLS = 256
 EVIDENCE = 12
 """So many observations are kept for explanations."""
 
-
-class Losses:
-    """What the oracles of one tap know of it. ``happen``: observations have been lost."""
-
-    def __init__(self, happen: bool = False) -> None:
-        self.happen = happen
-
-
-class _Sequel(Enum):
-    """How an observation follows another."""
-
-    NEXT = 0
-    AGAIN = 1
-    AFTER_A_GAP = 2
-    ANEW = 3
-    UNKNOWN_BEFORE = 4
+_TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 
 
 class Oracle:
@@ -80,8 +58,7 @@ class Oracle:
         losses: Losses | None = None,
     ) -> None:
         self.losses = losses or Losses()
-        self._suspicions: list[tuple[Verdict, dict[tuple[str, str, bool], int]]] = []
-        self._cleared: list[Verdict] = []
+        self._suspicions = Suspicions()
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
         self.machine = machine
@@ -89,6 +66,9 @@ class Oracle:
         self.bounds = bounds or Bounds()
         self.channels = Channels(machine, library, self.node)
         self.search = Search(machine, library, self.channels, self.bounds)
+        self._lanes = Lanes(self.channels, self.node)
+        self._latency = self.bounds.latency
+        self._anchoring = Anchoring(self._latency)
         self.outcome = Outcome.CONFORMING
         self.violations = 0
         self.inputs = 0
@@ -105,10 +85,6 @@ class Oracle:
         self._finished = 0
         self._synchronised = synchronised
         self._listening_since: int | None = None
-        self._last_output = 0
-        self._recent: deque[Fact] = deque()
-        self._numbers: dict[tuple[str, str, bool], tuple[int, int]] = {}
-        """Per source, channel and whether it is a message: last number and stamp."""
         self._asked: dict[tuple[str, str, int], Fact] = {}
         self._taken_up: dict[tuple[str, str, int], int] = {}
         self._reason = ""
@@ -132,8 +108,7 @@ class Oracle:
         self._synchronised = True
         self._window.clear()
         self._asked.clear()
-        for place in [place for place in self._numbers if place[0] == self.node]:
-            del self._numbers[place]
+        self._lanes.restart()
         self._begin(stamp_ns, whole)
         self._droppable_until = 0 if whole else stamp_ns + self.bounds.latency
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
@@ -154,38 +129,31 @@ class Oracle:
 
     def feed(self, observation: Observation) -> list[Verdict]:
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
+        lane = self._lanes.of(observation)
+        facts = []
         try:
-            facts = self.channels.facts(observation)
+            for read in lane.readers:
+                fact = read(observation)
+                if fact is not None:
+                    facts.append(fact)
         except (KeyError, TypeError, ValueError, AttributeError):
             self.late += 1
             text = f"an observation on {observation.channel} cannot be read"
             return [*self.lose(observation.stamp_ns, text), *self.advance(observation.received_ns)]
         verdicts: list[Verdict] = []
-        if observation.source == self.node or facts:
-            match self._sequel(observation):
-                case _Sequel.AGAIN:
-                    self.repeated += 1
-                    facts = []
-                case _Sequel.UNKNOWN_BEFORE:
-                    verdicts += self.lose(
-                        observation.stamp_ns,
-                        f"what came first on {observation.channel} was not heard",
-                    )
-                case _Sequel.AFTER_A_GAP:
-                    self.losses.happen = True
-                    verdicts += self.lose(
-                        observation.stamp_ns,
-                        f"observations on {observation.channel} from {observation.source} were lost",
-                    )
-                case _Sequel.ANEW if observation.source == self.node:
-                    verdicts += self.lose(observation.stamp_ns, f"{self.node} was restarted")
-            if self._cleared:
-                verdicts += self._cleared
-                self._cleared = []
-            for fact in facts:
-                verdicts += self._take(fact)
-        verdicts += self.advance(observation.received_ns)
-        return verdicts
+        count, number = lane.count, observation.sequence
+        if count is not None and number >= 0:
+            if number == count.next and not self._suspicions:
+                count.next, count.stamp = number + 1, observation.stamp_ns
+            elif not self._follows(observation, count, verdicts):
+                facts = []
+        for fact in facts:
+            self._take(fact, verdicts)
+        settled = observation.received_ns - self._latency
+        if self._finished < settled < self._wake:
+            self._finished = settled
+            return verdicts
+        return verdicts + self.advance(observation.received_ns)
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed: what can no longer change is settled, what is overdue is said.
@@ -193,7 +161,7 @@ class Oracle:
         Args:
             now_ns: on the clock of ``Observation.received_ns``.
         """
-        settled = now_ns - self.bounds.latency
+        settled = now_ns - self._latency
         if settled <= self._finished:
             return []
         if settled < self._wake:
@@ -250,27 +218,28 @@ class Oracle:
 
     # --- taking facts ------------------------------------------------------------------------------
 
-    def _sequel(self, observation: Observation) -> _Sequel:
-        """How an observation follows the one before it on its channel from its source."""
-        message = observation.kind is ObservationKind.MESSAGE
-        if observation.sequence < 0 or not (message or observation.source == self.node):
-            return _Sequel.NEXT  # what others tell of their calls only adds to what is known
-        place = (observation.source, observation.channel, message)
-        last = self._numbers.get(place)
-        if last is not None and observation.sequence <= last[0] and observation.stamp_ns <= last[1]:
-            return _Sequel.AGAIN
-        if last is None and len(self._numbers) >= KEPT_SOURCES:
-            del self._numbers[next(iter(self._numbers))]
-        self._numbers[place] = (observation.sequence, observation.stamp_ns)
+    def _follows(self, observation: Observation, count: Count, verdicts: list[Verdict]) -> bool:
+        """Whether this is new; what its number tells of losses goes to ``verdicts``."""
+        stamp, number = observation.stamp_ns, observation.sequence
+        sequel = count.sequel(number, stamp)
+        if sequel is Sequel.AGAIN:
+            self.repeated += 1
+            return False
         if self._suspicions:
-            self._cleared += self._examine(place, observation.sequence)
-        if last is None:
-            # a number above 0 comes first where a tap joins later, or where the first was lost
-            whole = observation.sequence == 0 or not self._is_expected(observation)
-            return _Sequel.NEXT if whole else _Sequel.UNKNOWN_BEFORE
-        if observation.sequence == last[0] + 1:
-            return _Sequel.NEXT
-        return _Sequel.AFTER_A_GAP if observation.sequence > last[0] else _Sequel.ANEW
+            proven = self._suspicions.hear(count.place, number)
+            verdicts += [v for verdict in proven for v in self._convict(verdict, certain=True)]
+        match sequel:
+            case Sequel.FIRST if number > 0 and self._is_expected(observation):
+                # a number above 0 comes first where a tap joins later, or where the first was lost
+                text = f"what came first on {observation.channel} was not heard"
+                verdicts += self.lose(stamp, text)
+            case Sequel.AFTER_A_GAP:
+                self.losses.happen = True
+                text = f"observations on {observation.channel} from {observation.source} were lost"
+                verdicts += self.lose(stamp, text)
+            case Sequel.ANEW if observation.source == self.node:
+                verdicts += self.lose(stamp, f"{self.node} was restarted")
+        return True
 
     def _is_expected(self, observation: Observation) -> bool:
         """Whether its channel's first observation should have been heard by now."""
@@ -278,39 +247,43 @@ class Oracle:
             return self._base is not None
         return self._from_start and observation.source == self.node
 
-    def _take(self, fact: Fact) -> list[Verdict]:
+    def _take(self, fact: Fact, verdicts: list[Verdict]) -> None:
         role = fact.role
         if role is Role.ASKED:
             asked = (fact.observation.channel, *fact.call)
             if asked not in self._taken_up and fact.stamp > self._lost_until:
                 self._asked[asked] = fact
                 self._wake = min(self._wake, fact.stamp + self.bounds.deadline)
-            return []
+            return
         if role is Role.OUTPUT or role is Role.STRANGE:
             self.outputs += 1
-        elif role in (Role.MESSAGE, Role.INPUT):
+        elif role is Role.MESSAGE or role is Role.INPUT:
             self.inputs += 1
-        if fact.event is not None and fact.event[0] in (EventKind.REQUEST, EventKind.GOAL):
+        if fact.event is not None and fact.event[0] in _TAKEN_UP:
             self._note_taken_up(fact)
         if fact.stamp <= self._finished and self._base is not None:
             self.late += 1
-            return self.lose(
-                fact.stamp, f"an observation on {fact.observation.channel} came too late"
-            )
+            text = f"an observation on {fact.observation.channel} came too late"
+            verdicts += self.lose(fact.stamp, text)
+            return
         if self._listening_since is None:
-            self._listening_since = fact.stamp
-            if self._synchronised:
-                self._begin(fact.stamp)
-            else:
-                self.outcome = Outcome.INCONCLUSIVE
-                self._reason = "started in the middle: waiting for a moment that is certain"
+            self._listen(fact.stamp)
         if self._base is None:
-            self._remember(fact)
-            return []
+            self._anchoring.remember(fact, self._finished)
+            return
         if fact.stamp < self._droppable_until:
             fact.droppable = True
         self._keep(fact)
-        return []
+
+    def _listen(self, stamp: int) -> None:
+        """The first fact is from ``stamp``."""
+        if self._synchronised:
+            self._begin(stamp)
+            return
+        self._listening_since = stamp
+        self._anchoring.begin(stamp)
+        self.outcome = Outcome.INCONCLUSIVE
+        self._reason = "started in the middle: waiting for a moment that is certain"
 
     def _keep(self, fact: Fact) -> None:
         """Put ``fact`` in its place; mostly that is the last."""
@@ -370,6 +343,11 @@ class Oracle:
     def _after(self, before: list[Hypothesis], fact: Fact) -> list[Hypothesis]:
         """What can be so after ``fact``; empty if it cannot be."""
         search, stamp = self.search, fact.stamp
+        if len(before) == 1:
+            only = search.only(before[0], fact)
+            if only is not None:
+                search.last = stamp
+                return [only]
         if fact.role is Role.MESSAGE:
             if not search.changes_something(fact.event):
                 return before
@@ -515,9 +493,7 @@ class Oracle:
         follows.
         """
         if not certain and self.losses.happen:
-            lanes = {place: number for place, (number, _) in self._numbers.items()}
-            self._suspicions.append((verdict, lanes))
-            del self._suspicions[:-KEPT_SUSPICIONS]
+            self._suspicions.add(verdict, self._lanes.counts.values())
             if self.outcome is Outcome.INCONCLUSIVE:
                 return []
             self.outcome = Outcome.INCONCLUSIVE
@@ -527,22 +503,6 @@ class Oracle:
         self.outcome = Outcome.VIOLATED
         self._reason = verdict.reason
         return [verdict]
-
-    def _examine(self, place: tuple[str, str, bool], number: int) -> list[Verdict]:
-        """An observation's number clears its channel of having lost what a suspicion hangs on."""
-        verdicts: list[Verdict] = []
-        for suspicion in tuple(self._suspicions):
-            verdict, lanes = suspicion
-            if place not in lanes:
-                continue
-            if number != lanes[place] + 1:
-                self._suspicions.remove(suspicion)
-                continue
-            del lanes[place]
-            if not lanes:
-                self._suspicions.remove(suspicion)
-                verdicts += self._convict(verdict, certain=True)
-        return verdicts
 
     # --- losing and finding the thread -------------------------------------------------------------
 
@@ -567,59 +527,23 @@ class Oracle:
         self._wake = 0
         self._window.clear()
         self._asked.clear()
-        self._recent.clear()
-        self._lost_until = stamp + self.bounds.latency
+        self._lost_until = stamp + self._latency
         self._listening_since = stamp
-        self._last_output = stamp
-
-    def _remember(self, fact: Fact) -> None:
-        """A fact from before the oracle knows anything."""
-        self._recent.append(fact)
-        oldest = self._finished - 4 * self.bounds.latency
-        while self._recent[0].stamp < oldest or len(self._recent) > KEPT_FACTS:
-            self._recent.popleft()
+        self._anchoring.begin(stamp)
 
     def _try_to_anchor(self, settled: int) -> list[Verdict]:
-        """Begin anew where the machine was certainly between two steps.
-
-        That is so when it takes an input (everything it owed is out by then), or when it has sent
-        nothing for as long as the latency bound. Messages from before the oracle listened have been
-        taken one latency bound later.
-        """
-        assert self._listening_since is not None
-        earliest = self._listening_since + self.bounds.latency
-        facts = sorted((f for f in self._recent if f.stamp <= settled), key=lambda f: f.stamp)
-        anchor = None
-        quiet_since = self._last_output
-        for fact in facts:
-            calm = fact.stamp - quiet_since > self.bounds.latency
-            if fact.stamp >= earliest and (fact.role is Role.INPUT or calm):
-                anchor = fact.stamp - 1
-                break
-            if fact.role in (Role.OUTPUT, Role.STATUS, Role.RESULT, Role.STRANGE):
-                quiet_since = self._last_output = fact.stamp
-        if anchor is None:
-            if settled < earliest or settled - quiet_since <= self.bounds.latency:
-                return []
-            anchor = settled
-        pending = [
-            f
-            for f in facts
-            if f.role is Role.MESSAGE and anchor - self.bounds.latency < f.stamp <= anchor
-        ]
-        for fact in pending:
-            fact.droppable = True
+        """Begin anew where the machine was certainly between two steps."""
+        found = self._anchoring.find(settled)
+        if found is None:
+            return []
+        anchor, pending, later = found
         try:
-            self._base = self.search.anything(anchor, tuple(pending))
+            self._base = self.search.anything(anchor, pending)
         except TooManyError:
             return []
+        self._anchoring.found()
         self.search.last = anchor
         self._note_due()
-        for fact in facts:
-            if fact.stamp > anchor:
-                self._keep(fact)
-        for fact in self._recent:
-            if fact.stamp > settled:
-                self._keep(fact)
-        self._recent.clear()
+        for fact in later:
+            self._keep(fact)
         return self._judge(settled)

@@ -61,6 +61,8 @@ class Running:
             if any(t.body is not None or t.targets for t in transitions)
         }
         self._draws = any(program.draws for program in self.programs)
+        self._certain = not self._draws and not main.chooses
+        """Whether a step of the machine has one outcome, where all values are known."""
         self._timers = [
             (instance, (EventKind.TIMER, name), period)
             for instance, program in enumerate(self.programs)
@@ -117,11 +119,14 @@ class Running:
         high: int,
         alarm: AlarmKey | None = None,
         call: tuple[str, int] | None = None,
+        waiting: tuple[tuple[str, tuple[str, int]], ...] | None = None,
     ) -> Hypothesis:
-        """``before`` after ``step`` of one of its instances."""
+        """``before`` after ``step`` of one of its instances; ``waiting``: the requests, if others."""
         instances = before.instances
         changed = (step.state, tuple(step.data))
         made = before.copy()
+        if waiting is not None:
+            made.waiting = waiting
         made.instances = (*instances[:instance], changed, *instances[instance + 1 :])
         made.moment = max(low, before.moment)
         if before.alarms and step.state != instances[instance][0]:

@@ -13,12 +13,14 @@ from typing import Any
 
 from m2c.model.machine import EventKind
 from moon.oracle.bounds import EXACT, FOREVER, TooManyError
-from moon.oracle.channels import Fact
+from moon.oracle.channels import Fact, Role
 from moon.oracle.goals import adopt, but, goal_called
 from moon.oracle.hypothesis import Alarm, Hypothesis
 from moon.oracle.inputs import Inputs
 from moon.oracle.outputs import Outputs
 from moon.oracle.steps import StateProgram
+
+_CALLS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR)
 
 
 class Search(Inputs, Outputs):
@@ -96,6 +98,46 @@ class Search(Inputs, Outputs):
                 Hypothesis(instances, pending=pending, alarms=(*alarms, *delays), free=True)
             )
         return found
+
+    # --- where only one thing can have happened ----------------------------------------------------
+
+    def only(self, hypothesis: Hypothesis, fact: Fact) -> Hypothesis | None:
+        """What ``hypothesis`` is after ``fact``, where that is one thing and plain to see.
+
+        A short cut for most of what happens: an input or an output stamped where it was taken or
+        made, while nothing else can have been taken since. None: ask ``reachable`` and ``take_…``.
+        """
+        owed = hypothesis.owed
+        if (
+            hypothesis.pending
+            or hypothesis.posted
+            or hypothesis.goals
+            or hypothesis.free
+            or not self._certain
+        ):
+            return None
+        if fact.role is Role.OUTPUT:
+            if not owed or owed[0].optional or not self._is(hypothesis, owed[0], fact):
+                return None
+            return self._paid(hypothesis, 0, fact)
+        event = fact.event
+        if owed or fact.role is not Role.INPUT or event is None or event[0] not in _CALLS:
+            return None
+        stamp = fact.stamp
+        if hypothesis.alarms:
+            if not self._is_still(hypothesis, stamp):
+                return None
+            hypothesis = self.normalised(hypothesis, stamp)
+        state, data = hypothesis.instances[0]
+        ((taken, step),) = self.programs[0].take(state, data, event, fact.data, {}, False)
+        asked = event[0] is EventKind.REQUEST
+        if not taken and (asked or not (step.outputs or step.scheduled)):
+            return hypothesis  # a request that the state discards is never answered
+        waiting, call = hypothesis.waiting, None
+        if asked:
+            call = fact.call
+            waiting = (*waiting, (fact.interface, call))
+        return self._absorb(hypothesis, 0, step, stamp, stamp, None, call, waiting)
 
     # --- between fixed points ----------------------------------------------------------------------
 

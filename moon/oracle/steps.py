@@ -227,11 +227,12 @@ class MachineProgram:
         self._repeatable = self._events_of_plain_values()
         self._steps: dict[Any, tuple[tuple[bool, Step]]] = {}
         """Outcomes of steps taken before; nobody changes a step that was taken."""
-        self._chooses = any(
+        self.chooses = any(
             len(transition.targets) > 1
             for state in machine.states
             for transition in state.transitions
         )
+        """Whether a transition leads to one of several states."""
         self.assigned = frozenset(
             root_of(item.location) for item in statements_of(machine) if isinstance(item, Assign)
         )
@@ -284,7 +285,7 @@ class MachineProgram:
         ``symbolic``: whether there may be unknown values; without any, there is one outcome
         (unless the model chooses between targets).
         """
-        if symbolic or self._chooses:
+        if symbolic or self.chooses:
             return self._outcomes(state, data, message, parts, event, symbolic)
         if parts or event not in self._repeatable:
             step = Step(state, data, message, parts, None)

@@ -1,0 +1,78 @@
+"""Finding the thread in the middle of a run: a moment at which a machine was between two steps."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from moon.oracle.channels import Fact, Role
+
+KEPT_FACTS = 20_000
+"""Facts kept while the oracle looks for a moment that is certain."""
+
+_SENT = (Role.OUTPUT, Role.STATUS, Role.RESULT, Role.STRANGE)
+
+
+class Anchoring:
+    """What is heard of a machine of which nothing is known.
+
+    Args:
+        latency: a message is taken, and an observation heard, within this time of its stamp (ns).
+    """
+
+    def __init__(self, latency: int) -> None:
+        self._latency = latency
+        self._recent: deque[Fact] = deque()
+        self._since = 0
+        self._last_output = 0
+
+    def begin(self, stamp: int) -> None:
+        """Listen from ``stamp`` (ns) on; what came before is forgotten."""
+        self._recent.clear()
+        self._since = self._last_output = stamp
+
+    def remember(self, fact: Fact, finished: int) -> None:
+        """Keep ``fact``; nothing that came ``finished`` (ns) or earlier is waited for."""
+        recent = self._recent
+        recent.append(fact)
+        oldest = finished - 4 * self._latency
+        while recent[0].stamp < oldest or len(recent) > KEPT_FACTS:
+            recent.popleft()
+
+    def find(self, settled: int) -> tuple[int, tuple[Fact, ...], list[Fact]] | None:
+        """The first moment until ``settled`` (ns) at which the machine was between two steps.
+
+        That is so when it takes an input (everything it owed is out by then), or when it has sent
+        nothing for as long as the latency bound. Messages from before the oracle listened have been
+        taken one latency bound later.
+
+        Returns:
+            The moment (ns), the messages that may be under way then, and the facts after it; or None.
+        """
+        earliest = self._since + self._latency
+        facts = sorted((f for f in self._recent if f.stamp <= settled), key=lambda f: f.stamp)
+        anchor = None
+        quiet_since = self._last_output
+        for fact in facts:
+            calm = fact.stamp - quiet_since > self._latency
+            if fact.stamp >= earliest and (fact.role is Role.INPUT or calm):
+                anchor = fact.stamp - 1
+                break
+            if fact.role in _SENT:
+                quiet_since = self._last_output = fact.stamp
+        if anchor is None:
+            if settled < earliest or settled - quiet_since <= self._latency:
+                return None
+            anchor = settled
+        pending = tuple(
+            f
+            for f in facts
+            if f.role is Role.MESSAGE and anchor - self._latency < f.stamp <= anchor
+        )
+        for fact in pending:
+            fact.droppable = True
+        later = [f for f in facts if f.stamp > anchor]
+        return anchor, pending, later + [f for f in self._recent if f.stamp > settled]
+
+    def found(self) -> None:
+        """What was kept is not needed any more."""
+        self._recent.clear()

@@ -1,0 +1,117 @@
+"""Lanes: what one source sends on one channel, read by one machine's oracle, and its numbers.
+
+Whoever publishes or calls numbers what it sends on each channel; a gap tells that something was lost,
+a number again that something came twice.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from moon.oracle.channels import Channels, Reader
+from transports.interface import Observation, ObservationKind
+
+KEPT_LANES = 4096
+"""Lanes that are remembered; their names come from the wire."""
+
+Place = tuple[str, str, bool]
+"""Source, channel, and whether it is a message: what is numbered together."""
+
+
+class Sequel(Enum):
+    """How an observation follows the one before it on its channel from its source."""
+
+    NEXT = 0
+    AGAIN = 1
+    AFTER_A_GAP = 2
+    ANEW = 3
+    FIRST = 4
+
+
+class Count:
+    """The last number of a place.
+
+    Attributes:
+        place: which.
+        next: the number that should follow; -1 while none has come.
+        stamp: of the last, ns.
+    """
+
+    __slots__ = ("next", "place", "stamp")
+
+    def __init__(self, place: Place) -> None:
+        self.place = place
+        self.next = -1
+        self.stamp = 0
+
+    def sequel(self, number: int, stamp: int) -> Sequel:
+        """How ``number`` follows; it is the last one from now on, unless it came before."""
+        expected = self.next
+        if number < expected and stamp <= self.stamp:
+            return Sequel.AGAIN
+        self.next = number + 1
+        self.stamp = stamp
+        if expected < 0:
+            return Sequel.FIRST
+        if number == expected:
+            return Sequel.NEXT
+        return Sequel.AFTER_A_GAP if number > expected else Sequel.ANEW
+
+
+class Lane:
+    """Observations of one source, channel and kind.
+
+    Attributes:
+        readers: what makes facts of them.
+        own: whether the machine's own node is their source.
+        count: their numbers; None for what is told by others of their calls, which only adds to what
+            is known.
+    """
+
+    __slots__ = ("count", "own", "readers")
+
+    def __init__(self, readers: tuple[Reader, ...], own: bool, count: Count | None) -> None:
+        self.readers = readers
+        self.own = own
+        self.count = count
+
+
+class Lanes:
+    """The lanes of one machine.
+
+    Args:
+        channels: the machine's.
+        node: the node that runs it.
+    """
+
+    def __init__(self, channels: Channels, node: str) -> None:
+        self._channels = channels
+        self._node = node
+        self._lanes: dict[tuple[str, str, ObservationKind], Lane] = {}
+        self.counts: dict[Place, Count] = {}
+
+    def of(self, observation: Observation) -> Lane:
+        """The lane that ``observation`` is in."""
+        key = (observation.source, observation.channel, observation.kind)
+        return self._lanes.get(key) or self._open(*key)
+
+    def _open(self, source: str, channel: str, kind: ObservationKind) -> Lane:
+        if len(self._lanes) >= KEPT_LANES:
+            # those that are in use come back; a first number says nothing about losses
+            self._lanes.clear()
+            self.counts.clear()
+        message = kind is ObservationKind.MESSAGE
+        own = source == self._node
+        readers = self._channels.readers(channel, source, kind)
+        count = None
+        if own or (message and readers):
+            place = (source, channel, message)
+            count = self.counts.setdefault(place, Count(place))
+        lane = self._lanes[source, channel, kind] = Lane(readers, own, count)
+        return lane
+
+    def restart(self) -> None:
+        """The machine's node numbers anew."""
+        for count in self.counts.values():
+            if count.place[0] == self._node:
+                count.next = -1
