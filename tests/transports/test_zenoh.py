@@ -461,7 +461,7 @@ def test_timers_of_answered_calls_are_not_kept(network):
     for number in range(1, 501):
         client.call(peer.AddRequest(), results, timeout_s=600)
         results.wait(number)
-    assert len(node._executor._heap) <= 64
+    assert len(node._executor._timers._heap) <= 64
 
 
 def test_answering_twice_is_refused(network):

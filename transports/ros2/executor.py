@@ -10,8 +10,6 @@ node for itself (parameter services, the ``/clock`` subscription) runs here as w
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import logging
 import signal
 import socket
@@ -28,78 +26,13 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports.interface import TransportError
+from transports.timers import Timer, Timers
 
 LOG = logging.getLogger("transports.ros2")
 """Where this transport reports what it dropped and what cannot work."""
 
-_NS = 1_000_000_000
-_SWEEP = 64
-"""So many timers are kept before cancelled ones are looked for."""
 _AT_ONCE = 64
 """Messages taken from one subscription before the others have their turn."""
-
-
-class Timer:
-    """A timer of the executor; ``period_ns`` 0 means once."""
-
-    __slots__ = ("cancelled", "due_ns", "handler", "period_ns")
-
-    def __init__(self, due_ns: int, period_ns: int, handler: Callable[[], None]) -> None:
-        self.due_ns = due_ns
-        self.period_ns = period_ns
-        self.handler: Callable[[], None] | None = handler
-        self.cancelled = False
-
-    def cancel(self) -> None:
-        """Stop it; idempotent, from any thread."""
-        self.cancelled = True
-        self.handler = None
-
-
-class Timers:
-    """A heap of timers on one clock; only the executor's thread touches it."""
-
-    def __init__(self, clock_ns: Callable[[], int]) -> None:
-        self.clock_ns = clock_ns
-        self._heap: list[tuple[int, int, Timer]] = []
-        self._sweep_at = _SWEEP
-        self._count = itertools.count()
-
-    def push(self, timer: Timer) -> None:
-        """Start ``timer``."""
-        if len(self._heap) >= self._sweep_at:  # answered calls leave their timers behind
-            self._heap[:] = [entry for entry in self._heap if not entry[2].cancelled]
-            heapq.heapify(self._heap)
-            self._sweep_at = 2 * len(self._heap) + _SWEEP
-        heapq.heappush(self._heap, (timer.due_ns, next(self._count), timer))
-
-    def wait_ns(self) -> int | None:
-        """How long until the next is due, on this clock; None if none runs."""
-        while self._heap and self._heap[0][2].cancelled:
-            heapq.heappop(self._heap)
-        return max(self._heap[0][0] - self.clock_ns(), 0) if self._heap else None
-
-    def take_due(self) -> Callable[[], None] | None:
-        """The handler of a timer that is due, which is started again if it is periodic."""
-        while self._heap and self._heap[0][0] <= self.clock_ns():
-            timer = heapq.heappop(self._heap)[2]
-            handler = timer.handler
-            if handler is None:
-                continue
-            if timer.period_ns:
-                timer.due_ns += timer.period_ns
-                behind_ns = self.clock_ns() - timer.due_ns
-                if behind_ns > 0:  # ticks that were slept through are skipped, the phase is kept
-                    timer.due_ns += (behind_ns // timer.period_ns + 1) * timer.period_ns
-                self.push(timer)
-            return handler
-        return None
-
-    def shift(self, by_ns: int) -> None:
-        """Move every due time: the clock was set."""
-        for _, _, timer in self._heap:
-            timer.due_ns += by_ns
-        self._heap = [(timer.due_ns, order, timer) for _, order, timer in self._heap]
 
 
 class RosClock:
@@ -151,8 +84,8 @@ class Executor:
         self._takers: dict[int, tuple[Any, Callable[[], bool]]] = {}
         self._guard = GuardCondition(callback=None, callback_group=None, context=self._context)
         self._clock = RosClock(node.get_clock(), lambda: self._ros_timers)
-        self._ros_timers = Timers(self._clock.now_ns)
-        self._steady_timers = Timers(time.monotonic_ns)
+        self._ros_timers = Timers(self._clock.now_ns, self._run_here)
+        self._steady_timers = Timers(time.monotonic_ns, self._run_here)
         self._spinner = threading.Lock()
         self._thread = 0
         self._ignored: list[Any] = []
@@ -212,18 +145,15 @@ class Executor:
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` once, on the ROS clock."""
-        return self._start(self._ros_timers, delay_s, 0, handler)
+        return self._ros_timers.after(delay_s, handler)
 
     def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` each ``period_s`` of the ROS clock: lateness does not add up."""
-        period_ns = int(period_s * _NS)
-        if period_ns <= 0:
-            raise TransportError(f"a timer's period must be positive, not {period_s} s")
-        return self._start(self._ros_timers, period_s, period_ns, handler)
+        return self._ros_timers.every(period_s, handler)
 
     def after_real(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` once, in real time: a call must end even if a simulation stands still."""
-        return self._start(self._steady_timers, delay_s, 0, handler)
+        return self._steady_timers.after(delay_s, handler)
 
     def close(self) -> None:
         """End ``spin``; idempotent, from any thread."""
@@ -262,15 +192,11 @@ class Executor:
         except InvalidHandle:  # closed meanwhile
             return
 
-    def _start(
-        self, timers: Timers, delay_s: float, period_ns: int, handler: Callable[[], None]
-    ) -> Timer:
-        timer = Timer(timers.clock_ns() + int(delay_s * _NS), period_ns, handler)
+    def _run_here(self, handler: Callable[[], None]) -> None:
         if self.is_current():
-            timers.push(timer)
+            handler()
         else:
-            self.post(lambda: timers.push(timer))
-        return timer
+            self.post(handler)
 
     def _run(self, until: Callable[[], bool] | None) -> None:
         while not self._closed:

@@ -16,12 +16,13 @@ from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
 from transports.ros2 import native, qos
 from transports.ros2.call_errors import CallErrors
-from transports.ros2.executor import Executor, Timer
+from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph
 from transports.ros2.interfaces import ros_class
 from transports.ros2.introspection import FLUSH_DELAY_S, ServiceEvents
 from transports.ros2.messages import Codec
 from transports.ros_forms import CallError
+from transports.timers import Timer
 
 SETTLE_S = 2.0
 """How long a new client looks for a server before a call of it is unavailable at once."""

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import atexit
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from transports import actions, ros_forms
+from transports import ros_forms
 from transports.interface import (
-    Action,
-    ActionClient,
-    GoalHandle,
     Observation,
     Service,
     Topic,
     TransportError,
 )
+from transports.on_executor import OnExecutor
 from transports.ros2 import qos, topics
 from transports.ros2.call_errors import CallErrors
-from transports.ros2.executor import Executor, Timer
+from transports.ros2.executor import Executor
 from transports.ros2.faults import Declared, Faults
 from transports.ros2.graph import Graph
 from transports.ros2.introspection import ServiceEvents
@@ -27,6 +24,7 @@ from transports.ros2.presence import Announcements
 from transports.ros2.services import Client, Request, Server
 from transports.ros2.session import open_node, prefix_of
 from transports.ros2.tap import Tap
+from transports.timers import Timer
 
 _FAULTS_DELAY_S = 0.5
 """How long the graph must be quiet before it is looked at for what cannot work."""
@@ -43,28 +41,7 @@ def connect(node: str, options: Mapping[str, str]) -> Ros2Transport:
     return Ros2Transport(open_node(node, options), prefix_of(options))
 
 
-class Completion:
-    """A value that one thread waits for and another delivers."""
-
-    def __init__(self) -> None:
-        self._ready = threading.Event()
-        self._lock = threading.Lock()
-        self._value: Any = None
-
-    def set(self, value: Any) -> None:
-        """Deliver ``value``; only the first delivery counts."""
-        with self._lock:
-            if not self._ready.is_set():
-                self._value = value
-                self._ready.set()
-
-    def wait(self, timeout_s: float) -> Any:
-        """The value, or None after ``timeout_s`` seconds of real time."""
-        self._ready.wait(timeout_s)
-        return self._value
-
-
-class Ros2Transport:
+class Ros2Transport(OnExecutor):
     """A node on ROS 2; see ``transports.interface.Transport`` for every method.
 
     Args:
@@ -72,12 +49,13 @@ class Ros2Transport:
         prefix: put before every channel.
     """
 
+    _executor: Executor
+
     def __init__(self, ros_node: Any, prefix: str = "") -> None:
+        super().__init__(ros_node.get_name(), Executor(ros_node))
         self._ros = ros_node
-        self._name: str = ros_node.get_name()
         self._clock = ros_node.get_clock()
         self._prefix = prefix
-        self._executor = Executor(ros_node)
         self._graph = Graph(ros_node)
         self._graph.listen(self._hear_of_change)
         self._change_posted = threading.Event()
@@ -90,16 +68,7 @@ class Ros2Transport:
         self._events: dict[str, ServiceEvents] = {}
         self._clients: dict[str, Client] = {}
         self._taps: list[Tap] = []
-        self._closing = threading.Lock()
-        self._closer = 0
-        self._closed = threading.Event()
-        # A process that leaves DDS running at its end may crash in it.
-        atexit.register(self.close)
-
-    @property
-    def node(self) -> str:
-        """The name of this node."""
-        return self._name
+        self._close_at_exit()
 
     @property
     def ros_node(self) -> Any:
@@ -154,35 +123,6 @@ class Ros2Transport:
             )
         return client
 
-    def serve_action(
-        self,
-        action: Action,
-        goal: Callable[[GoalHandle], None],
-        cancel: Callable[[GoalHandle], None],
-    ) -> None:
-        """Serve ``action``."""
-        actions.serve_action(self, action, goal, cancel)
-
-    def action_client(self, action: Action) -> ActionClient:
-        """A client of ``action``."""
-        return actions.action_client(self, action)
-
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """Call ``handler`` every ``period_s`` seconds of the ROS clock, without drift."""
-        return self._executor.every(period_s, handler)
-
-    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
-        """Call ``handler`` once, ``delay_s`` seconds of the ROS clock from now."""
-        return self._executor.after(delay_s, handler)
-
-    def post(self, handler: Callable[[], None]) -> None:
-        """Run ``handler`` on the executor thread; callable from any thread."""
-        self._executor.post(handler)
-
-    def completion(self) -> Completion:
-        """A fresh completion."""
-        return Completion()
-
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
         """Wait until all ``names`` are up; returns those still missing at the end."""
         return self._announcements.wait(names, timeout_s)
@@ -215,18 +155,7 @@ class Ros2Transport:
         self._taps.append(tap)
         return tap
 
-    def spin(self, until: Callable[[], bool] | None = None) -> None:
-        """Run the executor on the calling thread until ``close()`` (or until ``until()``)."""
-        self._executor.spin(until)
-
-    def close(self) -> None:
-        """Stop and release everything; idempotent, from any thread."""
-        if not self._closing.acquire(blocking=False):
-            if self._closer != threading.get_ident():  # not a signal handler within close()
-                self._closed.wait()
-            return
-        self._closer = threading.get_ident()
-        self._executor.close()
+    def _release(self) -> None:
         for client in self._clients.values():
             client.close()
         self._announcements.close()
@@ -239,12 +168,10 @@ class Ros2Transport:
         self._executor.destroy()
         self._ros.destroy_node()
         context.try_shutdown()
-        self._closed.set()
-        atexit.unregister(self.close)
 
     def _require_open(self) -> None:
-        if self._closer:
-            raise TransportError(f"{self._name} is closed")
+        if self._is_closing():
+            raise TransportError(f"{self._node} is closed")
 
     def _require_type(self, topic: Topic) -> str:
         """The full name of ``topic``, which may have one type in this node: DDS allows no other."""

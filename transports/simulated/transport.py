@@ -24,6 +24,7 @@ from transports.payloads import PayloadError, TypedCodec, report_payload
 from transports.simulated.routes import Tap
 from transports.simulated.services import Client, Request, Server
 from transports.simulated.world import Completion, SimulatedWorld, world_called
+from transports.timers import period_ns
 
 LOG = logging.getLogger("transports.simulated")
 
@@ -234,10 +235,8 @@ class SimulatedTransport:
 
     def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` every ``period_s`` seconds, without drift."""
-        period_ns = round(period_s * 1e9)
-        if period_ns <= 0:
-            raise TransportError(f"a timer's period must be positive, not {period_s} s")
-        return Timer(self, period_ns, period_ns, handler)
+        period = period_ns(period_s)
+        return Timer(self, period, period, handler)
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` once, ``delay_s`` seconds from now."""

@@ -11,8 +11,6 @@ end: the oldest go first.
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import logging
 import threading
 import time
@@ -22,38 +20,17 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from transports.interface import TransportError
+from transports.timers import NS, Timer, Timers
 
 Work = tuple[Callable[[Any], None], Any]
-
-_NS = 1_000_000_000
-
-_SWEEP = 64
-"""So many timers are kept before cancelled ones are looked for."""
 
 INBOX_MESSAGES = 10_000
 INBOX_BYTES = 64 * 1024 * 1024
 """What may wait in one subscription: seconds of a fast topic, some of a large one."""
-REPORT_PERIOD_NS = 10 * _NS
+REPORT_PERIOD_NS = 10 * NS
 """A flood that does not end is reported so often."""
 
 _LOG = logging.getLogger("transports.zenoh")
-
-
-class Timer:
-    """A timer of the executor; ``period_ns`` 0 means once."""
-
-    __slots__ = ("cancelled", "due_ns", "handler", "period_ns")
-
-    def __init__(self, due_ns: int, period_ns: int, handler: Callable[[], None]) -> None:
-        self.due_ns = due_ns
-        self.period_ns = period_ns
-        self.handler: Callable[[], None] | None = handler
-        self.cancelled = False
-
-    def cancel(self) -> None:
-        """Stop it; idempotent, from any thread."""
-        self.cancelled = True
-        self.handler = None
 
 
 def _call(handler: Callable[[], None]) -> None:
@@ -140,9 +117,7 @@ class Executor:
         self._queue: SimpleQueue[Work] = SimpleQueue()
         self.put: Callable[[Work], None] = self._queue.put
         """Run ``function(argument)`` on the executor's thread; callable from any thread."""
-        self._heap: list[tuple[int, int, Timer]] = []
-        self._sweep_at = _SWEEP
-        self._count = itertools.count()
+        self._timers = Timers(time.monotonic_ns, self._run_here)
         self._spinner = threading.Lock()
         self._thread = 0
         self._closed = False
@@ -161,14 +136,11 @@ class Executor:
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` once."""
-        return self._start(Timer(time.monotonic_ns() + int(delay_s * _NS), 0, handler))
+        return self._timers.after(delay_s, handler)
 
     def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` each ``period_s``, counted from now: lateness does not add up."""
-        period_ns = int(period_s * _NS)
-        if period_ns <= 0:
-            raise TransportError(f"a timer's period must be positive, not {period_s} s")
-        return self._start(Timer(time.monotonic_ns() + period_ns, period_ns, handler))
+        return self._timers.every(period_s, handler)
 
     def close(self) -> None:
         """End ``spin``; idempotent, from any thread."""
@@ -190,68 +162,24 @@ class Executor:
             self._spinner.release()
 
     def _run(self, until: Callable[[], bool] | None) -> None:
-        get, heap = self._queue.get, self._heap
+        get, timers = self._queue.get, self._timers
         while not self._closed:
             if until is not None and until():
                 return
-            if not heap:
-                function, argument = get()
-                function(argument)
-                continue
-            wait_ns = heap[0][0] - time.monotonic_ns()
-            if wait_ns <= 0:
-                self._fire()
+            wait_ns = timers.wait_ns()
+            if wait_ns == 0:
+                due = timers.take_due()
+                if due is not None:
+                    due()
                 continue
             try:
-                function, argument = get(timeout=wait_ns / _NS)
+                function, argument = get(timeout=None if wait_ns is None else wait_ns / NS)
             except Empty:
                 continue
             function(argument)
 
-    def _start(self, timer: Timer) -> Timer:
+    def _run_here(self, handler: Callable[[], None]) -> None:
         if self.is_current():
-            self._push(timer)
+            handler()
         else:
-            self.put((self._push, timer))
-        return timer
-
-    def _push(self, timer: Timer) -> None:
-        if len(self._heap) >= self._sweep_at:  # answered calls leave their timers behind
-            self._heap[:] = [entry for entry in self._heap if not entry[2].cancelled]
-            heapq.heapify(self._heap)
-            self._sweep_at = 2 * len(self._heap) + _SWEEP
-        heapq.heappush(self._heap, (timer.due_ns, next(self._count), timer))
-
-    def _fire(self) -> None:
-        timer = heapq.heappop(self._heap)[2]
-        handler = timer.handler
-        if handler is None:
-            return
-        if timer.period_ns:
-            timer.due_ns += timer.period_ns
-            behind_ns = time.monotonic_ns() - timer.due_ns
-            if behind_ns > 0:  # ticks that were slept through are skipped, the phase is kept
-                timer.due_ns += (behind_ns // timer.period_ns + 1) * timer.period_ns
-            self._push(timer)
-        handler()
-
-
-class Completion:
-    """A value that one thread waits for and another delivers."""
-
-    def __init__(self) -> None:
-        self._ready = threading.Event()
-        self._lock = threading.Lock()
-        self._value: Any = None
-
-    def set(self, value: Any) -> None:
-        """Deliver ``value``; only the first delivery counts."""
-        with self._lock:
-            if not self._ready.is_set():
-                self._value = value
-                self._ready.set()
-
-    def wait(self, timeout_s: float) -> Any:
-        """The value, or None after ``timeout_s`` seconds."""
-        self._ready.wait(timeout_s)
-        return self._value
+            self.post(handler)

@@ -23,7 +23,8 @@ import zenoh
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
 from transports.payloads import PayloadError
-from transports.zenoh.executor import Executor, Timer
+from transports.timers import Timer
+from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import FLUSH_DELAY_S, ServiceEvents
 from transports.zenoh.names import key_of
 from transports.zenoh.wire import Codec, attachment, read_attachment, report_payload

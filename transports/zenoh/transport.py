@@ -5,27 +5,22 @@
 
 from __future__ import annotations
 
-import atexit
 import itertools
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import zenoh
 
-from transports import actions
 from transports.interface import (
-    Action,
-    ActionClient,
-    GoalHandle,
     Observation,
     Service,
     Topic,
     TransportError,
 )
+from transports.on_executor import OnExecutor
 from transports.zenoh import presence, topics
-from transports.zenoh.executor import Completion, Executor, Timer
+from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import ServiceEvents
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.session import open_session
@@ -44,16 +39,17 @@ def connect(node: str, options: Mapping[str, str]) -> ZenohTransport:
     return ZenohTransport(node, open_session(options), since_ns)
 
 
-class ZenohTransport:
+class ZenohTransport(OnExecutor):
     """A node on Zenoh; see ``transports.interface.Transport`` for every method."""
 
+    _executor: Executor
+
     def __init__(self, node: str, session: zenoh.Session, since_ns: int = 0) -> None:
-        self._node = node
+        super().__init__(node, Executor())
         self._since_ns = since_ns
         self._up_since: dict[str, int] = {}
         self._node_bytes = node.encode()
         self._session = session
-        self._executor = Executor()
         self._calls = itertools.count(1)
         self._sequences: dict[str, topics.Sequence] = {}
         self._events: dict[str, ServiceEvents] = {}
@@ -62,16 +58,7 @@ class ZenohTransport:
         self._taps: list[Tap] = []
         self._declared: list[Any] = []
         self._announcement: presence.Announcement | None = None
-        self._closing = threading.Lock()
-        self._closer = 0
-        self._closed = threading.Event()
-        # A process whose session has callbacks and is not closed can hang at its end.
-        atexit.register(self.close)
-
-    @property
-    def node(self) -> str:
-        """The name of this node."""
-        return self._node
+        self._close_at_exit()
 
     def now_ns(self) -> int:
         """The system's clock, ns since the epoch."""
@@ -105,35 +92,6 @@ class ZenohTransport:
         self._clients.append(client)
         return client
 
-    def serve_action(
-        self,
-        action: Action,
-        goal: Callable[[GoalHandle], None],
-        cancel: Callable[[GoalHandle], None],
-    ) -> None:
-        """Serve ``action``."""
-        actions.serve_action(self, action, goal, cancel)
-
-    def action_client(self, action: Action) -> ActionClient:
-        """A client of ``action``."""
-        return actions.action_client(self, action)
-
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """Call ``handler`` every ``period_s`` seconds, without drift."""
-        return self._executor.every(period_s, handler)
-
-    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
-        """Call ``handler`` once, ``delay_s`` seconds from now."""
-        return self._executor.after(delay_s, handler)
-
-    def post(self, handler: Callable[[], None]) -> None:
-        """Run ``handler`` on the executor thread; callable from any thread."""
-        self._executor.post(handler)
-
-    def completion(self) -> Completion:
-        """A fresh completion."""
-        return Completion()
-
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
         """Wait until all ``names`` are up; returns those still missing at the end."""
         return presence.wait_for_nodes(self._session, names, timeout_s)
@@ -161,18 +119,7 @@ class ZenohTransport:
         self._taps.append(tap)
         return tap
 
-    def spin(self, until: Callable[[], bool] | None = None) -> None:
-        """Run the executor on the calling thread until ``close()`` (or until ``until()``)."""
-        self._executor.spin(until)
-
-    def close(self) -> None:
-        """Stop and release everything; idempotent, from any thread."""
-        if not self._closing.acquire(blocking=False):
-            if self._closer != threading.get_ident():  # not a signal handler within close()
-                self._closed.wait()
-            return
-        self._closer = threading.get_ident()
-        self._executor.close()
+    def _release(self) -> None:
         for client in self._clients:
             client.close()
         for tap in self._taps:
@@ -182,8 +129,6 @@ class ZenohTransport:
         for declared in (*self._declared, *self._events.values()):
             declared.undeclare()
         self._session.close()
-        self._closed.set()
-        atexit.unregister(self.close)
 
     def _events_of(self, service: Service) -> ServiceEvents:
         events = self._events.get(service.name)

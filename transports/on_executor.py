@@ -1,0 +1,117 @@
+"""What transports with an executor of their own have in common: they hand on to it, and end once."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+from transports import actions
+from transports.completion import Completion
+from transports.interface import Action, ActionClient, GoalHandle, Transport
+from transports.timers import Timer
+
+
+class Executor(Protocol):
+    """One thread that runs everything of a node."""
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """See ``Transport.every``."""
+        ...
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """See ``Transport.after``."""
+        ...
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """See ``Transport.post``."""
+        ...
+
+    def spin(self, until: Callable[[], bool] | None = None) -> None:
+        """See ``Transport.spin``."""
+        ...
+
+    def close(self) -> None:
+        """End ``spin``; idempotent, from any thread."""
+        ...
+
+
+class OnExecutor(Transport):
+    """A transport whose node runs on ``executor``; its subclass declares, and releases at the end.
+
+    Args:
+        node: the node's name.
+        executor: what runs its handlers.
+    """
+
+    def __init__(self, node: str, executor: Executor) -> None:
+        self._node = node
+        self._executor = executor
+        self._closing = threading.Lock()
+        self._closer = 0
+        self._closed = threading.Event()
+
+    @property
+    def node(self) -> str:
+        """The name of this node."""
+        return self._node
+
+    def serve_action(
+        self,
+        action: Action,
+        goal: Callable[[GoalHandle], None],
+        cancel: Callable[[GoalHandle], None],
+    ) -> None:
+        """Serve ``action``."""
+        actions.serve_action(self, action, goal, cancel)
+
+    def action_client(self, action: Action) -> ActionClient:
+        """A client of ``action``."""
+        return actions.action_client(self, action)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` every ``period_s`` seconds, without drift."""
+        return self._executor.every(period_s, handler)
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` once, ``delay_s`` seconds from now."""
+        return self._executor.after(delay_s, handler)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` on the executor thread; callable from any thread."""
+        self._executor.post(handler)
+
+    def completion(self) -> Completion:
+        """A fresh completion."""
+        return Completion()
+
+    def spin(self, until: Callable[[], bool] | None = None) -> None:
+        """Run the executor on the calling thread until ``close()`` (or until ``until()``)."""
+        self._executor.spin(until)
+
+    def close(self) -> None:
+        """Stop and release everything; idempotent, from any thread."""
+        if not self._closing.acquire(blocking=False):
+            if self._closer != threading.get_ident():  # not a signal handler within close()
+                self._closed.wait()
+            return
+        self._closer = threading.get_ident()
+        self._executor.close()
+        self._release()
+        self._closed.set()
+        atexit.unregister(self.close)
+
+    def _close_at_exit(self) -> None:
+        """For the end of a subclass's constructor: what ``_release`` needs is there.
+
+        A process that ends while the middleware still calls back can hang or crash in it.
+        """
+        atexit.register(self.close)
+
+    def _is_closing(self) -> bool:
+        return self._closer != 0
+
+    def _release(self) -> None:
+        """Let go of what was declared, once, after the executor was told to end."""
+        raise NotImplementedError
