@@ -12,7 +12,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from fnmatch import fnmatchcase
 from typing import Any
 
 import msgspec
@@ -20,6 +19,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
+from transports.channel_filter import matches
 from transports.ros2 import native, qos
 from transports.ros2.executor import LOG, Executor
 from transports.ros2.graph import Graph, request_topic
@@ -195,12 +195,6 @@ class Announcements:
             in {info.node_name for info in node.get_subscriptions_info_by_topic(topic)}
             for channel, topic in hearable
         )
-
-
-def matches(channel: str, globs: Sequence[str]) -> bool:
-    """Whether a glob names ``channel``, or the action that it is a part of."""
-    names = (channel, channel.partition("/_action/")[0])
-    return any(fnmatchcase(name, glob) for name in names for glob in globs)
 
 
 def _profile(depth: int) -> QoSProfile:

@@ -18,6 +18,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.serialization import deserialize_message
 
 from transports import ros_forms
+from transports.channel_filter import matches
 from transports.interface import Observation, TransportError
 from transports.losses import Losses
 from transports.ros2 import native, qos
@@ -26,7 +27,7 @@ from transports.ros2.graph import Graph, is_event_topic
 from transports.ros2.interfaces import ros_class
 from transports.ros2.messages import plain_of
 from transports.ros2.presence import TOPIC as NODES_TOPIC
-from transports.ros2.presence import Announcements, matches
+from transports.ros2.presence import Announcements
 from transports.service_events import EVENT_SUFFIX
 
 _QUIET = ("/rosout", "/parameter_events", "/clock")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
+from transports.channel_filter import channel_filter
 from transports.interface import Observation, ObservationKind, Service
 from transports.losses import Losses
 from transports.payloads import PayloadError, plain
@@ -122,10 +122,9 @@ class Tap:
         handler: Callable[[Observation], None],
     ) -> None:
         self._node = node
-        self._globs = tuple(globs)
+        self.wants = channel_filter(globs)
         self._handler = handler
         self._losses = Losses()
-        self._wanted: dict[str, bool] = {}
         self._closed = False
         node.routes.add(self)
 
@@ -141,17 +140,6 @@ class Tap:
         """Stop listening; idempotent."""
         self._closed = True
         self._node.routes.remove(self)
-
-    def wants(self, channel: str) -> bool:
-        """Whether ``channel``, or the action it is a part of, matches a glob."""
-        wanted = self._wanted.get(channel)
-        if wanted is None:
-            names = (channel, channel.partition("/_action/")[0])
-            wanted = not self._globs or any(
-                fnmatchcase(name, glob) for name in names for glob in self._globs
-            )
-            self._wanted[channel] = wanted
-        return wanted
 
     def arrive(self, told: tuple[dict[str, Any], bytes | None]) -> None:
         """An observation is here."""

@@ -11,13 +11,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from fnmatch import fnmatchcase
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import msgspec
 import zenoh
 
+from transports.channel_filter import channel_filter
 from transports.interface import Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import PayloadError, decode_with
@@ -58,10 +58,9 @@ class Tap:
     ) -> None:
         self._session = session
         self._executor = executor
-        self._globs = tuple(globs)
+        self._wants = channel_filter(globs)
         self._handler = handler
         self._losses = Losses()
-        self._wanted: dict[str, bool] = {}
         self._closed = False
         self._tokens: SimpleQueue[zenoh.Sample] = SimpleQueue()
         self._tokens_lock = threading.Lock()
@@ -73,7 +72,7 @@ class Tap:
         self._free = threading.Semaphore(_AHEAD)
         self._subscribers = [
             session.declare_subscriber(key, zenoh.handlers.RingChannel(RING_CAPACITY))
-            for key in subscriptions(self._globs)
+            for key in subscriptions(globs)
         ]
         for subscriber in self._subscribers:
             threading.Thread(
@@ -197,17 +196,6 @@ class Tap:
             source=source,
             sequence=sequence,
         )
-
-    def _wants(self, channel: str) -> bool:
-        """Whether ``channel``, or the action it is a part of, matches a glob."""
-        wanted = self._wanted.get(channel)
-        if wanted is None:
-            names = (channel, channel.partition("/_action/")[0])
-            wanted = not self._globs or any(
-                fnmatchcase(name, glob) for name in names for glob in self._globs
-            )
-            self._wanted[channel] = wanted
-        return wanted
 
 
 def _type_of(encoding: str) -> str:
