@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,10 +13,13 @@ from m2c.launch.description import LaunchDescription, LaunchError, Package
 from m2c.launch.process import NodeProcess, describe_end
 from m2c.launch.screen import Screen
 from m2c.policy.runner import TICKS, TreeTick
-from transports.interface import Transport
+from transports.interface import Timer, Transport
 
 START_TIMEOUT_S = 30.0
-"""How long all nodes may take to be up; a machine under load starts twenty interpreters in it."""
+"""How long the next node may take to be up; a machine under load starts twenty interpreters in it."""
+STARTING = 4 * (os.cpu_count() or 1)
+"""So many nodes come up at a time. More would not be faster, and what listens to them from the start (a
+monitor, say) would not get its turn beside them."""
 
 
 class RunSettings(msgspec.Struct, frozen=True):
@@ -56,6 +60,8 @@ class RunningSystem:
         self._stopping = False
         self._ticks = 0
         self._missing = {node.name for node in description.nodes}
+        self._waiting = list(reversed(description.nodes))
+        self._timeout: Timer | None = None
         self._late = False
         self._up = False
         self._width = max((len(name) for name in self._missing), default=len("policy"))
@@ -80,11 +86,10 @@ class RunningSystem:
         transport.subscribe(TICKS, self._show_tick)
         transport.watch_nodes(self._changed)
         try:
-            for node in self._description.nodes:
-                self._start(node, self._settings.node_arguments)
-            timer = transport.after(START_TIMEOUT_S, self._start_timed_out)
+            self._start_next()
+            self._restart_timeout()
             transport.spin(lambda: self._stopping or self._late or not self._missing)
-            timer.cancel()
+            self._cancel_timeout()
             if self._late:
                 missing = ", ".join(sorted(self._missing))
                 raise LaunchError(
@@ -101,8 +106,26 @@ class RunningSystem:
         return self._report()
 
     def _changed(self, name: str, up: bool) -> None:
-        if up:
+        if up and name in self._missing:
             self._missing.discard(name)
+            self._restart_timeout()
+            self._start_next()
+
+    def _restart_timeout(self) -> None:
+        self._cancel_timeout()
+        self._timeout = self._transport.after(START_TIMEOUT_S, self._start_timed_out)
+
+    def _cancel_timeout(self) -> None:
+        if self._timeout is not None:
+            self._timeout.cancel()
+            self._timeout = None
+
+    def _start_next(self) -> None:
+        """Start as many nodes as may come up at a time."""
+        while self._waiting and not self._stopping:
+            if len(self._missing) - len(self._waiting) >= STARTING:
+                return
+            self._start(self._waiting.pop(), self._settings.node_arguments)
 
     def _start_timed_out(self) -> None:
         self._late = True
