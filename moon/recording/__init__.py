@@ -1,0 +1,1 @@
+"""Recordings: what a tap heard, kept in files."""

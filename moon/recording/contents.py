@@ -1,0 +1,112 @@
+"""What a recording was found to hold, and what can therefore not be concluded from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import msgspec
+
+from moon.recording.stored import plural
+from transports.interface import Observation, ObservationKind
+
+_MAX_CHANNELS = 10_000
+_NAMED = 6
+"""So many channels are named in a sentence; of more, how many."""
+
+_CLIENT_END = frozenset({ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED})
+_SERVER_END = frozenset({ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT})
+
+
+class ChannelContents(msgspec.Struct):
+    """What was found of one channel.
+
+    Attributes:
+        type_name: of its messages, as first seen.
+        count: observations.
+        kinds: their kinds.
+        unnamed: how many do not say who published them.
+        unnumbered: how many have no number.
+        hollow: how many have no contents.
+    """
+
+    type_name: str = ""
+    count: int = 0
+    kinds: set[ObservationKind] = msgspec.field(default_factory=set)
+    unnamed: int = 0
+    unnumbered: int = 0
+    hollow: int = 0
+
+
+class Contents:
+    """Takes note of observations as they are read.
+
+    Attributes:
+        channels: what was found, by channel.
+        first_ns: the stamp of the first observation; 0 before there is one.
+        last_ns: the last one's.
+        count: how many there were.
+    """
+
+    def __init__(self) -> None:
+        self.channels: dict[str, ChannelContents] = {}
+        self.first_ns = 0
+        self.last_ns = 0
+        self.count = 0
+
+    def note(self, seen: Observation) -> None:
+        """Take note of one."""
+        self.count += 1
+        self.first_ns = self.first_ns or seen.stamp_ns
+        self.last_ns = seen.stamp_ns
+        found = self.channels.get(seen.channel)
+        if found is None:
+            if len(self.channels) >= _MAX_CHANNELS:
+                return
+            found = self.channels[seen.channel] = ChannelContents(seen.type_name)
+        found.count += 1
+        found.kinds.add(seen.kind)
+        found.unnamed += not seen.source
+        found.unnumbered += seen.sequence < 0
+        found.hollow += seen.data is None and not seen.error
+
+    def limits(self) -> list[str]:
+        """What cannot be concluded from what was found, one sentence each."""
+        said = []
+        topics = {n: c for n, c in self.channels.items() if ObservationKind.MESSAGE in c.kinds}
+        calls = {n: c for n, c in self.channels.items() if n not in topics}
+        if unnamed := [name for name, found in topics.items() if found.unnamed == found.count]:
+            said.append(
+                f"messages on {named(unnamed)} do not say who published them: a node is judged by "
+                "them only where the models leave no other"
+            )
+        if unnamed := [
+            name
+            for name, found in calls.items()
+            if found.unnamed and found.kinds & _SERVER_END and found.unnamed == found.count
+        ]:
+            said.append(f"calls of {named(unnamed)} do not say who asked or answered")
+        if lost := [name for name, found in self.channels.items() if found.unnumbered]:
+            said.append(
+                f"events on {named(lost)} have no number: if any of them were lost cannot be known"
+            )
+        for kinds, end, other in (
+            (_CLIENT_END, "client", "server"),
+            (_SERVER_END, "server", "client"),
+        ):
+            half = [name for name, found in calls.items() if found.kinds <= kinds]
+            if half:
+                said.append(
+                    f"calls of {named(half)} were recorded at the {end}'s end only: when its "
+                    f"{other} had them is known to the latency bound"
+                )
+        if hollow := [name for name, found in self.channels.items() if found.hollow]:
+            said.append(f"events of {named(hollow)} have no contents: nothing can be said of those")
+        return said
+
+
+def named(channels: Iterable[str]) -> str:
+    """Channels in words: all of a few, some of many."""
+    names = sorted(channels)
+    if len(names) <= _NAMED:
+        return ", ".join(names)
+    return f"{', '.join(names[:_NAMED])} and {plural(len(names) - _NAMED, 'more channel')}"

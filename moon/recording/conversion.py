@@ -1,0 +1,149 @@
+"""From stored messages to observations: what a tap would have heard, as far as the file tells.
+
+A bag has no names of nodes and no numbers of publications. Clients of services are told apart by the
+GIDs in their events, and called ``client-1``, ``client-2``… in the order of their first call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from moon.recording.cdr import CdrError, Decoder
+from moon.recording.definitions import Definitions, UnknownTypeError
+from moon.recording.stored import (
+    MAX_BYTES,
+    ZSTD_MAGIC,
+    StoredChannel,
+    StoredMessage,
+    TooLargeError,
+    ZstdError,
+    unzstd,
+)
+from transports import ros_forms
+from transports.interface import Observation, ObservationKind
+from transports.losses import Losses
+from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
+
+_PREFIX_BYTES = 12
+"""Of a GID, so much names the participant (RTPS 2.5, 9.3.1): a client's writer and reader share it."""
+
+_CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
+
+_Convert = Callable[[StoredMessage], Observation | None]
+
+
+class Conversion:
+    """Makes observations of the stored messages of one recording.
+
+    Args:
+        definitions: the types of its messages.
+
+    Attributes:
+        unread: why the messages of a topic are not read, by topic.
+        hollow: services whose events have no contents.
+    """
+
+    def __init__(self, definitions: Definitions) -> None:
+        self.unread: dict[str, str] = {}
+        self.hollow: set[str] = set()
+        self._definitions = definitions
+        self._losses = Losses()
+        self._made: dict[StoredChannel, _Convert | None] = {}
+        self._clients: dict[bytes, str] = {}
+
+    def __call__(self, message: StoredMessage) -> Observation | None:
+        """What the message is; None if it cannot be read (``undecodable`` tells)."""
+        channel = message.channel
+        try:
+            convert = self._made[channel]
+        except KeyError:
+            convert = self._made[channel] = self._prepare(channel)
+        if convert is None:
+            return None
+        try:
+            return convert(message)
+        except (CdrError, TooLargeError, ZstdError, msgspec.DecodeError) as error:
+            self._losses.undecodable(channel.topic, "", error)
+            return None
+
+    def undecodable(self) -> list[str]:
+        """What could not be decoded, a sentence for each topic."""
+        return [
+            sentence.replace(" from unknown", "", 1) for sentence in self._losses.sentences()
+        ] + [f"{topic} is not read: {why}" for topic, why in sorted(self.unread.items())]
+
+    def _prepare(self, channel: StoredChannel) -> _Convert | None:
+        topic, type_name = channel.topic, channel.type_name
+        if channel.encoding != "cdr":
+            self.unread[topic] = f"its messages are not CDR, but {channel.encoding!r}"
+            return None
+        try:
+            self._definitions.add(type_name, channel.schema_encoding, channel.schema)
+            decode = Decoder(self._definitions.structure(type_name))
+        except (UnknownTypeError, CdrError) as error:
+            self.unread[topic] = str(error)
+            return None
+        if topic.endswith(EVENT_SUFFIX) and type_name.endswith(TYPE_SUFFIX):
+            return lambda message: self._event(message, decode)
+        if topic.endswith(ros_forms.CALL_ERRORS) and type_name == ros_forms.STRING:
+            return lambda message: _call_error(message, decode)
+        return lambda message: _message(message, decode)
+
+    def _event(self, message: StoredMessage, decode: Decoder) -> Observation | None:
+        service = message.channel.topic.removesuffix(EVENT_SUFFIX)
+        event = decode(_bytes_of(message))
+        try:
+            info = event["info"]
+            kind = info["event_type"]
+            if not 0 <= kind < len(KIND_OF_EVENT):
+                raise CdrError(f"unknown event type {kind} - at `$.info.event_type`")
+            contents = event["request"] if ros_forms.is_request(kind) else event["response"]
+            stamp_ns = info["stamp"]["sec"] * 10**9 + info["stamp"]["nanosec"]
+            call, gid = info["sequence_number"], bytes(info["client_gid"])
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, CdrError):
+                raise
+            raise CdrError(f"it is no service event: no {error}") from error
+        if not contents:
+            self.hollow.add(service)
+        client = self._client(gid)
+        return ros_forms.of_event(
+            service,
+            message.channel.type_name,
+            kind,
+            stamp_ns,
+            call,
+            contents[0] if contents else None,
+            client,
+            message.received_ns,
+            client if KIND_OF_EVENT[kind] in _CLIENT_END else "",
+        )
+
+    def _client(self, gid: bytes) -> str:
+        participant = gid[:_PREFIX_BYTES]
+        return self._clients.setdefault(participant, f"client-{len(self._clients) + 1}")
+
+
+def _message(message: StoredMessage, decode: Decoder) -> Observation:
+    channel = message.channel
+    return ros_forms.of_message(
+        channel.topic,
+        channel.type_name,
+        decode(_bytes_of(message)),
+        message.published_ns or message.received_ns,
+        message.received_ns,
+    )
+
+
+def _call_error(message: StoredMessage, decode: Decoder) -> Observation:
+    text: Any = decode(_bytes_of(message))["data"]
+    error = ros_forms.read_call_error(text)
+    return ros_forms.of_call_error(error, error.service, message.received_ns)
+
+
+def _bytes_of(message: StoredMessage) -> bytes:
+    data = message.data
+    return unzstd(data, MAX_BYTES) if data.startswith(ZSTD_MAGIC) else data

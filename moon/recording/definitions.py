@@ -1,0 +1,201 @@
+"""Types of a recording's messages: from the definitions that it carries, or else from elsewhere.
+
+rosbag2 stores with a topic what its type's definition was (``ros2msg`` or ``ros2idl``: the text, then
+that of every type in it, each behind a line of ``=`` and one such as ``MSG: pkg/Name``). For service
+events some versions store the service's definition (``SRV: …``), some none; old files store nothing.
+What is missing is looked for in the models' interfaces and ROS 2's standard messages, and what rosidl
+derives (events of services, the parts of actions) is derived here.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from m2c.model.datatypes import Array, DataType, Primitive, Structure
+from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
+
+MAX_TEXT = 1024 * 1024
+"""A definition with all that it needs; the longest standard one has 40 kB."""
+
+_DIVIDER = re.compile(r"^={20,}[ \t]*$", re.MULTILINE)
+_HEADER = re.compile(r"\s*(MSG|IDL|SRV|ACTION): ([\w/]+)[ \t]*\n?")
+_PARTS = {"SRV": ("_Request", "_Response"), "ACTION": ("_Goal", "_Result", "_Feedback")}
+_NAME = re.compile(r"[A-Za-z]\w*(?:/\w+)*/[A-Za-z]\w*")
+
+_Key = tuple[str, str]
+"""(package, last part of the name): definitions are referred to with and without ``msg``."""
+
+
+class UnknownTypeError(LookupError):
+    """No definition of a type is known, or it cannot be read; the text says which and why."""
+
+
+class Definitions:
+    """The types of one recording.
+
+    Args:
+        library: where types are looked for that the recording does not define.
+    """
+
+    def __init__(self, library: InterfaceLibrary | None = None) -> None:
+        self._library = library or InterfaceLibrary()
+        self._fields: dict[_Key, list[tuple[str, Any]]] = {}
+        self._faults: dict[_Key, str] = {}
+        self._made: dict[str, Structure] = {}
+        self._open: list[str] = []
+
+    def add(self, type_name: str, encoding: str, text: str) -> None:
+        """Take in the definition stored with a topic; one that cannot be read is remembered.
+
+        Args:
+            type_name: of the topic's messages.
+            encoding: ``ros2msg``, ``ros2idl``; others say nothing.
+            text: the definition.
+        """
+        if encoding not in ("ros2msg", "ros2idl", "omgidl") or not text.strip():
+            return
+        if len(text) > MAX_TEXT:
+            self._faults[_key(type_name)] = f"its definition has more than {MAX_TEXT} characters"
+            return
+        kind = "MSG" if encoding == "ros2msg" else "IDL"
+        for number, section in enumerate(_DIVIDER.split(text)):
+            header = _HEADER.match(section)
+            if header is not None:
+                self._section(header[1], header[2], section[header.end() :])
+            elif (number == 0 and section.strip(" \n\r\t=")) or (
+                number == 0 and not _DIVIDER.search(text)
+            ):
+                self._section(kind, type_name, section)
+
+    def _section(self, kind: str, name: str, text: str) -> None:
+        from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
+
+        if not _NAME.fullmatch(name):
+            return
+        try:
+            if kind == "IDL":
+                for defined, (_, fields) in get_types_from_idl(text).items():
+                    self._fields.setdefault(_key(defined), fields)
+                return
+            parts = _PARTS.get(kind, ("",))
+            pieces = re.split(r"^---[ \t]*$", text, flags=re.MULTILINE) if kind != "MSG" else [text]
+            pieces += [""] * (len(parts) - len(pieces))
+            for part, piece in zip(parts, pieces, strict=False):
+                package, last = _key(name)
+                found = get_types_from_msg(piece, f"{package}/msg/{last}{part}")
+                self._fields.setdefault((package, last + part), next(iter(found.values()))[1])
+        except (TypesysError, RecursionError, ValueError, KeyError, AssertionError) as error:
+            where = " ".join(str(error).split())
+            self._faults[_key(name)] = f"its definition cannot be read: {where[:120]}"
+
+    def structure(self, type_name: str) -> Structure:
+        """The type ``type_name``: ``pkg/msg/Name``, ``pkg/srv/Name_Event`` and so on.
+
+        Raises:
+            UnknownTypeError: nothing defines it, or what does cannot be read.
+        """
+        known = self._made.get(type_name)
+        if known is not None:
+            return known
+        if type_name in self._open or len(self._open) > MAX_NESTING:
+            raise UnknownTypeError(f"{type_name} contains itself, or is nested too deep")
+        self._open.append(type_name)
+        try:
+            made = self._make(type_name)
+        finally:
+            self._open.pop()
+        self._made[type_name] = made
+        return made
+
+    def _make(self, type_name: str) -> Structure:
+        fields = self._fields.get(_key(type_name))
+        if fields is not None:
+            package = type_name.partition("/")[0]
+            return Structure(
+                type_name,
+                tuple(
+                    (name, self._type(kind, package))
+                    for name, kind in fields
+                    if name != "structure_needs_at_least_one_member"
+                ),
+            )
+        fault = self._faults.get(_key(type_name))
+        if fault is not None:
+            raise UnknownTypeError(f"{type_name}: {fault}")
+        derived = self._derived(type_name)
+        if derived is not None:
+            return derived
+        return self._from_library(type_name)
+
+    def _type(self, kind: Any, package: str) -> DataType:
+        node, argument = kind
+        match node.name:
+            case "BASE":
+                return Primitive("byte" if argument[0] == "octet" else argument[0])
+            case "NAME":
+                return self.structure(argument if "/" in argument else f"{package}/msg/{argument}")
+            case "ARRAY":
+                return Array(self._type(argument[0], package), argument[1], True)
+            case _:
+                return Array(self._type(argument[0], package), argument[1] or None)
+
+    def _derived(self, full: str) -> Structure | None:
+        """What rosidl derives from services and actions (design.ros2.org, "Actions")."""
+
+        def made(*fields: tuple[str, DataType]) -> Structure:
+            return Structure(full, fields)
+
+        def of(name: str) -> Structure:
+            return self.structure(name)
+
+        if full == "action_msgs/srv/CancelGoal_Request":
+            return made(("goal_info", of("action_msgs/msg/GoalInfo")))
+        if full == "action_msgs/srv/CancelGoal_Response":
+            goals = Array(of("action_msgs/msg/GoalInfo"))
+            return made(("return_code", Primitive("int8")), ("goals_canceling", goals))
+        base, _, part = full.rpartition("_")
+        if part == "Event" and "/msg/" not in full:
+            return made(
+                ("info", of("service_msgs/msg/ServiceEventInfo")),
+                ("request", Array(of(f"{base}_Request"), 1)),
+                ("response", Array(of(f"{base}_Response"), 1)),
+            )
+        if "/action/" not in full:
+            return None
+        uuid = "unique_identifier_msgs/msg/UUID"
+        action, _, service = base.rpartition("_")
+        match service, part:
+            case "SendGoal", "Request":
+                return made(("goal_id", of(uuid)), ("goal", of(f"{action}_Goal")))
+            case "SendGoal", "Response":
+                stamp = of("builtin_interfaces/msg/Time")
+                return made(("accepted", Primitive("bool")), ("stamp", stamp))
+            case "GetResult", "Request":
+                return made(("goal_id", of(uuid)))
+            case "GetResult", "Response":
+                return made(("status", Primitive("int8")), ("result", of(f"{action}_Result")))
+            case _, "FeedbackMessage":
+                return made(("goal_id", of(uuid)), ("feedback", of(f"{base}_Feedback")))
+        return None
+
+    def _from_library(self, full: str) -> Structure:
+        base, _, part = full.rpartition("_")
+        try:
+            if "/srv/" in full and part in ("Request", "Response"):
+                service = self._library.service(base)
+                return service.request if part == "Request" else service.response
+            if "/action/" in full and part in ("Goal", "Result", "Feedback"):
+                action = self._library.action(base)
+                found: Structure = getattr(action, part.lower())
+                return found
+            return self._library.message(full)
+        except KeyError as error:
+            raise UnknownTypeError(
+                f"{full}: the recording does not define it, nor do the models' interfaces"
+            ) from error
+
+
+def _key(name: str) -> _Key:
+    package, _, rest = name.partition("/")
+    return package, rest.rpartition("/")[2]

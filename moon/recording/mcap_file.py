@@ -1,0 +1,275 @@
+"""MCAP files, read from front to back: https://mcap.dev/spec.
+
+The mcap library's readers need the end of the file, or hand out records that are cut short as if they
+were whole; a recording of a crash has no end. Here every record is checked to be all there, a chunk
+that is damaged is left out and said, and no more than one record is held.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from typing import IO
+
+import lz4.frame
+from msgspec.structs import astuple
+
+from moon.recording.stored import (
+    MAX_BYTES,
+    StoredChannel,
+    StoredMessage,
+    TooLargeError,
+    ZstdError,
+    plural,
+    unzstd,
+)
+
+MAGIC = b"\x89MCAP0\r\n"
+
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 1, 2, 3, 4, 5, 6
+_METADATA, _DATA_END = 0x0C, 0x0F
+_READ = (_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA, _DATA_END)
+"""Others (attachments, indexes) are passed over."""
+_LAST_OPCODE = 0x0F
+_PRIVATE_OPCODES = 0x80
+"""From here on opcodes are applications' own (MCAP specification, "Records")."""
+
+_frame = struct.Struct("<BQ").unpack
+_frame_at = struct.Struct("<BQ").unpack_from
+_message_at = struct.Struct("<HIQQ").unpack_from
+_FRAME_BYTES = 9
+_MESSAGE_BYTES = 22
+_PIECE_BYTES = 1024 * 1024
+
+
+class _DamagedError(ValueError):
+    """A record that is not what it should be; the text says how."""
+
+
+class _Fields:
+    """Reads the fields of a record, one after another."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.place = 0
+
+    def take(self, count: int) -> bytes:
+        end = self.place + count
+        if end > len(self.data):
+            raise _DamagedError("a field of it is longer than itself")
+        taken = self.data[self.place : end]
+        self.place = end
+        return taken
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.take(size), "little")
+
+    def text(self) -> str:
+        try:
+            return self.take(self.number(4)).decode()
+        except UnicodeDecodeError as error:
+            raise _DamagedError("a string in it is no UTF-8") from error
+
+    def texts(self) -> dict[str, str]:
+        inner = _Fields(self.take(self.number(4)))
+        found = {}
+        while inner.place < len(inner.data):
+            name = inner.text()
+            found[name] = inner.text()
+        return found
+
+
+class McapFile:
+    """One MCAP file; see ``stored.Storage``.
+
+    Args:
+        opened: the file, at its beginning.
+        name: how it is called where something is wrong with it.
+    """
+
+    def __init__(self, opened: IO[bytes], name: str) -> None:
+        self.faults: list[str] = []
+        self.metadata: dict[str, Mapping[str, str]] = {}
+        self.complete = False
+        """Whether the file was read to its very end."""
+        self._file = opened
+        self._name = name
+        self._offset = 0
+        self._schemas: dict[int, tuple[str, str, str]] = {}
+        self._channels: dict[int, StoredChannel] = {}
+        self._unwanted: set[int] = set()
+
+    def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
+        """The messages of the channels that are ``wanted``, in the order of the file."""
+        magic = self._read(len(MAGIC))
+        if magic != MAGIC:
+            self._fault(0, "it is no MCAP file: it does not begin as one")
+            return
+        while not self.complete:
+            offset = self._offset
+            frame = self._read(_FRAME_BYTES)
+            if len(frame) < _FRAME_BYTES:
+                self._cut(offset if frame else self._offset)
+                return
+            opcode, length = _frame(frame)
+            if not 0 < opcode <= _LAST_OPCODE and opcode < _PRIVATE_OPCODES:
+                self._fault(offset, f"no record begins here (opcode {opcode})")
+                return
+            if opcode not in _READ:
+                if not self._skip(length):
+                    self._cut(offset)
+                    return
+                continue
+            if length > MAX_BYTES:
+                self._fault(offset, f"a record of {length} bytes; at most {MAX_BYTES} are read")
+                return
+            data = self._read(length)
+            whole = len(data) == length
+            try:
+                if opcode == _CHUNK:
+                    yield from self._chunk(offset, data, whole, wanted)
+                elif whole:
+                    yield from self._record(opcode, data, wanted)
+            except _DamagedError as error:
+                self._fault(offset, f"{error}; it is left out")
+            if not whole:
+                self._cut(offset)
+                return
+
+    def _read(self, count: int) -> bytes:
+        try:
+            data = self._file.read(count)
+        except (ZstdError, EOFError) as error:
+            self._fault(self._offset, f"its compression is damaged: {error}")
+            data = b""
+        self._offset += len(data)
+        return data
+
+    def _skip(self, count: int) -> bool:
+        """Pass over ``count`` bytes; whether there were so many."""
+        while count > 0:
+            passed = len(self._read(min(count, _PIECE_BYTES)))
+            if not passed:
+                return False
+            count -= passed
+        return True
+
+    def _fault(self, offset: int, what: str) -> None:
+        self.faults.append(f"{self._name}: byte {offset}: {what}")
+
+    def _cut(self, offset: int) -> None:
+        self._fault(offset, "the file ends here, without its end: what comes before was read")
+
+    def _record(
+        self, opcode: int, data: bytes, wanted: Callable[[StoredChannel], bool]
+    ) -> Iterator[StoredMessage]:
+        if opcode == _MESSAGE:
+            found = self._message(data, wanted)
+            if found is not None:
+                yield found
+        elif opcode == _SCHEMA:
+            self._schema(data)
+        elif opcode == _CHANNEL:
+            self._channel(data)
+        elif opcode == _METADATA:
+            fields = _Fields(data)
+            name = fields.text()
+            self.metadata[name] = fields.texts()
+        elif opcode in (_DATA_END, _FOOTER):
+            self.complete = True
+
+    def _schema(self, data: bytes) -> None:
+        fields = _Fields(data)
+        number, name, encoding = fields.number(2), fields.text(), fields.text()
+        text = fields.take(fields.number(4)).decode(errors="replace")
+        self._schemas[number] = (name, encoding, text)
+
+    def _channel(self, data: bytes) -> None:
+        fields = _Fields(data)
+        number, schema = fields.number(2), fields.number(2)
+        topic, encoding, metadata = fields.text(), fields.text(), fields.texts()
+        name, schema_encoding, text = self._schemas.get(schema, ("", "", ""))
+        made = StoredChannel(topic, name, encoding, schema_encoding, text, metadata)
+        known = self._channels.get(number)
+        if known is None or astuple(known) != astuple(made):
+            self._channels[number] = made
+            self._unwanted.discard(number)
+
+    def _message(
+        self, data: bytes, wanted: Callable[[StoredChannel], bool]
+    ) -> StoredMessage | None:
+        if len(data) < _MESSAGE_BYTES:
+            raise _DamagedError("a message that is too short")
+        number, sequence, received_ns, published_ns = _message_at(data, 0)
+        if number in self._unwanted:
+            return None
+        channel = self._channels.get(number)
+        if channel is None:
+            raise _DamagedError(f"a message of channel {number}, which is not declared")
+        if not wanted(channel):
+            self._unwanted.add(number)
+            return None
+        return StoredMessage(channel, received_ns, published_ns, sequence, data[_MESSAGE_BYTES:])
+
+    def _chunk(
+        self,
+        offset: int,
+        data: bytes,
+        whole: bool,
+        wanted: Callable[[StoredChannel], bool],
+    ) -> Iterator[StoredMessage]:
+        """The messages of a chunk; of one that is cut off, those that are all there."""
+        fields = _Fields(data)
+        fields.take(16)
+        size, crc, compression = fields.number(8), fields.number(4), fields.text()
+        packed = fields.number(8)
+        if whole and packed != len(data) - fields.place:
+            raise _DamagedError(f"a chunk of {packed} bytes in {len(data) - fields.place}")
+        records = _decompressed(data[fields.place :], compression, size)
+        if whole:
+            if len(records) != size:
+                raise _DamagedError(f"a chunk of {size} bytes has {len(records)}")
+            if crc and zlib.crc32(records) != crc:
+                raise _DamagedError("a chunk whose checksum is wrong")
+        place, end, left_out = 0, len(records), 0
+        while place + _FRAME_BYTES <= end:
+            opcode, length = _frame_at(records, place)
+            place += _FRAME_BYTES
+            if place + length > end:
+                break
+            record = records[place : place + length]
+            place += length
+            try:
+                if opcode == _MESSAGE:
+                    found = self._message(record, wanted)
+                    if found is not None:
+                        yield found
+                elif opcode == _SCHEMA:
+                    self._schema(record)
+                elif opcode == _CHANNEL:
+                    self._channel(record)
+            except _DamagedError:
+                left_out += 1
+        if whole and (left_out or place != end):
+            what = plural(left_out, "record") if left_out else "its end"
+            self._fault(offset, f"a chunk in which {what} cannot be read")
+
+
+def _decompressed(data: bytes, compression: str, size: int) -> bytes:
+    if size > MAX_BYTES:
+        raise _DamagedError(f"a chunk of {size} bytes; at most {MAX_BYTES} are read")
+    try:
+        match compression:
+            case "":
+                return data
+            case "zstd":
+                return unzstd(data, size)
+            case "lz4":
+                made = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+                if len(made) > size:
+                    raise TooLargeError(f"more than {size} bytes when decompressed")
+                return bytes(made)
+    except (ZstdError, RuntimeError, EOFError, TooLargeError) as error:
+        raise _DamagedError(f"a chunk that cannot be decompressed ({error})") from error
+    raise _DamagedError(f"a chunk compressed by {compression!r}, which is not known")

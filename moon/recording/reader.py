@@ -1,0 +1,159 @@
+"""Opening a recording, whatever its form: told by what is in it, not by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from m2c.model.interfaces import InterfaceLibrary
+from moon.recording import mcap_file, sqlite_file
+from moon.recording.contents import Contents, named
+from moon.recording.conversion import Conversion
+from moon.recording.definitions import Definitions
+from moon.recording.jsonlines import JsonLines
+from moon.recording.rosbag import BagFiles
+from moon.recording.stored import ZSTD_MAGIC, StoredChannel, ZstdError, open_zstd
+from transports.interface import Observation
+from transports.service_events import EVENT_SUFFIX
+
+_HEAD_BYTES = 4096
+_ROS1_MAGIC = b"#ROSBAG V"
+_FORMS = "an MCAP file, a rosbag2 folder or its SQLite file, or a log of JSON lines"
+
+Wanted = Callable[[str], bool]
+"""Whether the observations of a channel are wanted; others are not decoded."""
+
+
+class RecordingError(Exception):
+    """A path that is no recording at all; the text says what it is, and what would be right."""
+
+
+class Recording:
+    """One recording, open to be read once from front to back; nothing of it is kept in memory.
+
+    Attributes:
+        path: where it is.
+        form: what it is: ``rosbag2``, ``JSON lines``.
+        contents: what was found in it, as far as it was read.
+    """
+
+    def __init__(self, path: Path, form: str, library: InterfaceLibrary | None) -> None:
+        self.path = path
+        self.form = form
+        self.contents = Contents()
+        self._bag = BagFiles(path) if form == ROSBAG else None
+        self._conversion = Conversion(Definitions(library))
+        self._lines: JsonLines | None = None
+
+    def entries(self, wanted: Wanted | None = None) -> Iterator[Observation]:
+        """What was recorded, in the order in which it was received; to be asked for once.
+
+        Damage ends nothing but what is damaged: ``faults`` tells of it.
+        """
+        wanted = wanted or _everything
+        note = self.contents.note
+        for seen in self._read_bag(wanted) if self._bag is not None else self._read_lines():
+            if wanted(seen.channel):
+                note(seen)
+                yield seen
+
+    def faults(self) -> list[str]:
+        """What could not be read so far, one sentence each, with its place in the file."""
+        if self._bag is not None:
+            return [*self._bag.faults, *self._conversion.undecodable()]
+        return [] if self._lines is None else list(self._lines.faults)
+
+    def limits(self) -> list[str]:
+        """What cannot be concluded from what was read so far, one sentence each."""
+        said = self.contents.limits()
+        if self._bag is not None and self._bag.stamped_on_arrival:
+            said.append(
+                "messages on topics are stamped when they were recorded, not when they were published: "
+                "their order against other channels is known to the latency bound"
+            )
+        if self._conversion.hollow:
+            said.append(
+                f"the events of {named(self._conversion.hollow)} carry no contents: they were recorded "
+                "with ServiceIntrospectionState.METADATA instead of CONTENTS"
+            )
+        if self._lines is not None:
+            said.append(
+                "a log of JSON lines has no types: what is in it is taken as it is, and its times "
+                "may be whole seconds"
+            )
+        return said
+
+    def _read_bag(self, wanted: Wanted) -> Iterator[Observation]:
+        def of_interest(channel: StoredChannel) -> bool:
+            return wanted(channel.topic.removesuffix(EVENT_SUFFIX))
+
+        assert self._bag is not None
+        for message in self._bag.messages(of_interest):
+            seen = self._conversion(message)
+            if seen is not None:
+                yield seen
+
+    def _read_lines(self) -> Iterator[Observation]:
+        with self.path.open("rb") as opened:
+            self._lines = JsonLines(opened, str(self.path))
+            yield from self._lines.observations()
+            self._lines.finish()
+
+
+ROSBAG = "rosbag2"
+JSON_LINES = "JSON lines"
+
+
+def open_recording(path: Path, library: InterfaceLibrary | None = None) -> Recording:
+    """The recording at ``path``.
+
+    Args:
+        path: an MCAP file, a rosbag2 folder or one of its files, or a log of JSON lines.
+        library: types of messages that the recording itself does not define.
+
+    Raises:
+        RecordingError: there is none, or nothing of it can be read.
+    """
+    try:
+        form = _form_of(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return Recording(path, form, library)
+
+
+def _form_of(path: Path) -> str:
+    if path.is_dir():
+        found = BagFiles(path)
+        if not found.files:
+            what = "; ".join(found.faults) or "it has no .mcap or .db3 file"
+            raise RecordingError(f"{path}: a folder that is no recording: {what}")
+        return ROSBAG
+    with path.open("rb") as opened:
+        head = opened.read(_HEAD_BYTES)
+    if not head:
+        raise RecordingError(f"{path}: is empty (0 bytes); a recording is {_FORMS}")
+    if head.startswith(ZSTD_MAGIC):
+        try:
+            with open_zstd(path) as unpacked:
+                head = unpacked.read(_HEAD_BYTES)
+        except (ZstdError, EOFError) as error:
+            raise RecordingError(f"{path}: byte 0: its compression is damaged: {error}") from error
+    for magic, what in ((mcap_file.MAGIC, "an MCAP"), (sqlite_file.MAGIC, "an SQLite")):
+        if head.startswith(magic):
+            return ROSBAG
+        if magic.startswith(head):
+            raise RecordingError(
+                f"{path}: byte {len(head)}: the file ends within the first bytes of {what} file"
+            )
+    if head.startswith(_ROS1_MAGIC):
+        raise RecordingError(
+            f"{path}: is a bag of ROS 1; make it one of ROS 2: rosbags-convert --src {path.name} "
+            f"--dst {path.stem}"
+        )
+    if head.lstrip(b" \t\r\n\xef\xbb\xbf").startswith(b"{"):
+        return JSON_LINES
+    raise RecordingError(f"{path}: is no recording (begins with {head[:8]!r}); expected {_FORMS}")
+
+
+def _everything(_: str) -> bool:
+    return True
