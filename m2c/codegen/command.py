@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NoReturn
 
 import click
 
-from m2c.model import DiagnosticLog, ModelError, System
+from m2c.inputs import Inputs, input_options
 
 
 @click.command()
-@click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "-o",
     "--output",
@@ -23,24 +22,12 @@ from m2c.model import DiagnosticLog, ModelError, System
 )
 @click.option("--transport", default="zenoh", show_default=True, help="Middleware of the nodes.")
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
-@click.option(
-    "--interfaces",
-    multiple=True,
-    type=click.Path(path_type=Path, exists=True),
-    help="Folder of ROS interface packages, or the earlier tool's INTERFACES.xml.",
-)
-@click.option(
-    "--model",
-    type=click.Path(path_type=Path, exists=True),
-    help="The earlier tool's FULL_MODEL.xml, instead of PATHS.",
-)
+@input_options
 def generate(
-    paths: tuple[Path, ...],
+    inputs: Inputs,
     output: Path,
     transport: str,
     force: bool,
-    interfaces: tuple[Path, ...],
-    model: Path | None,
 ) -> None:
     """Generate running Python nodes from models.
 
@@ -51,20 +38,19 @@ def generate(
 
     Example: m2c generate examples/lab_tour/system.xml -o generated
     """
+    from m2c.check.reading import read_and_check
     from m2c.check.report import print_findings
     from m2c.codegen.package import system_files
     from m2c.codegen.packaging import MARKS, packaging_of
     from m2c.codegen.writer import EditedFilesError, counted, write_files
+    from m2c.model import DiagnosticLog, ModelError
     from transports.registry import available
 
     if transport not in available():
         known = ", ".join(available())
         _fail(f"no transport `{transport}` is installed; installed: {known}")
-    inputs = [*paths, *([model] if model is not None else [])]
-    if not inputs:
-        _fail("nothing to generate from; give a model, a folder or a system file")
     log = DiagnosticLog()
-    system = read_for_generation(inputs, interfaces, log)
+    system = read_and_check(*inputs, log, with_policy=False)
     print_findings(log.diagnostics)
     if system is None or log.has_errors:
         sys.exit(2)
@@ -90,25 +76,6 @@ def generate(
         f"{system.name}: {counted(len(system.nodes), 'node')}{policy} in {output} "
         f"({counted(written, 'file')} written, {unchanged} unchanged)"
     )
-
-
-def read_for_generation(
-    inputs: Sequence[Path], interfaces: Sequence[Path], log: DiagnosticLog
-) -> System | None:
-    """Read and check a system; the checks' findings go to ``log``."""
-    from m2c.check import check_system
-    from m2c.model import load
-    from m2c.model.full_model import cross_check, read_interface_list
-
-    folders = [path for path in interfaces if path.is_dir()]
-    lists = [path for path in interfaces if not path.is_dir()]
-    system = load(inputs, log, folders)
-    if system is None:
-        return None
-    for path in lists:
-        cross_check(system, read_interface_list(path, log), log)
-    check_system(system, log)
-    return system
 
 
 def _packed_otherwise(

@@ -17,12 +17,10 @@ from m2c.policy.runner import PolicyRunner
 from m2c.policy.ticking import PolicyError
 from m2c.runtime.main import (
     add_transport_options,
+    connect_or_exit,
     set_up_logging,
     split_ros_arguments,
-    transport_options,
 )
-from transports.interface import TransportError
-from transports.registry import connect
 
 START_TIMEOUT_S = 30.0
 """How long the nodes of ``--wait-for`` may take to be up."""
@@ -59,14 +57,7 @@ def main(
     parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)
     policy = msgspec.json.decode((folder / "policy.json").read_bytes(), type=Policy)
-    options = transport_options(parsed)
-    if ros_arguments:
-        options["args"] = ros_arguments
-    try:
-        connection = connect(parsed.transport, parsed.node_name, options)
-    except TransportError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    connection = connect_or_exit(parsed, ros_arguments)
     rate = parsed.rate or policy.tick_rate_hz
     try:
         runner = PolicyRunner(connection, policy, plugins, parsed.tick_timeout)

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 from m2c.runtime.binding import NodeSettings
 from transports.interface import Transport, TransportError
+from transports.options import transport_options
 from transports.registry import connect
 
 
@@ -26,14 +27,21 @@ def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zen
     parser.add_argument("--log-level", default="INFO", help="DEBUG, INFO, WARNING or ERROR")
 
 
-def transport_options(arguments: argparse.Namespace) -> dict[str, str]:
-    """The transport's options, from parsed arguments."""
-    options = {
-        "endpoint": ",".join(arguments.endpoint),
-        "config": arguments.zenoh_config,
-        "namespace": arguments.namespace,
-    }
-    return {name: value for name, value in options.items() if value}
+def connect_or_exit(arguments: argparse.Namespace, ros_arguments: str) -> Transport:
+    """The connection that parsed arguments ask for; exits with 2 if there can be none.
+
+    Args:
+        arguments: with those of :func:`add_transport_options`, and ``node_name``.
+        ros_arguments: what :func:`split_ros_arguments` found for ROS 2.
+    """
+    options = transport_options(arguments.endpoint, arguments.zenoh_config, arguments.namespace)
+    if ros_arguments:
+        options["args"] = ros_arguments
+    try:
+        return connect(arguments.transport, arguments.node_name, options)
+    except TransportError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], str]:
@@ -89,14 +97,7 @@ def main(
     own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)
-    options = transport_options(parsed)
-    if ros_arguments:
-        options["args"] = ros_arguments
-    try:
-        connection = connect(parsed.transport, parsed.node_name, options)
-    except TransportError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    connection = connect_or_exit(parsed, ros_arguments)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: connection.post(connection.close))
     node = node_class(connection, NodeSettings(parsed.call_timeout))

@@ -1,0 +1,59 @@
+"""What the commands that read models are given."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+
+class Inputs(NamedTuple):  # msgspec's would cost each --help its import
+    """What to read.
+
+    Attributes:
+        paths: models, folders of them, or one system file; or the earlier tool's.
+        interfaces: folders of interface packages, and the earlier tool's lists of channels.
+    """
+
+    paths: tuple[Path, ...]
+    interfaces: tuple[Path, ...]
+
+
+_OPTIONS = (
+    click.argument("paths", nargs=-1, type=click.Path(path_type=Path)),
+    click.option(
+        "--interfaces",
+        multiple=True,
+        type=click.Path(path_type=Path, exists=True),
+        help="Folder of ROS interface packages, or the earlier tool's INTERFACES.xml (repeatable).",
+    ),
+    click.option(
+        "--model",
+        type=click.Path(path_type=Path),
+        help="The earlier tool's FULL_MODEL.xml, instead of PATHS.",
+    ),
+)
+
+
+def input_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command PATHS and the options beside them; it gets them as one argument, ``inputs``.
+
+    A command line that names nothing to read is refused.
+    """
+
+    @functools.wraps(command)
+    def with_inputs(
+        paths: tuple[Path, ...], interfaces: tuple[Path, ...], model: Path | None, **others: object
+    ) -> None:
+        named = (*paths, *([model] if model is not None else []))
+        if not named:
+            verb = click.get_current_context().info_name
+            raise click.UsageError(f"nothing to {verb}; give a model, a folder or a system file")
+        command(inputs=Inputs(named, interfaces), **others)
+
+    for option in reversed(_OPTIONS):
+        with_inputs = option(with_inputs)
+    return with_inputs
