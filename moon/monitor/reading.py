@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from m2c.check import check_system
+from m2c.check.reading import read_and_check
 from m2c.check.report import print_findings
-from m2c.model import DiagnosticLog, ModelError, Position, System, load
+from m2c.model import DiagnosticLog, ModelError, Position, System
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.typing import nearest
@@ -27,15 +27,7 @@ def read_checked(
         ModelError: ``m2c check`` would find errors, which the exception has.
     """
     log = log or DiagnosticLog()
-    system = load(paths, log, interfaces)
-    if system is not None:
-        complete = not log.has_errors
-        check_system(system, log)
-        complete = complete and all(found.rule != "unknown-type" for found in log.diagnostics)
-        if system.policy is not None and complete:
-            from m2c.policy.program import read_policy
-
-            read_policy(system.policy, system, log)
+    system = read_and_check(paths, interfaces, log)
     log.raise_if_errors()
     if system is None or not (system.nodes or system.plugins):
         log.error("no-models", Position(str(paths[0])), "", "no model in it")
