@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 
-from transports.interface import Transport, TransportError
+from transports.interface import Transport, TransportError, TransportFactory
 
 GROUP = "m2c.transports"
 _NEEDS = {
@@ -35,16 +35,17 @@ def connect(transport: str, node: str, options: Mapping[str, str]) -> Transport:
     if not found:
         hint = f"installed: {', '.join(available()) or 'none'}"
         raise TransportError(f"no transport `{transport}` is installed; {hint}")
-    return _load(found[0])(node, options)  # type: ignore[no-any-return]
+    return _load(found[0])(node, options)
 
 
-def _load(point: EntryPoint):  # type: ignore[no-untyped-def]
+def _load(point: EntryPoint) -> TransportFactory:
     distribution = point.dist.name if point.dist is not None else "an unknown distribution"
     try:
-        return point.load()
+        factory: TransportFactory = point.load()
     except (ImportError, AttributeError) as error:
         needs = _NEEDS.get(point.name, "")
         raise TransportError(
             f"the transport `{point.name}` of {distribution} cannot be loaded: {error}"
             + (f"; {needs}" if needs else "")
         ) from error
+    return factory

@@ -15,6 +15,7 @@ from m2c.model.expressions import (
     Binary,
     Conditional,
     EventData,
+    EventPart,
     Expression,
     Index,
     Literal,
@@ -53,7 +54,7 @@ MATH_CONSTANTS = ("E", "LN10", "LN2", "LOG10E", "LOG2E", "PI", "SQRT1_2", "SQRT2
 
 _DATA_ROOTS = {"_msg", "_req", "_res", "_feedback", "_goal", "_result"}
 _ROOTS = {*_DATA_ROOTS, "_event", "_action", "_wrapped_result", "_bt"}
-_EVENT_PARTS = {"goal_id", "thread_id", "code", "status", "name"}
+_EVENT_PARTS: tuple[EventPart, ...] = ("goal_id", "thread_id", "code", "status", "name")
 _BINARY = {"+", "-", "*", "/", "%", "**", "==", "!=", "===", "!==", "<", "<=", ">", ">="}
 _NAMED = {"undefined": None, "True": True, "False": False}
 _BT_STATUSES = ("SUCCESS", "FAILURE", "RUNNING")
@@ -271,8 +272,9 @@ class _Converter:
         spelling = f"{root}.{name}"
         if (root, name) in (("_event", "data"), ("_wrapped_result", "result"), ("_action", "goal")):
             return EventData(part="data", spelling=spelling, position=at)
-        if name in _EVENT_PARTS:
-            return EventData(part=name, spelling=spelling, position=at)  # type: ignore[arg-type]
+        part = next((part for part in _EVENT_PARTS if part == name), None)
+        if part is not None:
+            return EventData(part=part, spelling=spelling, position=at)
         hint = {
             "_event": "_event has data, name, goal_id and thread_id",
             "_wrapped_result": "_wrapped_result has result and code",

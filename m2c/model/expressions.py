@@ -37,6 +37,9 @@ class Variable(Node, frozen=True):
     name: str
 
 
+EventPart = OneOf["data", "goal_id", "thread_id", "code", "status", "name"]
+
+
 class EventData(Node, frozen=True):
     """Something of the event being processed.
 
@@ -46,7 +49,7 @@ class EventData(Node, frozen=True):
     tree child's status (``_bt.status``); ``name``: ``_event.name``.
     """
 
-    part: OneOf["data", "goal_id", "thread_id", "code", "status", "name"]
+    part: EventPart
     spelling: str = "_event.data"
 
 

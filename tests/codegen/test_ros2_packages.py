@@ -186,8 +186,9 @@ def launch_description(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    entities: list[Any]
     (entities,) = module.generate_launch_description().arguments
-    return entities  # type: ignore[no-any-return]
+    return entities
 
 
 def test_the_launch_file_starts_every_node_and_the_policy_after_them(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from random import Random
+from typing import Any
 
 import msgspec
 import pytest
@@ -19,7 +20,7 @@ LATE = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.15))
 class Decides:
     """A plugin that answers at random, in the place of a generated one."""
 
-    def __init__(self, transport: object, talk: object, *_: object) -> None:
+    def __init__(self, transport: object, talk: Any, *_: object) -> None:
         self._talk = talk
         self._draw = Random(11)
 
@@ -27,10 +28,10 @@ class Decides:
         """Nothing to do."""
 
     def tick(self) -> None:
-        self._talk.return_status(self._draw.choice(["SUCCESS", "FAILURE", "RUNNING"]))  # type: ignore[attr-defined]
+        self._talk.return_status(self._draw.choice(["SUCCESS", "FAILURE", "RUNNING"]))
 
     def halt(self) -> None:
-        self._talk.return_halted()  # type: ignore[attr-defined]
+        self._talk.return_halted()
 
 
 def with_plugin(policy: Policy, name: str) -> Policy:

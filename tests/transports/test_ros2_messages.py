@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -92,7 +91,7 @@ def test_every_standard_message_comes_back_as_it_left(type_name: str, data: st.D
 
 
 @pytest.fixture(scope="module")
-def everything() -> Callable[..., Any]:
+def everything() -> type[msgspec.Struct]:
     """A class with every kind of field, loaded into this process."""
     ros2_network.load(ros2_network.built())
     return message_class(LIBRARY.message("conformance/msg/Everything"))
@@ -101,7 +100,7 @@ def everything() -> Callable[..., Any]:
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_every_kind_of_field_comes_back_as_it_left(
-    everything: Callable[..., Any], data: st.DataObject
+    everything: type[msgspec.Struct], data: st.DataObject
 ) -> None:
     message = data.draw(values(LIBRARY.message("conformance/msg/Everything")))
     struct, plain = through_cdr("conformance/msg/Everything", message)
@@ -135,11 +134,11 @@ def test_every_kind_of_field_comes_back_as_it_left(
     ids=str,
 )
 def test_what_does_not_fit_is_refused_with_its_place(
-    everything: Callable[..., Any], fields: dict[str, Any], said: str
+    everything: type[msgspec.Struct], fields: dict[str, Any], said: str
 ) -> None:
     from transports.ros2.messages import Codec
 
-    codec = Codec("conformance/msg/Everything", everything)  # type: ignore[arg-type]
+    codec = Codec("conformance/msg/Everything", everything)
     with pytest.raises(TransportError) as refused:
         codec.encode(everything(**fields))
     assert str(refused.value) == f"conformance/msg/Everything{said}"
