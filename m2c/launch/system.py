@@ -17,7 +17,7 @@ from transports.interface import Timer, Transport
 
 START_TIMEOUT_S = 30.0
 """How long the next node may take to be up; a machine under load starts twenty interpreters in it."""
-STARTING = 4 * (os.cpu_count() or 1)
+STARTING = 2 * (os.cpu_count() or 1)
 """So many nodes come up at a time. More would not be faster, and what listens to them from the start (a
 monitor, say) would not get its turn beside them."""
 
