@@ -68,8 +68,10 @@ class JsonLines:
                 what = str(error) if line.endswith(b"\n") else f"the last line is cut off: {error}"
                 self._fault(number, what)
 
-    def finish(self) -> None:
-        """Say how many lines could not be read beyond those that are named."""
+    def finish(self, fault: str = "") -> None:
+        """Say what ended the file too early (``fault``), and how many more lines were unreadable."""
+        if fault:
+            self.faults.append(f"{self._name}: {fault}: what comes before was read")
         more = self.unreadable - MAX_NAMED
         if more > 0:
             self.faults.append(f"{self._name}: {plural(more, 'more line')} cannot be read")

@@ -138,11 +138,7 @@ class McapFile:
                 return
 
     def _read(self, count: int) -> bytes:
-        try:
-            data = self._file.read(count)
-        except (ZstdError, EOFError) as error:
-            self._fault(self._offset, f"its compression is damaged: {error}")
-            data = b""
+        data = self._file.read(count)
         self._offset += len(data)
         return data
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from moon.recording.conversion import Conversion
 from moon.recording.definitions import Definitions
 from moon.recording.jsonlines import JsonLines
 from moon.recording.rosbag import BagFiles
-from moon.recording.stored import ZSTD_MAGIC, StoredChannel, ZstdError, open_zstd
+from moon.recording.stored import ZSTD_MAGIC, StoredChannel, Unpacked
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX
 
@@ -95,9 +96,12 @@ class Recording:
 
     def _read_lines(self) -> Iterator[Observation]:
         with self.path.open("rb") as opened:
-            self._lines = JsonLines(opened, str(self.path))
+            packed = opened.read(len(ZSTD_MAGIC)) == ZSTD_MAGIC
+        raw = Unpacked(self.path) if packed else self.path.open("rb", buffering=0)
+        with raw, io.BufferedReader(raw) as lines:
+            self._lines = JsonLines(lines, str(self.path))
             yield from self._lines.observations()
-            self._lines.finish()
+            self._lines.finish(raw.fault if isinstance(raw, Unpacked) else "")
 
 
 ROSBAG = "rosbag2"
@@ -133,11 +137,10 @@ def _form_of(path: Path) -> str:
     if not head:
         raise RecordingError(f"{path}: is empty (0 bytes); a recording is {_FORMS}")
     if head.startswith(ZSTD_MAGIC):
-        try:
-            with open_zstd(path) as unpacked:
-                head = unpacked.read(_HEAD_BYTES)
-        except (ZstdError, EOFError) as error:
-            raise RecordingError(f"{path}: byte 0: its compression is damaged: {error}") from error
+        with Unpacked(path) as raw:
+            head = io.BufferedReader(raw).read(_HEAD_BYTES)
+            if not head:
+                raise RecordingError(f"{path}: byte 0: {raw.fault or 'it is empty'}")
     for magic, what in ((mcap_file.MAGIC, "an MCAP"), (sqlite_file.MAGIC, "an SQLite")):
         if head.startswith(magic):
             return ROSBAG

@@ -7,13 +7,15 @@ compressed as a whole (``.zstd``) or message by message.
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, cast
 
+from m2c.model.diagnostics import DiagnosticLog
+from moon.properties.yaml_tree import Mapping, Scalar, Sequence, read_yaml
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.mcap_file import McapFile
 from moon.recording.sorting import Sorting
@@ -23,13 +25,11 @@ from moon.recording.stored import (
     StoredChannel,
     StoredMessage,
     TooLargeError,
-    ZstdError,
-    open_zstd,
+    Unpacked,
     plural,
 )
 
 METADATA = "metadata.yaml"
-_MAX_METADATA = 16 * 1024 * 1024
 _SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 _HEAD_BYTES = 16
 
@@ -67,8 +67,8 @@ class BagFiles:
                 yield from self._messages_in(path, wanted)
             except OSError as error:
                 self.faults.append(f"{path}: cannot be read: {error.strerror or error}")
-            except (ZstdError, EOFError, TooLargeError) as error:
-                self.faults.append(f"{path}: its compression is damaged: {error}")
+            except TooLargeError as error:
+                self.faults.append(f"{path}: {error}")
         if self._sorting.late:
             self.faults.append(
                 f"{plural(self._sorting.late, 'message')} stood far from their place in time"
@@ -96,30 +96,16 @@ class BagFiles:
                 "order of their names"
             )
             return None
-        found = self._metadata(path)
-        information = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
-        names = information.get("relative_file_paths") if isinstance(information, dict) else None
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            self.faults.append(f"{path}: does not name the files; they are read by their names")
+        log = DiagnosticLog()
+        found = read_yaml(path, log)
+        for name in ("rosbag2_bagfile_information", "relative_file_paths"):
+            found = found.entries.get(name) if isinstance(found, Mapping) else None
+        if not isinstance(found, Sequence):
+            why = log.diagnostics[0].message if log.diagnostics else "it does not name them"
+            self.faults.append(f"{path}: {why}: the files are read in the order of their names")
             return None
         # a file of the bag is in its folder, whatever the metadata say
-        return [Path(name).name for name in cast("list[str]", names)]
-
-    def _metadata(self, path: Path) -> Any:
-        from ruamel.yaml import YAML
-        from ruamel.yaml.error import YAMLError
-
-        try:
-            with path.open("rb") as opened:
-                text = opened.read(_MAX_METADATA + 1)
-            if len(text) > _MAX_METADATA:
-                self.faults.append(f"{path}: has more than {_MAX_METADATA} bytes")
-                return None
-            return YAML(typ="safe").load(text.decode())
-        except (OSError, YAMLError, ValueError, RecursionError) as error:
-            what = " ".join(str(error).split())
-            self.faults.append(f"{path}: cannot be read: {what[:200]}")
-            return None
+        return [Path(item.text).name for item in found.items if isinstance(item, Scalar)]
 
     def _messages_in(self, path: Path, wanted: Wanted) -> Iterator[StoredMessage]:
         with path.open("rb") as opened:
@@ -137,16 +123,17 @@ class BagFiles:
             self.faults.append(f"{path}: is neither MCAP nor SQLite; it begins with {head[:8]!r}")
 
     def _compressed(self, path: Path, wanted: Wanted) -> Iterator[StoredMessage]:
-        with open_zstd(path) as opened:
+        with io.BufferedReader(Unpacked(path)) as opened:
             head = opened.read(_HEAD_BYTES)
         if head.startswith(mcap_file.MAGIC):
-            with open_zstd(path) as opened:
-                yield from self._mcap(McapFile(opened, str(path)), wanted)
+            with Unpacked(path) as raw:
+                yield from self._mcap(McapFile(io.BufferedReader(raw), str(path)), wanted)
+                self._damage(path, raw)
         elif head.startswith(sqlite_file.MAGIC):
             with tempfile.TemporaryDirectory(prefix="moon-") as folder:
-                unpacked = Path(folder, path.name.removesuffix(".zstd"))
-                self._unpack(path, unpacked)
-                yield from self._sqlite(SqliteFile(unpacked, str(path)), wanted)
+                file = Path(folder, path.name.removesuffix(".zstd"))
+                self._unpack(path, file)
+                yield from self._sqlite(SqliteFile(file, str(path)), wanted)
         else:
             self.faults.append(
                 f"{path}: holds neither MCAP nor SQLite; it begins with {head[:8]!r}"
@@ -157,19 +144,17 @@ class BagFiles:
         limit = max(_ALWAYS_BYTES, MAX_RATIO * path.stat().st_size)
         limit = min(limit, shutil.disk_usage(into.parent).free // 2)
         made = 0
-        with open_zstd(path) as source, into.open("wb") as target:
-            while True:
-                try:
-                    piece = source.read(_PIECE_BYTES)
-                except (ZstdError, EOFError) as error:
-                    self.faults.append(f"{path}: its compression is damaged: {error}")
-                    return
-                if not piece:
-                    return
+        with Unpacked(path) as source, into.open("wb") as target:
+            while piece := source.read(_PIECE_BYTES):
                 made += len(piece)
                 if made > limit:
                     raise TooLargeError(f"it would be larger than {limit} bytes")
                 target.write(piece)
+            self._damage(path, source)
+
+    def _damage(self, path: Path, file: Unpacked) -> None:
+        if file.fault:
+            self.faults.append(f"{path}: {file.fault}: what comes before was read")
 
     def _mcap(self, file: McapFile, wanted: Wanted) -> Iterator[StoredMessage]:
         try:

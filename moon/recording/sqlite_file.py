@@ -39,6 +39,9 @@ class SqliteFile:
             return
         try:
             channels = self._channels(connection)
+            if channels is None:
+                self._fault("it is an SQLite file, but no rosbag2 one: no topics and messages")
+                return
             kept = {number: channel for number, channel in channels.items() if wanted(channel)}
             yield from self._read(connection, kept)
         except (sqlite3.Error, UnicodeDecodeError) as error:
@@ -66,7 +69,7 @@ class SqliteFile:
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BYTES)
         return connection
 
-    def _channels(self, connection: sqlite3.Connection) -> dict[int, StoredChannel]:
+    def _channels(self, connection: sqlite3.Connection) -> dict[int, StoredChannel] | None:
         kinds = dict(
             connection.execute(
                 "SELECT name, sql FROM sqlite_master WHERE type = 'table' AND name IN (?, ?)",
@@ -76,8 +79,7 @@ class SqliteFile:
         if len(kinds) < len(_TABLES) or any(
             str(text).upper().startswith("CREATE VIRTUAL") for text in kinds.values()
         ):
-            self._fault("it is an SQLite file, but no rosbag2 one: it has no topics and messages")
-            return {}
+            return None
         definitions: dict[str, tuple[str, str]] = {}
         if connection.execute("PRAGMA table_info(message_definitions)").fetchall():
             for name, encoding, text in connection.execute(

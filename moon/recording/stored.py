@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Protocol, cast
+from typing import Any, Protocol
 
 import msgspec
 
@@ -17,6 +18,7 @@ else:
 MAX_BYTES = 256 * 1024 * 1024
 """The largest message, chunk or record that is read: an uncompressed 8k image has 100 MB."""
 
+_PIECE_BYTES = 64 * 1024
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 ZstdError = zstd.ZstdError
 
@@ -79,9 +81,52 @@ class TooLargeError(ValueError):
     """Compressed data that would be larger than the limit."""
 
 
-def open_zstd(path: Path) -> IO[bytes]:
-    """The decompressed contents of a file, read as they are asked for."""
-    return cast("IO[bytes]", zstd.open(path, "rb"))
+class Unpacked(io.RawIOBase):
+    """The decompressed contents of a file, as far as they can be had.
+
+    Attributes:
+        fault: why they end before their end; empty if they do not.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.fault = ""
+        self._file = path.open("rb")
+        self._decompressor = zstd.ZstdDecompressor()
+
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill ``buffer``; 0 at the end, or where the file is damaged."""
+        while not self.fault:
+            if self._decompressor.eof:
+                rest = self._decompressor.unused_data or self._file.read(_PIECE_BYTES)
+                if not rest:
+                    return 0
+                self._decompressor = zstd.ZstdDecompressor()
+            elif self._decompressor.needs_input:
+                rest = self._file.read(_PIECE_BYTES)
+                if not rest:
+                    self.fault = "the compressed file ends before its end"
+                    return 0
+            else:
+                rest = b""
+            try:
+                made = self._decompressor.decompress(rest, len(buffer))
+            except ZstdError as error:
+                self.fault = f"its compression is damaged: {error}"
+                return 0
+            if made:
+                buffer[: len(made)] = made
+                return len(made)
+        return 0
+
+    def close(self) -> None:
+        """Close the file; idempotent."""
+        self._file.close()
+        super().close()
 
 
 def unzstd(data: bytes, limit: int = MAX_BYTES) -> bytes:
