@@ -1,0 +1,161 @@
+"""Many skills: copies of BatteryLevelSkill, each a node with a tick of its own, and who ticks them.
+
+``python -m examples.overhead.fleet models FOLDER COUNT`` writes their models, ``host`` runs the nodes
+(many in one process: 200 interpreters would measure the operating system), ``load`` ticks them in turn.
+On Zenoh the load is a router and the nodes are its clients: 200 peers would keep 19,900 links.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from examples.overhead.children import ROOT as REPOSITORY
+from examples.overhead.load import ROOT, Order, Stopwatch, Taken, why_failed
+from m2c.launch.in_process import compile_node
+from m2c.model import DiagnosticLog, load
+from m2c.model.system import System
+from m2c.runtime.binding import NodeSettings
+from m2c.runtime.messages import message_class
+from transports.interface import Client, Service, Transport
+from transports.registry import connect
+
+MODEL = REPOSITORY / "examples/lab_tour/skills/BatteryLevelSkill.scxml"
+INTERFACES = REPOSITORY / "examples/lab_tour/interfaces"
+TICK_TYPE = "bt_interfaces/srv/TickCondition"
+READY_S = 60.0
+
+
+def name_of(number: int) -> str:
+    """Of one copy."""
+    return f"BatteryLevelSkill{number}"
+
+
+def write_models(folder: Path, count: int) -> None:
+    """One model a copy; each has channels of its own."""
+    text = MODEL.read_text(encoding="utf-8")
+    for number in range(count):
+        own = text.replace("BatteryLevelSkill", name_of(number))
+        own = own.replace("/BatteryComponent/", f"/BatteryComponent{number}/")
+        (folder / f"{name_of(number)}.scxml").write_text(own, encoding="utf-8")
+
+
+def read_models(folder: Path) -> System:
+    """The models in ``folder``."""
+    system = load([folder], DiagnosticLog(), [INTERFACES])
+    assert system is not None
+    return system
+
+
+def host(folder: Path, options: dict[str, str]) -> None:
+    """Run every model in ``folder`` as a node, until SIGTERM."""
+    system = read_models(folder)
+    ended = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    transports: list[Transport] = []
+    try:
+        for machine in system.nodes:
+            transport = connect("zenoh", machine.name, options)
+            transports.append(transport)
+            node = compile_node(machine, system)(transport, NodeSettings())
+            transport.post(node.start)
+            transport.post(transport.announce)
+            threading.Thread(target=transport.spin, daemon=True).start()
+        print('{"ready": true}', flush=True)
+        ended.wait()
+    finally:
+        for transport in transports:
+            transport.close()
+
+
+def carry_out(order: Order, clients: Sequence[Client], request: msgspec.Struct) -> Taken:
+    """Tick the skills in turn; the rate is that of all ticks together."""
+    watch = Stopwatch()
+    warm_up_failures = 0
+    pace = threading.Event()
+    began = due = time.perf_counter()
+    processor = time.process_time()
+    for number in range(-order.warm_up, order.ticks):
+        if number == 0:
+            warm_up_failures = watch.failures.get(ROOT, 0)
+            watch = Stopwatch()
+            began, processor = time.perf_counter(), time.process_time()
+        client = clients[number % len(clients)]
+        called = time.perf_counter_ns()
+        result = client.call_and_wait(request)
+        watch.note(ROOT, (time.perf_counter_ns() - called) / 1e3, why_failed(result))
+        if order.rate_hz:
+            due = max(due + 1 / order.rate_hz, time.perf_counter())
+            pace.wait(due - time.perf_counter())
+    return Taken(
+        watch.micros,
+        watch.failures,
+        watch.reasons,
+        warm_up_failures,
+        time.perf_counter() - began,
+        time.process_time() - processor,
+    )
+
+
+def tick_fleet(folder: Path, options: dict[str, str]) -> int:
+    """Tick as told until standard input ends."""
+    system = read_models(folder)
+    kind = system.library.service(TICK_TYPE)
+    request, response = message_class(kind.request), message_class(kind.response)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    transport = connect("zenoh", "policy", options)
+    print("listening", flush=True)
+    threading.Thread(target=transport.spin, daemon=True).start()
+    try:
+        names = [machine.name for machine in system.nodes]
+        clients = [
+            transport.client(Service(f"/{name}/tick", kind.name, request, response))
+            for name in names
+        ]
+        transport.announce()
+        missing = transport.wait_for_nodes(names, READY_S)
+        if missing:
+            print(f"not up: {', '.join(missing)}", file=sys.stderr)
+            return 2
+        print('{"ready": true}', flush=True)
+        for line in sys.stdin:
+            taken = carry_out(msgspec.json.decode(line, type=Order), clients, request())
+            print(msgspec.json.encode(taken).decode(), flush=True)
+    finally:
+        transport.close()
+    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description="Many skills, and who ticks them.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name in ("models", "host", "load"):
+        command = commands.add_parser(name)
+        command.add_argument("folder", type=Path, help="of the models")
+        if name == "models":
+            command.add_argument("count", type=int)
+        else:
+            command.add_argument("--zenoh-config", default="")
+    chosen = parser.parse_args(arguments)
+    logging.basicConfig(level=logging.CRITICAL)
+    if chosen.command == "models":
+        write_models(chosen.folder, chosen.count)
+        return 0
+    options = {"config": chosen.zenoh_config} if chosen.zenoh_config else {}
+    if chosen.command == "load":
+        return tick_fleet(chosen.folder, options)
+    host(chosen.folder, options)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

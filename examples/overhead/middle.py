@@ -1,0 +1,256 @@
+"""The paper's way: a monitor in the middle of each call, which forwards what its oracle has judged.
+
+``python -m examples.overhead.middle --oracle in-process`` or ``--oracle ws://127.0.0.1:PORT``.
+
+As MOON and ROSMonitoring have it: the monitor serves ``/name_mon``; it asks the oracle about the request,
+waits for the verdict, calls ``/name``, asks about the response, waits again, and answers. It stands on
+both sides of each monitored skill: between the policy and its tick, and between the skill and what it
+calls. Topics are only listened to.
+
+It is written to be fast: one process for all services, no call blocks another while it is forwarded,
+the same oracle as the passive monitor's (the paper's runs on a Java virtual machine), no compression and
+no logging. With ``in-process`` even the WebSocket is left out, which neither MOON nor ROSMonitoring does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import msgspec
+
+from examples.overhead.plant import SYSTEM
+from examples.overhead.routes import MONITORED, rerouted
+from m2c.model import DiagnosticLog, load
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.system import System
+from m2c.runtime.messages import message_class
+from moon.monitor.models import ModelMonitor
+from moon.verdict import Outcome
+from transports.interface import (
+    CallOutcome,
+    CallResult,
+    Observation,
+    ObservationKind,
+    Request,
+    Service,
+    Topic,
+    Transport,
+)
+from transports.registry import connect
+
+PERIOD_S = 0.01
+"""Time passes for the oracle this often, as in ``moon monitor``."""
+NODE = "man_in_the_middle"
+
+_KINDS = {
+    InterfaceKind.SERVER: (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT),
+    InterfaceKind.CLIENT: (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED),
+}
+"""What a forwarded request and its response are for the machine on whose side the monitor stands."""
+
+Ask = Callable[[Observation], bool]
+"""Asks the oracle; whether what was observed is allowed."""
+
+
+def monitored(system: System) -> list[Machine]:
+    """The machines of the skills that the paper monitors."""
+    return [machine for machine in system.nodes if machine.name in MONITORED]
+
+
+class LocalOracle:
+    """The models' oracles in this process."""
+
+    def __init__(self, system: System) -> None:
+        # the skills have run before the monitor came, as with the passive one
+        self._monitor = ModelMonitor(monitored(system), system.library, synchronised=False)
+        self.asked = 0
+        self.violations = 0
+        self.reasons: list[str] = []
+
+    def ask(self, seen: Observation) -> bool:
+        """Judge ``seen``."""
+        self.asked += 1
+        return self._note(self._monitor.feed(seen))
+
+    def advance(self, now_ns: int) -> None:
+        """Time has passed."""
+        self._note(self._monitor.advance(now_ns))
+
+    def _note(self, verdicts: Sequence[Any]) -> bool:
+        found = [verdict for verdict in verdicts if verdict.outcome is Outcome.VIOLATED]
+        self.violations += len(found)
+        self.reasons += [f"{item.node}: {item.reason}" for item in found[: 3 - len(self.reasons)]]
+        return not found
+
+    def standing(self) -> dict[str, Any]:
+        """What it has done: asked, violations and why, the machines that conform."""
+        oracles = self._monitor.oracles
+        good = [name for name in oracles if oracles[name].outcome is Outcome.CONFORMING]
+        return {
+            "asked": self.asked,
+            "violations": self.violations,
+            "reasons": self.reasons,
+            "conforming": sorted(good),
+        }
+
+
+class ManInTheMiddle:
+    """Forwards the calls of the monitored skills, each after the oracle's verdict.
+
+    Args:
+        transport: its own connection.
+        machines: the monitored skills.
+        library: their message types.
+        ask: the oracle; called before anything is forwarded, and waited for.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        machines: Sequence[Machine],
+        library: InterfaceLibrary,
+        ask: Ask,
+    ) -> None:
+        self.forwarded = 0
+        """Calls."""
+        self.failed = 0
+        """Calls that ended without a response."""
+        self._transport = transport
+        self._library = library
+        self._ask = ask
+        self._calls = itertools.count(1)
+        for machine in machines:
+            for interface in machine.interfaces:
+                if interface.kind in _KINDS:
+                    self._stand_in(machine.name, interface)
+                elif interface.kind is InterfaceKind.SUBSCRIBER:
+                    self._listen_to(interface)
+
+    def _stand_in(self, machine: str, interface: Interface) -> None:
+        kind = self._library.service(interface.type_name)
+        types = (kind.name, message_class(kind.request), message_class(kind.response))
+        channel = str(interface.channel)
+        client = self._transport.client(Service(channel, *types))
+        before, after = _KINDS[interface.kind]
+
+        def forward(request: Request) -> None:
+            self.forwarded += 1
+            call = next(self._calls)
+
+            def tell(what: ObservationKind, message: Any, error: str = "") -> None:
+                type_name = kind.request.name if what is before else kind.response.name
+                data = None if message is None else msgspec.to_builtins(message)
+                self._tell(what, channel, type_name, data, machine, request.client, call, error)
+
+            def answer(result: CallResult) -> None:
+                if result.outcome is CallOutcome.RESPONSE:
+                    tell(after, result.response)
+                    request.respond(result.response)
+                else:
+                    self.failed += 1
+                    tell(after, None, f"{result.outcome}: {result.error}")
+                    request.fail(result.error or str(result.outcome))
+
+            tell(before, request.data)
+            client.call(request.data, answer)
+
+        self._transport.serve(Service(rerouted(channel), *types), forward)
+
+    def _listen_to(self, interface: Interface) -> None:
+        structure = self._library.message(interface.type_name)
+        topic = Topic(str(interface.channel), interface.type_name, message_class(structure))
+
+        def hear(message: Any) -> None:
+            data = msgspec.to_builtins(message)
+            self._tell(ObservationKind.MESSAGE, topic.name, topic.type_name, data, "", "", 0)
+
+        self._transport.subscribe(topic, hear)
+
+    def _tell(
+        self,
+        kind: ObservationKind,
+        channel: str,
+        type_name: str,
+        data: Any,
+        source: str,
+        client: str,
+        call: int,
+        error: str = "",
+    ) -> None:
+        now_ns = self._transport.now_ns()
+        self._ask(
+            Observation(
+                stamp_ns=now_ns,
+                received_ns=now_ns,
+                channel=channel,
+                kind=kind,
+                type_name=type_name,
+                data=data,
+                source=source,
+                client=client,
+                call=call,
+                error=error,
+            )
+        )
+
+
+def over_websocket(url: str) -> tuple[Ask, Callable[[], None]]:
+    """An oracle in another process: how to ask it, and how to hang up.
+
+    By websocket-client, which ROSMonitoring's monitors use; it asks faster than other libraries do.
+    """
+    from websocket import create_connection
+
+    line = create_connection(url)
+    encode = msgspec.json.Encoder().encode
+    decode = msgspec.json.Decoder().decode
+
+    def ask(seen: Observation) -> bool:
+        line.send(encode(seen).decode())
+        return bool(decode(line.recv())["verdict"])
+
+    return ask, line.close
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Stand in the middle until SIGTERM; says what was done at the end."""
+    parser = argparse.ArgumentParser(description="Forward the skills' calls, each judged first.")
+    parser.add_argument("--oracle", default="in-process", help="in-process, or a ws:// address")
+    parser.add_argument("--transport", default="zenoh")
+    parser.add_argument("--endpoint", default="")
+    chosen = parser.parse_args(arguments)
+    system = load([SYSTEM], DiagnosticLog())
+    assert system is not None
+    local = LocalOracle(system)
+    ask: Ask = local.ask
+    hang_up: Callable[[], None] | None = None
+    if chosen.oracle != "in-process":
+        ask, hang_up = over_websocket(chosen.oracle)
+    transport = connect(
+        chosen.transport, NODE, {"endpoint": chosen.endpoint} if chosen.endpoint else {}
+    )
+    signal.signal(signal.SIGTERM, lambda *_: transport.post(transport.close))
+    middle = ManInTheMiddle(transport, monitored(system), system.library, ask)
+    if hang_up is None:
+        transport.every(PERIOD_S, lambda: local.advance(transport.now_ns()))
+    transport.announce()
+    print('{"ready": true}', flush=True)
+    transport.spin()
+    transport.close()
+    done = {"forwarded": middle.forwarded, "failed": middle.failed}
+    if hang_up is None:
+        done |= local.standing()
+    else:
+        hang_up()
+    print(msgspec.json.encode(done).decode(), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

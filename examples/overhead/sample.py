@@ -1,0 +1,117 @@
+"""Figures from samples: medians, 99th percentiles, and bootstrap intervals that mean what they say.
+
+Ticks that follow one another are alike (the same processes, the same mood of the machine), so single
+ticks are not independent. A *block* is what was measured without a break, a *round* has one block of
+each configuration. The bootstrap draws rounds, and in each drawn block its ticks (Davison & Hinkley,
+Bootstrap Methods and their Application, 1997, section 3.8: nonparametric two-stage sampling).
+"""
+
+from __future__ import annotations
+
+import random
+import statistics
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+RESAMPLES = 1000
+COVERAGE = 0.95
+"""Of every interval."""
+SEED = 1
+"""Of the bootstrap: the same samples give the same intervals."""
+
+Block = Sequence[float]
+
+
+class Estimate(msgspec.Struct, frozen=True):
+    """A figure and its interval of 95 %."""
+
+    value: float
+    low: float
+    high: float
+
+
+class Distribution(msgspec.Struct, frozen=True):
+    """What is said of one series of measurements, all in the unit of the samples.
+
+    Attributes:
+        p50: the median of the blocks' medians, with its interval.
+        p99: of all values together.
+        worst: the largest value.
+        count: how many values.
+    """
+
+    p50: Estimate
+    p99: float
+    worst: float
+    count: int
+
+
+def quantile(values: Sequence[float], part: float) -> float:
+    """The value that ``part`` of all values do not exceed (nearest rank); 0 of none."""
+    ordered = sorted(values)
+    return ordered[min(int(len(ordered) * part), len(ordered) - 1)] if ordered else 0.0
+
+
+def distribution(blocks: Sequence[Block]) -> Distribution:
+    """What is said of ``blocks``, one or more, none of them empty."""
+    everything = [value for block in blocks for value in block]
+    return Distribution(
+        _bootstrap(blocks, blocks, lambda own, _: statistics.median(own)),
+        quantile(everything, 0.99),
+        max(everything),
+        len(everything),
+    )
+
+
+def ratio(blocks: Sequence[Block], others: Sequence[Block]) -> Estimate:
+    """How many times ``others`` their round's ``blocks`` are: the median of the rounds' ratios.
+
+    Block ``i`` of both is of round ``i``: what slows the machine down for a while slows both.
+
+    Raises:
+        ValueError: not the same number of blocks.
+    """
+    if len(blocks) != len(others):
+        raise ValueError(f"{len(blocks)} blocks against {len(others)}: they come in pairs")
+
+    def of_medians(own: Sequence[float], theirs: Sequence[float]) -> float:
+        return statistics.median(a / b for a, b in zip(own, theirs, strict=True))
+
+    return _bootstrap(blocks, others, of_medians)
+
+
+def _bootstrap(
+    blocks: Sequence[Block],
+    others: Sequence[Block],
+    figure: Callable[[Sequence[float], Sequence[float]], float],
+) -> Estimate:
+    """``figure`` of the medians of each round's two blocks, and its interval."""
+    draw = random.Random(SEED)
+    own = [sorted(block) for block in blocks]
+    theirs = own if others is blocks else [sorted(block) for block in others]
+    value = figure([statistics.median(b) for b in own], [statistics.median(b) for b in theirs])
+    drawn = []
+    for _ in range(RESAMPLES):
+        rounds = draw.choices(range(len(own)), k=len(own))
+        first = [resampled_median(draw, own[number]) for number in rounds]
+        second = (
+            first
+            if theirs is own
+            else [resampled_median(draw, theirs[number]) for number in rounds]
+        )
+        drawn.append(figure(first, second))
+    drawn.sort()
+    tail = round(RESAMPLES * (1 - COVERAGE) / 2)
+    return Estimate(value, drawn[tail], drawn[-1 - tail])
+
+
+def resampled_median(draw: random.Random, ordered: Sequence[float]) -> float:
+    """The median of a bootstrap sample of ``ordered``, without making one.
+
+    A bootstrap sample is n uniform draws of places; the k-th smallest of n uniform numbers is
+    distributed as Beta(k, n + 1 - k) (David & Nagaraja, Order Statistics, 2003, section 2.1), and the
+    median is the k-th with k = (n + 1) / 2. For an even n that lies between the two middle ones.
+    """
+    middle = (len(ordered) + 1) / 2
+    return ordered[int(len(ordered) * draw.betavariate(middle, middle))]
