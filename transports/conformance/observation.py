@@ -1,0 +1,155 @@
+"""What every transport must tell a tap.
+
+Every public function is a check.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from transports.conformance.stage import (
+    COUNT,
+    DOUBLE,
+    NUMBERS,
+    Answer,
+    Number,
+    calls,
+    on,
+    ready,
+)
+from transports.interface import (
+    Observation,
+    ObservationKind,
+    Topic,
+)
+from transports.networks import Network
+
+
+def a_tap_hears_every_message_once_and_in_order(network: Network) -> None:
+    """With its source, its type, its data as plain values, and gapless numbers."""
+    source, listener = network.node("source"), network.node("listener")
+    heard: list[Observation] = []
+    publisher = on(network, source, lambda: source.publisher(NUMBERS))
+    on(network, listener, lambda: listener.tap([], heard.append))
+    ready(network, source, listener)
+    before = source.now_ns()
+    for value in range(COUNT):
+        source.post(partial(publisher.publish, Number(value, "x")))
+    wanted = [("value", COUNT - 1)]
+    assert network.until(
+        lambda: any(o.channel == NUMBERS.name and o.data["value"] == wanted[0][1] for o in heard)
+    ), "the tap does not hear the last message"
+    mine = [o for o in heard if o.channel == NUMBERS.name]
+    assert [o.data for o in mine] == [{"value": v, "text": "x"} for v in range(COUNT)], (
+        f"the tap heard {len(mine)} of {COUNT} messages, or not in order"
+    )
+    first = mine[0].sequence
+    for offset, observation in enumerate(mine):
+        assert observation.kind is ObservationKind.MESSAGE, f"its kind is {observation.kind}"
+        assert observation.source == "source", f"its source is {observation.source!r}"
+        assert observation.type_name == Number.__type_name__, f"type {observation.type_name}"
+        assert observation.sequence == first + offset, "sequence numbers have gaps"
+        assert observation.stamp_ns >= before - 10**9, "stamped long before it happened"
+    stamps = [o.stamp_ns for o in mine]
+    assert stamps == sorted(stamps), "stamps of one source go back"
+
+
+def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
+    """Both ends tell theirs, in an order that respects cause and effect."""
+    server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
+    heard: list[Observation] = []
+    on(network, server, lambda: server.serve(DOUBLE, lambda r: r.respond(Answer(2 * r.data.value))))
+    on(network, listener, lambda: listener.tap([], heard.append))
+    ready(network, server, client, listener)
+
+    def four(value: int) -> bool:
+        """Call and see whether all four events of it come (ends learn of a tap by and by)."""
+        results = calls(network, client, range(value, value + 1))
+        assert network.until(lambda: bool(results)), "the call does not end"
+        network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
+        return sum(o.data in ({"value": value}, {"value": 2 * value}) for o in heard) == 4
+
+    assert any(four(1000 + attempt) for attempt in range(20)), "the ends do not tell the tap"
+    heard.clear()
+    results = calls(network, client, range(1, 51))
+    assert network.until(lambda: len(results) == 50), "the calls do not end"
+    assert network.until(lambda: len(heard) >= 200), f"the tap heard {len(heard)} of 200 events"
+    assert len(heard) == 200, f"the tap heard {len(heard)} events of 50 calls, not 200"
+    by_call: dict[int, list[Observation]] = {}
+    for observation in heard:
+        by_call.setdefault(observation.call, []).append(observation)
+    assert len(by_call) == 50, f"50 calls have {len(by_call)} numbers"
+    order = [
+        ObservationKind.REQUEST_SENT,
+        ObservationKind.REQUEST_RECEIVED,
+        ObservationKind.RESPONSE_SENT,
+        ObservationKind.RESPONSE_RECEIVED,
+    ]
+    sources = ["client", "server", "server", "client"]
+    for number, events in by_call.items():
+        events.sort(key=lambda o: o.stamp_ns)
+        assert [o.kind for o in events] == order, f"call {number}: {[o.kind for o in events]}"
+        assert [o.source for o in events] == sources, f"call {number}: {events}"
+        assert {o.client for o in events} == {"client"}, f"call {number} has other clients"
+        asked, answered = events[0].data["value"], events[2].data["value"]
+        assert [o.data["value"] for o in events] == [asked, asked, answered, answered]
+        assert answered == 2 * asked, f"call {number}: {asked} answered by {answered}"
+        assert events[0].type_name == "conformance/srv/Double_Request"
+        assert events[2].type_name == "conformance/srv/Double_Response"
+
+
+def a_tap_hears_how_a_call_failed(network: Network) -> None:
+    """A remote error is on both response events; a call that nobody answers ends with its reason."""
+    server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
+    heard: list[Observation] = []
+    on(network, server, lambda: server.serve(DOUBLE, lambda r: r.fail("no")))
+    on(network, listener, lambda: listener.tap([DOUBLE.name], heard.append))
+    ready(network, server, client, listener)
+
+    def responses() -> list[Observation]:
+        return [o for o in heard if "response" in o.kind]
+
+    for _ in range(20):
+        results = calls(network, client, range(1))
+        assert network.until(partial(len, results)), "the call does not end"
+        network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
+        if len({o.kind for o in responses()}) == 2:
+            break
+    assert responses(), "the tap hears no response event"
+    wrong = [o for o in responses() if not o.error.startswith("remote_error: ") or o.data]
+    assert not wrong, f"the error is not told: {wrong}"
+
+
+def a_tap_hears_only_what_its_globs_name(network: Network) -> None:
+    """A glob names channels; naming an action names its parts."""
+    source, listener = network.node("source"), network.node("listener")
+    heard: list[Observation] = []
+    other = Topic("/other/numbers", Number.__type_name__, Number)
+    publishers = [on(network, source, partial(source.publisher, t)) for t in (other, NUMBERS)]
+    on(network, listener, lambda: listener.tap(["/conformance/*"], heard.append))
+    ready(network, source, listener)
+    for publisher in publishers:
+        on(network, source, partial(publisher.publish, Number(1)))
+    assert network.until(lambda: bool(heard)), "the tap hears nothing"
+    channels = {observation.channel for observation in heard}
+    assert channels == {NUMBERS.name}, f"the tap hears {channels}"
+
+
+def a_tap_that_is_closed_hears_no_more(network: Network) -> None:
+    """Closing it twice does nothing; its peers are named while it is open."""
+    source, listener = network.node("source"), network.node("listener")
+    heard: list[Observation] = []
+    later: list[Number] = []
+    publisher = on(network, source, lambda: source.publisher(NUMBERS))
+    tap = on(network, listener, lambda: listener.tap([], heard.append))
+    on(network, listener, lambda: listener.subscribe(NUMBERS, later.append))
+    ready(network, source, listener)
+    assert network.until(lambda: "source" in tap.peers()), f"its peers are {tap.peers()}"
+    on(network, source, lambda: publisher.publish(Number(1)))
+    assert network.until(lambda: bool(heard)), "the tap hears nothing"
+    on(network, listener, tap.close)
+    on(network, listener, tap.close)
+    count = len(heard)
+    on(network, source, lambda: publisher.publish(Number(2)))
+    assert network.until(lambda: len(later) == 2), "the subscriber beside it hears nothing"
+    assert len(heard) == count, "a closed tap still hears"
