@@ -18,9 +18,9 @@ from transports.conformance import (
     NUMBERS,
     Answer,
     Ask,
+    Goal,
     Number,
     Text,
-    _Goal,
     on,
     ready,
 )
@@ -227,8 +227,8 @@ def test_an_ordinary_action_server_serves_goals_and_cancels(
     node = network.node("client")
     client = on(network, node, lambda: node.action_client(COUNTING))
 
-    def send(goal: Number) -> _Goal:
-        sent = _Goal()
+    def send(goal: Number) -> Goal:
+        sent = Goal()
         sent.id = on(network, node, lambda: client.send_goal(goal, sent.events(), PATIENCE_S))
         return sent
 

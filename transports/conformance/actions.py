@@ -9,6 +9,7 @@ from typing import Any
 
 from transports.conformance.stage import (
     COUNTING,
+    Goal,
     Number,
     Text,
     on,
@@ -16,7 +17,6 @@ from transports.conformance.stage import (
     refused,
 )
 from transports.interface import (
-    GoalEvents,
     GoalHandle,
     GoalStatus,
     Transport,
@@ -24,26 +24,8 @@ from transports.interface import (
 from transports.networks import PATIENCE_S, Network
 
 
-class _Goal:
-    """What one goal's client heard, in order."""
-
-    def __init__(self) -> None:
-        self.heard: list[tuple[Any, ...]] = []
-        self.id = ""
-
-    def events(self) -> GoalEvents:
-        put = self.heard.append
-        return GoalEvents(
-            accepted=lambda _: put(("accepted",)),
-            rejected=lambda _: put(("rejected",)),
-            feedback=lambda _, message: put(("feedback", message.value)),
-            result=lambda _, status, message: put((status, message.text)),
-            failed=lambda _, result: put(("failed", result)),
-        )
-
-
-def _send_goal(network: Network, node: Transport, value: int) -> tuple[_Goal, Any]:
-    goal = _Goal()
+def _send_goal(network: Network, node: Transport, value: int) -> tuple[Goal, Any]:
+    goal = Goal()
     client = on(network, node, lambda: node.action_client(COUNTING))
     goal.id = on(network, node, lambda: client.send_goal(Number(value), goal.events(), PATIENCE_S))
     return goal, client

@@ -11,6 +11,7 @@ import msgspec
 from transports.interface import (
     Action,
     CallResult,
+    GoalEvents,
     Service,
     Topic,
     Transport,
@@ -113,3 +114,22 @@ def calls(
 
     on(network, node, send)
     return results
+
+
+class Goal:
+    """What one goal's client heard, in order."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[Any, ...]] = []
+        self.id = ""
+
+    def events(self) -> GoalEvents:
+        """What puts all of it into ``heard``."""
+        put = self.heard.append
+        return GoalEvents(
+            accepted=lambda _: put(("accepted",)),
+            rejected=lambda _: put(("rejected",)),
+            feedback=lambda _, message: put(("feedback", message.value)),
+            result=lambda _, status, message: put((status, message.text)),
+            failed=lambda _, result: put(("failed", result)),
+        )
