@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from m2c.model import System
 
 
 @click.command()
@@ -19,9 +23,19 @@ import click
     help="Folder of ROS interface packages (repeatable).",
 )
 @click.option("--only", multiple=True, metavar="NODE", help="Explain only this one (repeatable).")
+@click.option(
+    "--recording",
+    type=click.Path(path_type=Path),
+    metavar="RUN",
+    help="Say what can be concluded from this recording instead.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a machine and line.")
 def explain(
-    models: tuple[Path, ...], interfaces: tuple[Path, ...], only: tuple[str, ...], as_json: bool
+    models: tuple[Path, ...],
+    interfaces: tuple[Path, ...],
+    only: tuple[str, ...],
+    recording: Path | None,
+    as_json: bool,
 ) -> None:
     """Say what a monitor would observe of models, and what it cannot check, and why.
 
@@ -49,6 +63,9 @@ def explain(
             message = f"error: {system.name} has no machine {name}; {nearest(name, known)}"
             click.echo(message, err=True)
             sys.exit(2)
+    if recording is not None:
+        _explain_recording(recording, system, only, as_json)
+        return
     found = [
         observables(machine, plugin=machine in system.plugins)
         for machine in (*system.nodes, *system.plugins)
@@ -61,3 +78,31 @@ def explain(
     for item in found:
         click.echo("\n".join(report(item)) + "\n")
     click.echo(ASSUMED)
+
+
+def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_json: bool) -> None:
+    """What can be concluded of the nodes of ``system`` from the recording at ``path``."""
+    import msgspec
+
+    from moon.explain.recorded import concluded, lines_of, lines_of_overview, overview
+    from moon.recording.reader import RecordingError, open_recording
+
+    try:
+        recording = open_recording(path, system.library)
+    except RecordingError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(2)
+    for _ in recording.entries():
+        pass  # its contents take note
+    found = [
+        concluded(machine, recording.contents)
+        for machine in system.nodes
+        if not only or machine.name in only
+    ]
+    if as_json:
+        for item in (overview(recording), *found):
+            click.echo(msgspec.json.encode(item).decode())
+        return
+    click.echo("\n".join(lines_of_overview(overview(recording))) + "\n")
+    for conclusion in found:
+        click.echo("\n".join(lines_of(conclusion)))

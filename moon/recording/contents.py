@@ -10,6 +10,7 @@ from moon.recording.stored import plural
 from transports.interface import Observation, ObservationKind
 
 _MAX_CHANNELS = 10_000
+_MAX_SOURCES = 1_000
 _NAMED = 6
 """So many channels are named in a sentence; of more, how many."""
 
@@ -27,6 +28,7 @@ class ChannelContents(msgspec.Struct):
         unnamed: how many do not say who published them.
         unnumbered: how many have no number.
         hollow: how many have no contents.
+        sources: who published each kind, as far as is known.
     """
 
     type_name: str = ""
@@ -35,6 +37,7 @@ class ChannelContents(msgspec.Struct):
     unnamed: int = 0
     unnumbered: int = 0
     hollow: int = 0
+    sources: set[tuple[ObservationKind, str]] = msgspec.field(default_factory=set)
 
 
 class Contents:
@@ -65,6 +68,8 @@ class Contents:
             found = self.channels[seen.channel] = ChannelContents(seen.type_name)
         found.count += 1
         found.kinds.add(seen.kind)
+        if len(found.sources) < _MAX_SOURCES:
+            found.sources.add((seen.kind, seen.source))
         found.unnamed += not seen.source
         found.unnumbered += seen.sequence < 0
         found.hollow += seen.data is None and not seen.error

@@ -1,0 +1,192 @@
+"""What can be concluded about a machine from one recording, and what cannot, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+import msgspec
+
+from m2c.model.machine import Interface, InterfaceKind, Machine
+from moon.recording.contents import ChannelContents, Contents
+from moon.recording.reader import Recording
+from moon.recording.stored import plural
+from transports.interface import ObservationKind as Kind
+
+_OWN_END = {
+    InterfaceKind.PUBLISHER: (Kind.MESSAGE,),
+    InterfaceKind.SERVER: (Kind.REQUEST_RECEIVED, Kind.RESPONSE_SENT),
+    InterfaceKind.CLIENT: (Kind.REQUEST_SENT, Kind.RESPONSE_RECEIVED),
+    InterfaceKind.ACTION_SERVER: (Kind.REQUEST_RECEIVED, Kind.RESPONSE_SENT),
+    InterfaceKind.ACTION_CLIENT: (Kind.REQUEST_SENT, Kind.RESPONSE_RECEIVED),
+}
+_ACTION_SERVICES = ("send_goal", "cancel_goal", "get_result")
+_ACTION_TOPICS = ("feedback", "status")
+
+
+class Gap(msgspec.Struct, frozen=True):
+    """Something of a machine that a recording does not tell.
+
+    Attributes:
+        channel: where.
+        why: what is missing, and what follows.
+    """
+
+    channel: str
+    why: str
+
+
+class Concluded(msgspec.Struct, frozen=True):
+    """What a recording tells of one machine.
+
+    Attributes:
+        machine: its name; also its node's.
+        observed: how many observations there are on its channels.
+        own: whether anything in it is known to be from its node.
+        gaps: what is missing.
+    """
+
+    machine: str
+    observed: int
+    own: bool
+    gaps: tuple[Gap, ...]
+
+
+class Overview(msgspec.Struct, frozen=True):
+    """What a recording is and holds.
+
+    Attributes:
+        path: where it is.
+        form: what it is.
+        observations: how many there are.
+        channels: on how many channels.
+        first_ns: stamp of the first observation.
+        seconds: from the first to the last.
+        faults: what could not be read.
+        limits: what cannot be concluded from any of it.
+    """
+
+    path: str
+    form: str
+    observations: int
+    channels: int
+    first_ns: int
+    seconds: float
+    faults: tuple[str, ...]
+    limits: tuple[str, ...]
+
+
+def overview(recording: Recording) -> Overview:
+    """What was found in ``recording``, which was read to its end."""
+    contents = recording.contents
+    return Overview(
+        str(recording.path),
+        recording.form,
+        contents.count,
+        len(contents.channels),
+        contents.first_ns,
+        max(0, contents.last_ns - contents.first_ns) / 1e9,
+        tuple(recording.faults()),
+        tuple(recording.limits()),
+    )
+
+
+def concluded(machine: Machine, contents: Contents) -> Concluded:
+    """What ``contents`` tell of ``machine``, whose node has its name."""
+    channels = contents.channels
+    parts = [
+        (interface, part)
+        for interface in machine.interfaces
+        if interface.channel is not None and interface.kind is not InterfaceKind.TIMER
+        for part in _parts(interface)
+    ]
+    names = dict.fromkeys(part for _, part in parts)
+    own = any(
+        source == machine.name and kind in _OWN_END.get(interface.kind, ())
+        for interface, part in parts
+        if part in channels
+        for kind, source in channels[part].sources
+    )
+    gaps = dict.fromkeys(
+        gap for interface, part in parts for gap in _gaps(machine, interface, part, channels)
+    )
+    observed = sum(channels[name].count for name in names if name in channels)
+    return Concluded(machine.name, observed, own, tuple(gaps))
+
+
+def _parts(interface: Interface) -> list[str]:
+    """The channels of an interface: several for an action."""
+    name = str(interface.channel)
+    if interface.kind in (InterfaceKind.ACTION_SERVER, InterfaceKind.ACTION_CLIENT):
+        return [f"{name}/_action/{part}" for part in (*_ACTION_SERVICES, *_ACTION_TOPICS)]
+    return [name]
+
+
+def _gaps(
+    machine: Machine, interface: Interface, channel: str, channels: dict[str, ChannelContents]
+) -> Iterator[Gap]:
+    found = channels.get(channel)
+    part = channel.rpartition("/_action/")[2]
+    is_topic = part in _ACTION_TOPICS or interface.kind in (
+        InterfaceKind.PUBLISHER,
+        InterfaceKind.SUBSCRIBER,
+    )
+    if found is None:
+        what = "message was" if is_topic else "event of a call was"
+        hint = "" if is_topic else f" (a bag has them on {channel}/_service_event)"
+        yield Gap(channel, f"no {what} recorded{hint}: nobody sent one, or it was not recorded")
+        return
+    if interface.kind is InterfaceKind.SUBSCRIBER:
+        return
+    own = _OWN_END[interface.kind]
+    if is_topic:
+        own = (Kind.MESSAGE,)
+        if interface.kind is InterfaceKind.ACTION_CLIENT:
+            return
+    sources = {source for kind, source in found.sources if kind in own}
+    if not sources and not is_topic:
+        yield Gap(
+            channel, f"only the other end of its calls was recorded, not {machine.name}'s own"
+        )
+    elif machine.name not in sources and "" in sources:
+        yield Gap(channel, "who sent what was recorded is not known")
+    elif machine.name not in sources and _is_unnamed(sources):
+        yield Gap(channel, "its callers were recorded without their names")
+    elif machine.name not in sources:
+        others = ", ".join(sorted(sources))
+        yield Gap(channel, f"was recorded of others only ({others}), not of {machine.name}")
+
+
+def _is_unnamed(sources: set[str]) -> bool:
+    return all(name.startswith("client-") for name in sources)
+
+
+def lines_of_overview(found: Overview) -> list[str]:
+    """The overview in words."""
+    when = datetime.fromtimestamp(found.first_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    lines = [
+        f"{found.path}  {found.form}, {plural(found.observations, 'observation')} on "
+        f"{plural(found.channels, 'channel')}"
+        + (f", {found.seconds:.1f} s from {when}" if found.observations else "")
+    ]
+    for title, said in (("could not be read", found.faults), ("cannot be known", found.limits)):
+        if said:
+            lines += [f"  {title}", *(f"    {sentence}" for sentence in said)]
+    return lines
+
+
+def lines_of(found: Concluded) -> list[str]:
+    """What is concluded of one machine, in words."""
+    if not found.observed:
+        return [f"{found.machine}: cannot be judged: nothing on its channels was recorded"]
+    if not found.own:
+        verdict = "cannot be judged: nothing that was recorded is known to be from its node"
+    elif found.gaps:
+        verdict = "can be judged by what there is"
+    else:
+        verdict = "can be judged"
+    width = max((len(gap.channel) for gap in found.gaps), default=0)
+    return [
+        f"{found.machine}: {verdict} ({plural(found.observed, 'observation')})",
+        *(f"  {gap.channel.ljust(width)}  {gap.why}" for gap in found.gaps),
+    ]
