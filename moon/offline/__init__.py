@@ -1,0 +1,1 @@
+"""Checking recordings: the oracles of ``moon monitor``, told what was recorded."""

@@ -1,0 +1,118 @@
+"""What ``moon check`` concludes of a recording."""
+
+from __future__ import annotations
+
+import msgspec
+
+from moon.monitor.status import Counts, MachineStatus
+from moon.recording.entries import Said
+from moon.verdict import Outcome
+
+
+class Band(msgspec.Struct, frozen=True):
+    """How a machine or a property stood from ``start_ns`` on, until ``end_ns``.
+
+    Attributes:
+        start_ns, end_ns: on the recorder's clock, ns since the epoch (``received_ns`` of entries).
+        states: in which the machine may have been, going by what had been heard; empty if that was
+            not known, and for properties.
+        verdict: ``conforming``, ``violated``, ``inconclusive``, or ``unseen``
+            (``moon.monitor.status.UNSEEN``). As a monitor's screen has it, but not lasting: a machine
+            that conforms again is conforming.
+    """
+
+    start_ns: int
+    end_ns: int
+    states: tuple[str, ...]
+    verdict: str
+
+
+class Timeline(msgspec.Struct, frozen=True):
+    """The bands of one machine or property, in order and without gaps.
+
+    Attributes:
+        name: of the node, or the property's id.
+        kind: ``model``, or ``property`` (``moon.monitor.status.PROPERTY``).
+        bands: neighbours differ.
+        merged: how many changes are not shown, because there were too many of them: the bands in
+            which they fell have the states of all of them.
+    """
+
+    name: str
+    kind: str
+    bands: tuple[Band, ...]
+    merged: int = 0
+
+
+class RecordingFacts(msgspec.Struct, frozen=True):
+    """The recording itself.
+
+    Attributes:
+        path: as it was given.
+        form: ``moon recording``, ``rosbag2``, ``JSON lines``.
+        observations: how many were read.
+        first_ns, last_ns: when the recording begins and ends (``received_ns`` of the first and the
+            last entry); 0 if there is none.
+        complete: whether all of it was read, and it was ended in good order.
+        faults: what could not be read, one sentence each, with its place in the file.
+        limits: what cannot be concluded from what was recorded, one sentence each.
+    """
+
+    path: str
+    form: str
+    observations: int
+    first_ns: int
+    last_ns: int
+    complete: bool
+    faults: tuple[str, ...] = ()
+    limits: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """How long the recording is."""
+        return (self.last_ns - self.first_ns) / 1e9
+
+
+class CheckResult(msgspec.Struct, frozen=True):
+    """What was found in one recording.
+
+    Who wants to show the observations too reads them once more, from ``recording.path``.
+
+    Attributes:
+        recording: what was checked.
+        models: the paths of the models or system file, as they were given.
+        system: the system's name; "" without models.
+        properties: the property files, as they were given.
+        interfaces: folders of interface packages, as they were given.
+        verdicts: all that a monitor would have said, in order, each with the time at which it would
+            have (on the recorder's clock); the same lines that ``moon monitor --log`` writes.
+        machines: each machine as it stands at the end, then each property.
+        timelines: one for each of ``machines``, in the same order; empty unless asked for.
+        counts: what was heard, and what could not be used.
+        problems: what could not be heard or judged, one sentence each.
+        recorded: whether the recording holds verdicts of its own (``moon monitor --record``).
+        seconds: how long the check took.
+    """
+
+    recording: RecordingFacts
+    models: tuple[str, ...]
+    system: str
+    properties: tuple[str, ...]
+    interfaces: tuple[str, ...]
+    verdicts: tuple[Said, ...]
+    machines: tuple[MachineStatus, ...]
+    timelines: tuple[Timeline, ...]
+    counts: Counts
+    problems: tuple[str, ...]
+    recorded: bool = False
+    seconds: float = 0.0
+
+    @property
+    def violations(self) -> int:
+        """Of all machines and properties."""
+        return sum(machine.violations for machine in self.machines)
+
+    @property
+    def violated(self) -> tuple[Said, ...]:
+        """The verdicts that are violations."""
+        return tuple(said for said in self.verdicts if said.verdict.outcome is Outcome.VIOLATED)

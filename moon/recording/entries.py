@@ -1,0 +1,118 @@
+"""What a recording holds, in the order in which it happened to who recorded it.
+
+A monitor's verdicts depend on more than what it heard: on when it began, which nodes came up and went
+away, and on its own turns, at which time passes for its oracles. A recording keeps all of it, so that
+who reads it later can be told the same, in the same order, at the same instants. Most entries are
+observations, and stand for themselves; all have ``received_ns``: when the recorder was told of them, ns
+since the epoch on its clock. That is what ``log_time`` is in the file (``docs/recording-format.md``).
+
+Bags that others made have nothing but observations.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import msgspec
+
+from moon.verdict import Verdict
+from transports.interface import Observation
+
+
+class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
+    """The recorder listens from now on. The first entry; once more where it went on after a gap.
+
+    Attributes:
+        received_ns: now.
+        node: the recorder's node.
+        transport: the middleware: ``zenoh``, ``ros2``, ``simulated``.
+        paced: whether a monitor was recorded, with its turns (:class:`Pulse`). If not, who checks the
+            recording takes its own turns.
+    """
+
+    received_ns: int
+    node: str = ""
+    transport: str = ""
+    paced: bool = False
+
+
+class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
+    """A node came up or went away (``Transport.watch_nodes``).
+
+    Attributes:
+        received_ns: when the recorder was told.
+        node: its name.
+        up: whether it is up now.
+        since_ns: when it began to connect, on its clock (``Transport.up_since``); 0: not known.
+        told: whether the recorder was told so. If not, the node was up before, and all that changed
+            is ``since_ns``.
+    """
+
+    received_ns: int
+    node: str
+    up: bool
+    since_ns: int = 0
+    told: bool = True
+
+
+class Turn(StrEnum):
+    """What makes a monitor act when nothing is heard."""
+
+    TIMER = "timer"
+    """Its timer ran out (``Transport.every``)."""
+    POSTED = "posted"
+    """What it left for later is done now (``Transport.post``)."""
+
+
+class Pulse(msgspec.Struct, frozen=True, gc=False):
+    """A turn of the monitor that was recorded: nothing that is received later was known to it.
+
+    Attributes:
+        received_ns: the time of day of the turn, as the monitor saw it.
+        turn: what it was.
+        monotonic_ns: the same instant on a clock that nobody sets.
+    """
+
+    received_ns: int
+    turn: Turn
+    monotonic_ns: int
+
+
+class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
+    """The recorder's tap could not hear or decode something (``Tap.problems``).
+
+    Attributes:
+        received_ns: when it said so.
+        text: one sentence; the latest that begins the same way counts.
+    """
+
+    received_ns: int
+    text: str
+
+
+class Said(msgspec.Struct, frozen=True):
+    """What the monitor that was recorded said then.
+
+    Attributes:
+        received_ns: when.
+        verdict: what.
+    """
+
+    received_ns: int
+    verdict: Verdict
+
+
+class Ended(msgspec.Struct, frozen=True, tag="ended", tag_field="entry"):
+    """The recorder stopped in good order. A recording without it was cut off.
+
+    Attributes:
+        received_ns: when.
+    """
+
+    received_ns: int
+
+
+Event = Began | NodeChange | Missed | Ended
+"""What is rare, and kept as JSON; ``entry`` tells which it is."""
+
+Entry = Observation | Event | Pulse | Said
