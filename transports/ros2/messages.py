@@ -214,13 +214,14 @@ def _integer_writer(name: str) -> Convert:
     least, most = _INTEGERS[name]
 
     def integer(value: Any) -> int:
+        number: int = value
         if type(value) is not int:
             if type(value) is not float or not value.is_integer():
                 raise _WrongError(f"{value!r} is not an integer")
-            value = int(value)
-        if not least <= value <= most:
-            raise _WrongError(f"{value} does not fit in {name}")
-        return value  # type: ignore[no-any-return]
+            number = int(value)
+        if not least <= number <= most:
+            raise _WrongError(f"{number} does not fit in {name}")
+        return number
 
     return integer
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -105,7 +106,7 @@ class Announcements:
         with self._changed:
             self._watchers.append(handler)
             for name in sorted(set(self._up.values())):
-                self._executor.post(lambda name=name: handler(name, True))  # type: ignore[misc]
+                self._executor.post(partial(handler, name, True))
 
     def up_since(self, name: str) -> int:
         """When ``name`` began to connect, by its last announcement; 0 before any."""
@@ -162,9 +163,7 @@ class Announcements:
             self._changed.notify_all()
             for watcher in self._watchers:
                 for name, up in changes:
-                    self._executor.post(
-                        lambda watcher=watcher, name=name, up=up: watcher(name, up)  # type: ignore[misc]
-                    )
+                    self._executor.post(partial(watcher, name, up))
 
     def _is_complete(self, presence: Presence) -> bool:
         """Whether all that the node has declared has reached this node's graph, and its taps have

@@ -77,7 +77,7 @@ class Ros2Transport(OnExecutor):
 
     def now_ns(self) -> int:
         """The ROS clock, ns since the epoch (the simulation's time with ``use_sim_time``)."""
-        return self._clock.now().nanoseconds  # type: ignore[no-any-return]
+        return int(self._clock.now().nanoseconds)
 
     def publisher(self, topic: Topic) -> topics.Publisher:
         """Declare a publisher."""

@@ -1,0 +1,32 @@
+"""Fixtures of the tests beside ordinary rclpy nodes: a domain of one's own, our nodes, one of rclpy's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.transports import ros2_network
+from tests.transports.ros2.bare import Bare
+from transports.networks import ThreadedNetwork
+
+
+@pytest.fixture(scope="module", autouse=True)
+def domain() -> Iterator[int]:
+    ros2_network.load(ros2_network.built())
+    with ros2_network.own_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def network() -> Iterator[ThreadedNetwork]:
+    made = ros2_network.network()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def bare() -> Iterator[Bare]:
+    made = Bare("bare")
+    yield made
+    made.close()

@@ -1,0 +1,69 @@
+"""Services between the ROS 2 transport and ordinary rclpy nodes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.transports.ros2.bare import Bare
+from transports.conformance import (
+    DOUBLE,
+    Answer,
+    Ask,
+    on,
+)
+from transports.interface import (
+    CallOutcome,
+    CallResult,
+)
+from transports.networks import PATIENCE_S, ThreadedNetwork
+
+pytestmark = pytest.mark.ros2
+
+
+def test_an_ordinary_client_gets_a_deferred_answer(network: ThreadedNetwork, bare: Bare) -> None:
+    from conformance.srv import Double
+
+    server = network.node("server")
+    names: list[str] = []
+
+    def answer(request: Any) -> None:
+        names.append(request.client)
+        request.respond(Answer(2 * request.data.value))
+
+    def answer_later(request: Any) -> None:
+        server.after(0.1, lambda: answer(request))
+
+    on(network, server, lambda: server.serve(DOUBLE, answer_later))
+    client = bare.node.create_client(Double, DOUBLE.name)
+    assert client.wait_for_service(PATIENCE_S)
+    futures = [client.call_async(Double.Request(value=value)) for value in range(5)]
+    assert network.until(lambda: all(future.done() for future in futures))
+    assert [future.result().value for future in futures] == [0, 2, 4, 6, 8]
+    assert names == ["bare"] * 5
+
+
+def test_an_ordinary_server_answers(network: ThreadedNetwork, bare: Bare) -> None:
+    from conformance.srv import Double
+
+    def double(request: Any, response: Any) -> Any:
+        response.value = 2 * request.value
+        return response
+
+    bare.node.create_service(Double, DOUBLE.name, double)
+    node = network.node("client")
+    client = on(network, node, lambda: node.client(DOUBLE))
+    result = network.caller(lambda: client.call_and_wait(Ask(21), PATIENCE_S))()
+    assert result == CallResult(CallOutcome.RESPONSE, Answer(42))
+
+
+def test_a_call_whose_server_goes_away_ends_as_unavailable(network: ThreadedNetwork) -> None:
+    server, node = network.node("server"), network.node("client")
+    kept: list[Any] = []
+    on(network, server, lambda: server.serve(DOUBLE, kept.append))
+    client = on(network, node, lambda: node.client(DOUBLE))
+    waiting = network.caller(lambda: client.call_and_wait(Ask(1), 10 * PATIENCE_S))
+    assert network.until(lambda: bool(kept))
+    server.close()
+    assert waiting().outcome is CallOutcome.UNAVAILABLE

@@ -1,0 +1,188 @@
+"""The tap of the ROS 2 transport hears any graph."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from m2c.policy.runner import TICKS, LeafTick, TreeTick
+from tests.transports.ros2.bare import Bare
+from transports.conformance import (
+    COUNTING,
+    DOUBLE,
+    Number,
+    on,
+    ready,
+)
+from transports.interface import (
+    Observation,
+    ObservationKind,
+    Transport,
+    TransportError,
+)
+from transports.networks import PATIENCE_S, ThreadedNetwork
+
+pytestmark = pytest.mark.ros2
+
+
+def tapped(
+    network: ThreadedNetwork, globs: list[str] | None = None
+) -> tuple[Transport, Any, list[Observation]]:
+    listener = network.node("listener")
+    heard: list[Observation] = []
+    tap = on(network, listener, lambda: listener.tap(globs or [], heard.append))
+    return listener, tap, heard
+
+
+@pytest.mark.parametrize("reliable", [True, False])
+@pytest.mark.parametrize("durable", [True, False])
+@pytest.mark.parametrize("name", ["/seen", "/_hidden/seen"])
+def test_a_tap_hears_an_ordinary_publisher_in_whatever_qos_it_has(
+    network: ThreadedNetwork, bare: Bare, reliable: bool, durable: bool, name: str
+) -> None:
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+    from std_msgs.msg import Int32
+
+    profile = QoSProfile(
+        depth=10,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if durable else DurabilityPolicy.VOLATILE,
+    )
+    publisher = bare.node.create_publisher(Int32, name, profile)
+    if durable:
+        publisher.publish(Int32(data=1))
+    _, _, heard = tapped(network)
+
+    def reached() -> bool:
+        if not (durable and reliable):  # only these are kept for who comes late
+            publisher.publish(Int32(data=1))
+        return bool(heard)
+
+    assert network.until(reached)
+    first = heard[0]
+    assert (first.channel, first.kind, first.type_name, first.data, first.source) == (
+        name,
+        ObservationKind.MESSAGE,
+        "std_msgs/msg/Int32",
+        {"data": 1},
+        "bare",
+    )
+    assert first.sequence >= 0
+    assert 0 < first.stamp_ns <= first.received_ns
+
+
+def test_a_best_effort_publisher_that_comes_later_is_heard_too(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from rclpy.qos import qos_profile_sensor_data
+    from std_msgs.msg import Int32
+
+    first = bare.node.create_publisher(Int32, "/seen", 10)
+    _, _, heard = tapped(network, ["/seen"])
+    assert network.until(lambda: first.get_subscription_count() == 1)
+    second = bare.node.create_publisher(Int32, "/seen", qos_profile_sensor_data)
+
+    def reached() -> bool:
+        second.publish(Int32(data=2))
+        return bool(heard)
+
+    assert network.until(reached)
+    assert heard[0].data == {"data": 2}
+
+
+def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from conformance.srv import Double
+    from rclpy.qos import qos_profile_services_default
+    from rclpy.service_introspection import ServiceIntrospectionState
+
+    def double(request: Any, response: Any) -> Any:
+        response.value = 2 * request.value
+        return response
+
+    service = bare.node.create_service(Double, DOUBLE.name, double)
+    client = bare.node.create_client(Double, DOUBLE.name)
+    assert client.wait_for_service(PATIENCE_S)
+    _, tap, heard = tapped(network)
+    assert network.until(
+        lambda: any(
+            text.startswith(f"{DOUBLE.name} has no service introspection: its calls are not heard")
+            and "ServiceIntrospectionState.CONTENTS" in text
+            for text in tap.problems()
+        )
+    )
+    assert len(tap.problems()) == 1, tap.problems()
+    for end in (service, client):
+        end.configure_introspection(
+            bare.node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.CONTENTS
+        )
+
+    def all_heard() -> bool:
+        answered = client.call_async(Double.Request(value=4))
+        assert network.until(answered.done)
+        return {o.kind for o in heard} == set(ObservationKind) - {ObservationKind.MESSAGE}
+
+    assert network.until(all_heard)
+    assert {o.source for o in heard} == {o.client for o in heard} == {"bare"}
+    assert not tap.problems()
+
+
+def test_of_an_ordinary_action_server_a_tap_says_that_its_goals_are_not_heard(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from conformance.action import Count
+    from rclpy.action import ActionServer
+
+    served = ActionServer(bare.node, Count, COUNTING.name, lambda handle: Count.Result())
+    _, tap, _ = tapped(network, [COUNTING.name])
+    assert network.until(
+        lambda: any(
+            text.startswith(f"the goals of {COUNTING.name} are not heard")
+            for text in tap.problems()
+        )
+    )
+    assert len(tap.problems()) == 1
+    served.destroy()
+
+
+def test_events_without_contents_are_told_apart(network: ThreadedNetwork, bare: Bare) -> None:
+    from conformance.srv import Double
+    from rclpy.qos import qos_profile_services_default
+    from rclpy.service_introspection import ServiceIntrospectionState
+
+    service = bare.node.create_service(Double, DOUBLE.name, lambda request, response: response)
+    service.configure_introspection(
+        bare.node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.METADATA
+    )
+    client = bare.node.create_client(Double, DOUBLE.name)
+    assert client.wait_for_service(PATIENCE_S)
+    _, tap, heard = tapped(network)
+
+    def some_heard() -> bool:
+        answered = client.call_async(Double.Request(value=4))
+        assert network.until(answered.done)
+        return bool(heard)
+
+    assert network.until(some_heard)
+    assert heard[0].data is None
+    assert any("carry no contents" in text for text in tap.problems())
+
+
+def test_what_the_tools_tell_each_other_travels_without_a_ros_type(
+    network: ThreadedNetwork,
+) -> None:
+    source, sink = network.node("source"), network.node("sink")
+    ticks = [TreeTick(1, "RUNNING", [LeafTick("Battery", "SUCCESS", 1.5)]), TreeTick(2)]
+    heard: list[TreeTick] = []
+    listener, _, observations = tapped(network)
+    on(network, sink, lambda: sink.subscribe(TICKS, heard.append))
+    publisher = on(network, source, lambda: source.publisher(TICKS))
+    ready(network, source, sink, listener)
+    on(network, source, lambda: [publisher.publish(tick) for tick in ticks])
+    assert network.until(lambda: heard == ticks)
+    assert network.until(lambda: bool(observations) and observations[-1].data["tick"] == 2)
+    assert observations[-1].type_name == TreeTick.__type_name__
+    with pytest.raises(TransportError, match="expected a message of type m2c/msg/TreeTick"):
+        on(network, source, lambda: publisher.publish(Number()))
