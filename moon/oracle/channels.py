@@ -78,7 +78,6 @@ class Fact:
         data: the message.
         call: (client, number) of a call.
         goal: a goal's id (32 hex digits).
-        lane: source and channel: facts of one lane keep their order.
         droppable: whether the machine may never have got it (set by the oracle).
         observation: what was observed.
     """
@@ -92,7 +91,6 @@ class Fact:
         "event",
         "goal",
         "interface",
-        "lane",
         "observation",
         "output",
         "role",
@@ -121,7 +119,11 @@ class Fact:
         self.droppable = False
         self._base: Fact | None = None
         self._perhaps: Fact | None = None
-        self.lane = (observation.source, observation.channel)
+
+    @property
+    def lane(self) -> tuple[str, str]:
+        """Source and channel: facts of one lane keep their order."""
+        return (self.observation.source, self.observation.channel)
 
     @property
     def base(self) -> Fact:
@@ -433,7 +435,11 @@ def goal_id(data: Any) -> str:
 
 def identifier(wire: Any) -> str:
     """A ``unique_identifier_msgs/msg/UUID`` as 32 hex digits."""
-    return bytes(octet & 0xFF for octet in wire["uuid"]).hex()
+    octets = wire["uuid"]
+    try:
+        return bytes(octets).hex()
+    except ValueError:  # int8, as some write it
+        return bytes(octet & 0xFF for octet in octets).hex()
 
 
 def complete(data: Any, template: Any) -> Any:

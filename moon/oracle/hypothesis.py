@@ -72,6 +72,12 @@ class Owed:
         self.optional = optional
         self.alarm = alarm
 
+    def due(self, low: int, high: int) -> Owed:
+        """The same output, of a step taken between ``low`` and ``high``."""
+        made = copy.copy(self)
+        made.low, made.high = low, high
+        return made
+
     def key(self) -> tuple[Any, ...]:
         """What two owed outputs must share to be the same."""
         return (self.kind, self.interface, frozen(self.data), self.call, frozen(self.goal))
@@ -114,9 +120,7 @@ class Alarm:
 
     def due(self, low: int, high: int) -> Alarm:
         """The same timer, due between ``low`` and ``high``."""
-        made = copy.copy(self)
-        made.low, made.high = low, high
-        return made
+        return Alarm(self.instance, self.event, low, high, self.period, self.data, self.id)
 
     def not_before(self, limit: int) -> Alarm:
         """The same periodic timer, without the times that were over before ``limit``."""
@@ -146,6 +150,10 @@ class Posted:
         self.parts = parts
         self.low = low
         self.high = high
+
+    def due(self, low: int, high: int) -> Posted:
+        """The same event, sent between ``low`` and ``high``."""
+        return Posted(self.instance, self.event, self.message, self.parts, low, high)
 
 
 class Goal:
@@ -367,9 +375,7 @@ def _spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, .
         return mine
     made = []
     for first, second in zip(mine, theirs, strict=True):
-        wide = copy.copy(first)
-        wide.low, wide.high = min(first.low, second.low), max(first.high, second.high)
-        made.append(wide)
+        made.append(first.due(min(first.low, second.low), max(first.high, second.high)))
     return tuple(made)
 
 
@@ -446,9 +452,9 @@ def _same_kinds(expected: Any, observed: Any) -> bool:
     if expected.__class__ is dict:
         for name, value in expected.items():
             other = observed[name]
-            if value.__class__ is not other.__class__ and not _same_kinds(value, other):
-                return False
-            if value.__class__ in (dict, list) and not _same_kinds(value, other):
+            if value.__class__ in _SCALARS and value.__class__ is other.__class__:
+                continue
+            if not _same_kinds(value, other):
                 return False
         return True
     if expected.__class__ is list:

@@ -14,6 +14,9 @@ from transports.interface import Observation, ObservationKind
 KEPT_LANES = 4096
 """Lanes that are remembered; their names come from the wire."""
 
+NONE = -2
+"""No number, and not one that is missing either (-1)."""
+
 Place = tuple[str, str, bool]
 """Source, channel, and whether it is a message: what is numbered together."""
 
@@ -33,7 +36,7 @@ class Count:
 
     Attributes:
         place: which.
-        next: the number that should follow; -1 while none has come.
+        next: the number that should follow; negative while none has come.
         stamp: of the last, ns.
     """
 
@@ -41,7 +44,7 @@ class Count:
 
     def __init__(self, place: Place) -> None:
         self.place = place
-        self.next = -1
+        self.next = NONE
         self.stamp = 0
 
     def sequel(self, number: int, stamp: int) -> Sequel:
@@ -114,4 +117,4 @@ class Lanes:
         """The machine's node numbers anew."""
         for count in self.counts.values():
             if count.place[0] == self._node:
-                count.next = -1
+                count.next = NONE

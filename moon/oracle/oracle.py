@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import deque
+from operator import attrgetter
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog
@@ -33,6 +34,7 @@ KEPT_CALLS = 256
 EVIDENCE = 12
 """So many observations are kept for explanations."""
 
+_STAMP = attrgetter("stamp")
 _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 
 
@@ -78,9 +80,8 @@ class Oracle:
         self.late = 0
         """Observations that came after their time, and others that could not be used."""
         self._base: list[Hypothesis] | None = None
-        self._window: list[tuple[int, int, Fact]] = []
-        """(stamp, number, fact) of what is not judged yet, in order."""
-        self._count = 0
+        self._window: list[Fact] = []
+        """What is not judged yet, in order."""
         self._history: deque[Fact] = deque(maxlen=EVIDENCE)
         self._finished = 0
         self._synchronised = synchronised
@@ -130,6 +131,14 @@ class Oracle:
     def feed(self, observation: Observation) -> list[Verdict]:
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
         lane = self._lanes.of(observation)
+        verdicts: list[Verdict] = []
+        count = lane.count
+        if count is not None:
+            number = observation.sequence
+            if number == count.next and not self._suspicions.kept:
+                count.next, count.stamp = number + 1, observation.stamp_ns
+            elif number >= 0 and not self._follows(observation, count, verdicts):
+                return verdicts + self.advance(observation.received_ns)
         facts = []
         try:
             for read in lane.readers:
@@ -139,19 +148,12 @@ class Oracle:
         except (KeyError, TypeError, ValueError, AttributeError):
             self.late += 1
             text = f"an observation on {observation.channel} cannot be read"
-            return [*self.lose(observation.stamp_ns, text), *self.advance(observation.received_ns)]
-        verdicts: list[Verdict] = []
-        count, number = lane.count, observation.sequence
-        if count is not None and number >= 0:
-            if number == count.next and not self._suspicions:
-                count.next, count.stamp = number + 1, observation.stamp_ns
-            elif not self._follows(observation, count, verdicts):
-                facts = []
+            verdicts += self.lose(observation.stamp_ns, text)
         for fact in facts:
             self._take(fact, verdicts)
         settled = observation.received_ns - self._latency
-        if self._finished < settled < self._wake:
-            self._finished = settled
+        if settled < self._wake:
+            self._finished = max(self._finished, settled)
             return verdicts
         return verdicts + self.advance(observation.received_ns)
 
@@ -186,7 +188,7 @@ class Oracle:
             return 0
         wake = self._next_due
         if self._window:
-            wake = min(wake, self._window[0][0])
+            wake = min(wake, self._window[0].stamp)
         if self._asked:
             wake = min(wake, next(iter(self._asked.values())).stamp + self.bounds.deadline)
         return wake
@@ -199,7 +201,7 @@ class Oracle:
             return base
         last = self.search.last
         try:
-            for _, _, fact in self._window:
+            for fact in self._window:
                 after = self._after(base, fact)
                 if not after:
                     break  # late observations may still explain it
@@ -225,7 +227,7 @@ class Oracle:
         if sequel is Sequel.AGAIN:
             self.repeated += 1
             return False
-        if self._suspicions:
+        if self._suspicions.kept:
             proven = self._suspicions.hear(count.place, number)
             verdicts += [v for verdict in proven for v in self._convict(verdict, certain=True)]
         match sequel:
@@ -248,32 +250,30 @@ class Oracle:
         return self._from_start and observation.source == self.node
 
     def _take(self, fact: Fact, verdicts: list[Verdict]) -> None:
-        role = fact.role
+        role, stamp = fact.role, fact.stamp
         if role is Role.ASKED:
             asked = (fact.observation.channel, *fact.call)
-            if asked not in self._taken_up and fact.stamp > self._lost_until:
+            if asked not in self._taken_up and stamp > self._lost_until:
                 self._asked[asked] = fact
-                self._wake = min(self._wake, fact.stamp + self.bounds.deadline)
+                self._wake = min(self._wake, stamp + self.bounds.deadline)
             return
         if role is Role.OUTPUT or role is Role.STRANGE:
             self.outputs += 1
         elif role is Role.MESSAGE or role is Role.INPUT:
             self.inputs += 1
-        if fact.event is not None and fact.event[0] in _TAKEN_UP:
+        if role is Role.INPUT and fact.event is not None and fact.event[0] in _TAKEN_UP:
             self._note_taken_up(fact)
-        if fact.stamp <= self._finished and self._base is not None:
-            self.late += 1
-            text = f"an observation on {fact.observation.channel} came too late"
-            verdicts += self.lose(fact.stamp, text)
-            return
         if self._listening_since is None:
-            self._listen(fact.stamp)
+            self._listen(stamp)
         if self._base is None:
             self._anchoring.remember(fact, self._finished)
-            return
-        if fact.stamp < self._droppable_until:
-            fact.droppable = True
-        self._keep(fact)
+        elif stamp <= self._finished:
+            self.late += 1
+            text = f"an observation on {fact.observation.channel} came too late"
+            verdicts += self.lose(stamp, text)
+        else:
+            fact.droppable = stamp < self._droppable_until
+            self._keep(fact)
 
     def _listen(self, stamp: int) -> None:
         """The first fact is from ``stamp``."""
@@ -287,14 +287,12 @@ class Oracle:
 
     def _keep(self, fact: Fact) -> None:
         """Put ``fact`` in its place; mostly that is the last."""
-        self._count += 1
-        window = self._window
-        self._wake = min(self._wake, fact.stamp)
-        item = (fact.stamp, self._count, fact)
-        if not window or window[-1][0] <= fact.stamp:
-            window.append(item)
+        stamp, window = fact.stamp, self._window
+        self._wake = min(self._wake, stamp)
+        if not window or window[-1].stamp <= stamp:
+            window.append(fact)
         else:
-            insort(window, item)
+            insort(window, fact, key=_STAMP)
 
     def _note_taken_up(self, fact: Fact) -> None:
         """A request was received; who sent it may be heard before or after."""
@@ -317,14 +315,22 @@ class Oracle:
 
     def _judge(self, settled: int) -> list[Verdict]:
         """Take in order what can have nothing before it any more."""
-        window = self._window
+        window, search = self._window, self.search
         verdicts: list[Verdict] = []
         taken = 0
-        while taken < len(window) and window[taken][0] <= settled and self._base is not None:
-            stamp, _, fact = window[taken]
+        for fact in window:
+            stamp, base = fact.stamp, self._base
+            if stamp > settled or base is None:
+                break
             taken += 1
+            only = search.only(base[0], fact) if len(base) == 1 else None
+            if only is not None:
+                search.last = stamp
+                self._base = [only]
+                self._history.append(fact)
+                continue
             try:
-                after = self._after(self._base, fact)
+                after = self._after(base, fact)
             except (TooManyError, TooOpenError) as error:
                 text = str(error) or "too many possibilities to follow"
                 return [*verdicts, *self.lose(stamp, text)]
@@ -335,19 +341,15 @@ class Oracle:
                 self._finished = max(self._finished, stamp)
                 verdicts += self._violation(fact)
         if taken:
-            del self._window[:taken]
+            del window[:taken]
             self._note_due()
-            self._note_knowledge()
+            if self.outcome is Outcome.INCONCLUSIVE:
+                self._note_knowledge()
         return verdicts
 
     def _after(self, before: list[Hypothesis], fact: Fact) -> list[Hypothesis]:
         """What can be so after ``fact``; empty if it cannot be."""
         search, stamp = self.search, fact.stamp
-        if len(before) == 1:
-            only = search.only(before[0], fact)
-            if only is not None:
-                search.last = stamp
-                return [only]
         if fact.role is Role.MESSAGE:
             if not search.changes_something(fact.event):
                 return before
@@ -364,7 +366,11 @@ class Oracle:
             ]
             found = search.take_input(candidates, fact)
         else:
-            candidates = search.reachable(before, stamp, stamp - self.bounds.latency)
+            candidates = None
+            if fact.role is Role.OUTPUT and len(before) == 1:
+                candidates = search.rung(before[0], stamp)
+            if candidates is None:
+                candidates = search.reachable(before, stamp, stamp - self._latency)
             if fact.role is Role.OUTPUT:
                 found = search.take_output(candidates, fact)
             elif fact.role is Role.STATUS:
@@ -375,14 +381,12 @@ class Oracle:
         return found
 
     def _note_due(self) -> None:
-        due = FOREVER
-        for hypothesis in self._base or ():
-            due = min(due, self.search.next_due(hypothesis))
-        self._next_due = due
+        next_due = self.search.next_due
+        self._next_due = min(map(next_due, self._base), default=FOREVER) if self._base else FOREVER
 
     def _note_knowledge(self) -> None:
         """Say so once it is known again what the machine does."""
-        if self.outcome is not Outcome.INCONCLUSIVE or not self._base:
+        if not self._base:
             return
         states = {tuple(state for state, _ in h.instances) for h in self._base}
         if len(states) == 1:

@@ -41,18 +41,14 @@ class Outputs(Running):
     def _is(self, hypothesis: Hypothesis, owed: Owed, fact: Fact) -> bool:
         if owed.kind is not fact.output or owed.interface != fact.interface:
             return False
-        skew = self.bounds.skew
-        if not owed.low - skew <= fact.stamp <= owed.high + self.bounds.deadline + skew:
+        if not owed.low - self._early <= fact.stamp <= owed.high + self._late:
             return False
-        if owed.call is not None and owed.call not in (fact.call, ANY_CALL):
+        call, goal = owed.call, owed.goal
+        if call is not None and call not in (fact.call, ANY_CALL):
             return False
-        if isinstance(owed.goal, str) and owed.goal != fact.goal:
+        if goal is not None and not _is_goal(hypothesis, goal, fact):
             return False
-        if isinstance(owed.goal, Unknown):
-            known = goal_called(hypothesis, fact.goal, served=True)
-            if known is not None and not owed.goal.allows(known.number):
-                return False
-        if fact.output in _ENDS and fact.data is None:
+        if fact.data is None and fact.output in _ENDS:
             return True  # a status tells that a goal has ended, not with what
         kind = self._channels.types.get((owed.kind, owed.interface))
         return kind is None or agree(owed.data, fact.data, kind)
@@ -144,6 +140,14 @@ class Outputs(Running):
             elif goal is not None:
                 found += self.take_output([hypothesis], fact)
         return distinct(found)
+
+
+def _is_goal(hypothesis: Hypothesis, goal: Any, fact: Fact) -> bool:
+    """Whether ``fact`` can be about ``goal``, as ``Owed.goal`` names it."""
+    if isinstance(goal, Unknown):
+        known = goal_called(hypothesis, fact.goal, served=True)
+        return known is None or goal.allows(known.number)
+    return not isinstance(goal, str) or goal == fact.goal
 
 
 def _substituted(hypothesis: Hypothesis, found: Mapping[int, tuple[Unknown, Any]]) -> Hypothesis:

@@ -61,7 +61,7 @@ class Running:
             if any(t.body is not None or t.targets for t in transitions)
         }
         self._draws = any(program.draws for program in self.programs)
-        self._certain = not self._draws and not main.chooses
+        self.certain = not self._draws and not main.chooses
         """Whether a step of the machine has one outcome, where all values are known."""
         self._timers = [
             (instance, (EventKind.TIMER, name), period)
@@ -72,6 +72,8 @@ class Running:
         self._channel_of: dict[tuple[InterfaceKind | None, str], str | None] = {
             (interface.kind, interface.name): interface.channel for interface in machine.interfaces
         }
+        self._early, self._late = bounds.skew, bounds.skew + bounds.deadline
+        """An output is stamped by this much before and after the step that owes it (ns)."""
         self.last = 0
         """Stamp of the last fixed point."""
 
@@ -288,6 +290,17 @@ class Running:
     def _matters(self, hypothesis: Hypothesis, alarm: Alarm) -> bool:
         state, _ = hypothesis.instances[alarm.instance]
         return self.programs[alarm.instance].handles(state, alarm.event)
+
+    def is_still(self, hypothesis: Hypothesis, now: int) -> bool:
+        """Whether nothing can have been taken before ``now``."""
+        if hypothesis.owed:
+            return not all(owed.optional for owed in hypothesis.owed)
+        if hypothesis.posted or hypothesis.pending:
+            return False
+        return all(
+            not (alarm.low <= now and self._matters(hypothesis, alarm))
+            for alarm in hypothesis.alarms
+        )
 
     def normalised(self, hypothesis: Hypothesis, now: int) -> Hypothesis:
         """Timers that nothing waits for, brought up to ``now``."""

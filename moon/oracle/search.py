@@ -13,17 +13,14 @@ from typing import Any
 
 from m2c.model.machine import EventKind
 from moon.oracle.bounds import EXACT, FOREVER, TooManyError
-from moon.oracle.channels import Fact, Role
+from moon.oracle.channels import Fact
 from moon.oracle.goals import adopt, but, goal_called
 from moon.oracle.hypothesis import Alarm, Hypothesis
-from moon.oracle.inputs import Inputs
-from moon.oracle.outputs import Outputs
+from moon.oracle.shortcuts import Shortcuts
 from moon.oracle.steps import StateProgram
 
-_CALLS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR)
 
-
-class Search(Inputs, Outputs):
+class Search(Shortcuts):
     """The hypotheses of one machine; see ``Running`` for its arguments."""
 
     # --- beginnings --------------------------------------------------------------------------------
@@ -99,47 +96,20 @@ class Search(Inputs, Outputs):
             )
         return found
 
-    # --- where only one thing can have happened ----------------------------------------------------
-
-    def only(self, hypothesis: Hypothesis, fact: Fact) -> Hypothesis | None:
-        """What ``hypothesis`` is after ``fact``, where that is one thing and plain to see.
-
-        A short cut for most of what happens: an input or an output stamped where it was taken or
-        made, while nothing else can have been taken since. None: ask ``reachable`` and ``take_…``.
-        """
-        owed = hypothesis.owed
-        if (
-            hypothesis.pending
-            or hypothesis.posted
-            or hypothesis.goals
-            or hypothesis.free
-            or not self._certain
-        ):
-            return None
-        if fact.role is Role.OUTPUT:
-            if not owed or owed[0].optional or not self._is(hypothesis, owed[0], fact):
-                return None
-            return self._paid(hypothesis, 0, fact)
-        event = fact.event
-        if owed or fact.role is not Role.INPUT or event is None or event[0] not in _CALLS:
-            return None
-        stamp = fact.stamp
-        if hypothesis.alarms:
-            if not self._is_still(hypothesis, stamp):
-                return None
-            hypothesis = self.normalised(hypothesis, stamp)
-        state, data = hypothesis.instances[0]
-        ((taken, step),) = self.programs[0].take(state, data, event, fact.data, {}, False)
-        asked = event[0] is EventKind.REQUEST
-        if not taken and (asked or not (step.outputs or step.scheduled)):
-            return hypothesis  # a request that the state discards is never answered
-        waiting, call = hypothesis.waiting, None
-        if asked:
-            call = fact.call
-            waiting = (*waiting, (fact.interface, call))
-        return self._absorb(hypothesis, 0, step, stamp, stamp, None, call, waiting)
-
     # --- between fixed points ----------------------------------------------------------------------
+
+    def rung(self, hypothesis: Hypothesis, now: int) -> list[Hypothesis] | None:
+        """What a timer makes of ``hypothesis`` that then owes an output, for one sent at ``now``.
+
+        A short cut where nothing but timers can have brought the output about, and whatever they
+        bring about has to be out before anything else is taken. None: ask ``reachable``.
+        """
+        if hypothesis.owed or hypothesis.pending or hypothesis.posted:
+            return None
+        made = list(self._moves(hypothesis, now))
+        if all(after.owed and not after.owed[0].optional for after in made):
+            return made
+        return None
 
     def reachable(self, hypotheses: list[Hypothesis], now: int, due: int) -> list[Hypothesis]:
         """All that can be so just before ``now``.
@@ -149,7 +119,7 @@ class Search(Inputs, Outputs):
             now: stamp of the next fixed point.
             due: what had to be taken by then has been taken.
         """
-        if all(self._is_still(hypothesis, now) for hypothesis in hypotheses):
+        if all(self.is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
         found = self._explore(hypotheses, now, exactly=True)
         if found is None:
@@ -200,17 +170,6 @@ class Search(Inputs, Outputs):
             if hypothesis.pending or hypothesis.posted or hypothesis.alarms:
                 todo.extend(self._moves(hypothesis, now))
         return list(known.values())
-
-    def _is_still(self, hypothesis: Hypothesis, now: int) -> bool:
-        """Whether nothing can have been taken before ``now``."""
-        if hypothesis.owed:
-            return not all(owed.optional for owed in hypothesis.owed)
-        if hypothesis.posted or hypothesis.pending:
-            return False
-        return all(
-            not (alarm.low <= now and self._matters(hypothesis, alarm))
-            for alarm in hypothesis.alarms
-        )
 
     def _moves(self, hypothesis: Hypothesis, now: int) -> Iterator[Hypothesis]:
         """What one more input, taken before ``now``, makes of ``hypothesis``.
@@ -325,6 +284,8 @@ class Search(Inputs, Outputs):
         """When time alone will say something about ``hypothesis``."""
         if hypothesis.owed and not hypothesis.owed[0].optional:
             return hypothesis.owed[0].high + self.bounds.deadline
+        if not (hypothesis.pending or hypothesis.posted or hypothesis.alarms):
+            return FOREVER
         return self._latest(hypothesis)
 
 

@@ -103,6 +103,7 @@ class Step:
     __slots__ = (
         "_position",
         "data",
+        "effect",
         "internal",
         "message",
         "outputs",
@@ -127,6 +128,8 @@ class Step:
         """In order: what is started, and the ids of what is cancelled."""
         self.internal: deque[tuple[str, Any]] = deque()
         self.transition: Position | None = None
+        self.effect: Any = None
+        """Kept by who takes this step again and again; see ``moon.oracle.shortcuts``."""
 
     def choose(self, count: int) -> int:
         """Which of ``count`` outcomes this pass follows."""

@@ -22,15 +22,13 @@ class Suspicions:
     """Verdicts that are true if nothing was lost."""
 
     def __init__(self) -> None:
-        self._kept: list[tuple[Verdict, dict[Place, int]]] = []
-
-    def __bool__(self) -> bool:
-        return bool(self._kept)
+        self.kept: list[tuple[Verdict, dict[Place, int]]] = []
+        """Each with the number that has to come next at each place."""
 
     def add(self, verdict: Verdict, counts: Iterable[Count]) -> None:
         """``verdict`` holds if what comes next at each of ``counts`` has the number that follows."""
-        self._kept.append((verdict, {c.place: c.next for c in counts if c.next >= 0}))
-        del self._kept[:-KEPT_SUSPICIONS]
+        self.kept.append((verdict, {c.place: c.next for c in counts if c.next >= 0}))
+        del self.kept[:-KEPT_SUSPICIONS]
 
     def hear(self, place: Place, number: int) -> list[Verdict]:
         """An observation's number clears its place of having lost what a suspicion hangs on.
@@ -39,15 +37,15 @@ class Suspicions:
             The verdicts that are proven by now.
         """
         proven = []
-        for suspicion in tuple(self._kept):
+        for suspicion in tuple(self.kept):
             verdict, open_places = suspicion
             if place not in open_places:
                 continue
             if number != open_places[place]:
-                self._kept.remove(suspicion)
+                self.kept.remove(suspicion)
                 continue
             del open_places[place]
             if not open_places:
-                self._kept.remove(suspicion)
+                self.kept.remove(suspicion)
                 proven.append(verdict)
         return proven
