@@ -1,0 +1,94 @@
+"""How a node joins a Zenoh network, and leaves it."""
+
+import json
+
+import pytest
+
+from tests.transports.zenoh_network import WAIT_S, eventually, peer
+from transports.interface import (
+    CallOutcome,
+    TransportError,
+)
+from transports.zenoh import connect, session
+
+pytestmark = pytest.mark.zenoh
+
+
+def test_two_nodes_of_one_name_are_reported(network, caplog):
+    for _ in range(2):
+        network.node("twin").announce()
+    eventually(lambda: len(caplog.messages) == 2)
+    assert "two nodes are named twin" in caplog.messages[0]
+
+
+def test_nodes_in_different_namespaces_do_not_hear_each_other(network):
+    hub = network.node("hub", namespace="red")
+    hub.serve(peer.ADD, lambda request: request.respond(peer.AddResponse(1)))
+    hub.announce()
+    red, blue = network.node("red", namespace="red"), network.node("blue", namespace="blue")
+    assert red.wait_for_nodes(["hub"], WAIT_S) == []
+    answered = red.client(peer.ADD).call_and_wait(peer.AddRequest())
+    assert answered.outcome is CallOutcome.RESPONSE
+    unheard = blue.client(peer.ADD).call_and_wait(peer.AddRequest())
+    assert unheard.outcome is CallOutcome.UNAVAILABLE
+
+
+def test_a_process_that_forgets_to_close_ends_all_the_same(network):
+    network.node("hub")
+    assert network.process("careless").wait(WAIT_S) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"endpont": "x"},
+            "the zenoh transport has no option 'endpont'; "
+            "it has endpoint, listen, config, namespace",
+        ),
+        (
+            {"endpoint": "localhost"},
+            "endpoint 'localhost' is not an endpoint; "
+            "write <protocol>/<address>, e.g. tcp/127.0.0.1:7447",
+        ),
+        ({"config": "/no/such.json5"}, "there is no Zenoh configuration file /no/such.json5"),
+        (
+            {"namespace": "a//b"},
+            "namespace 'a//b': Invalid Key Expr `a//b`: "
+            "empty chunks are forbidden, as well as leading and trailing slashes",
+        ),
+    ],
+)
+def test_a_wrong_option_is_refused_with_what_would_be_right(options, message):
+    with pytest.raises(TransportError) as error:
+        connect("node", options)
+    assert str(error.value) == message
+
+
+def test_an_endpoint_that_nobody_listens_on_is_an_error_within_a_bounded_time(monkeypatch):
+    monkeypatch.setattr(session, "CONNECT_TIMEOUT_MS", 200)
+    with pytest.raises(TransportError) as error:
+        connect("node", {"endpoint": "tcp/127.0.0.1:1"})
+    assert str(error.value).startswith(
+        "cannot reach tcp/127.0.0.1:1 within 0.2 s: is a node or router listening there?"
+    )
+
+
+def test_a_port_in_use_is_an_error(network):
+    network.node("first")
+    with pytest.raises(TransportError) as error:
+        connect("second", {"listen": network.endpoint})
+    assert str(error.value).startswith(f"cannot listen on {network.endpoint}: the port is in use")
+
+
+def test_the_configuration_file_wins_over_defaults_and_options_over_the_file(tmp_path):
+    path = tmp_path / "zenoh.json5"
+    path.write_text(
+        '{mode: "client", namespace: "file", connect: {endpoints: ["tcp/127.0.0.1:1"]}}',
+        encoding="utf-8",
+    )
+    config = session.configuration({"config": str(path), "namespace": "option"})
+    assert json.loads(config.get_json("mode")) == "client"
+    assert json.loads(config.get_json("namespace")) == "option"
+    assert json.loads(config.get_json("connect/endpoints")) == ["tcp/127.0.0.1:1"]
+    assert json.loads(config.get_json("timestamping/enabled")) is True

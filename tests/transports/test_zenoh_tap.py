@@ -1,0 +1,147 @@
+"""What a tap hears on Zenoh, and what it says it could not."""
+
+import threading
+
+import msgspec
+import pytest
+import zenoh
+
+from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, linked, peer
+from transports.interface import (
+    ObservationKind,
+)
+from transports.zenoh import names
+from transports.zenoh import tap as tap_module
+
+pytestmark = pytest.mark.zenoh
+
+
+def test_a_tap_hears_the_four_events_of_a_call_and_only_since_it_listens(network):
+    adder, caller, tapper = (network.node(name) for name in ("adder", "caller", "tap"))
+    adder.serve(peer.ADD, lambda r: r.respond(peer.AddResponse(r.data.a + r.data.b)))
+    adder.announce()
+    caller.wait_for_nodes(["adder"], WAIT_S)
+    client = caller.client(peer.ADD)
+    for _ in range(10):
+        client.call_and_wait(peer.AddRequest())
+    heard = Inbox()
+    tap = tapper.tap([], heard)
+    eventually(lambda: client._events.heard and adder._events[peer.ADD.name].heard)
+    client.call_and_wait(peer.AddRequest(1, 2))
+    events = sorted(heard.wait(4), key=lambda observation: observation.stamp_ns)
+    assert [(event.kind, event.source, event.type_name) for event in events] == [
+        (ObservationKind.REQUEST_SENT, "caller", "test_interfaces/srv/Add_Request"),
+        (ObservationKind.REQUEST_RECEIVED, "adder", "test_interfaces/srv/Add_Request"),
+        (ObservationKind.RESPONSE_SENT, "adder", "test_interfaces/srv/Add_Response"),
+        (ObservationKind.RESPONSE_RECEIVED, "caller", "test_interfaces/srv/Add_Response"),
+    ]
+    assert {(event.channel, event.client, event.call) for event in events} == {
+        ("/adder/add", "caller", 11)
+    }
+    assert [event.data for event in events] == [{"a": 1, "b": 2}] * 2 + [{"total": 3}] * 2
+    # numbers from 0: nothing was published for the ten calls before
+    assert {(event.source, event.sequence) for event in events} == {
+        ("caller", 0),
+        ("caller", 1),
+        ("adder", 0),
+        ("adder", 1),
+    }
+    tap.close()
+    eventually(lambda: not client._events.heard)
+    client.call_and_wait(peer.AddRequest(1, 2))
+    assert client._events._sequence.next == 2
+
+
+def test_a_tap_hears_of_a_call_that_is_never_answered(network):
+    adder, caller, tapper = (network.node(name) for name in ("adder", "caller", "tap"))
+    adder.serve(peer.ADD, lambda request: None)
+    adder.announce()
+    caller.wait_for_nodes(["adder"], WAIT_S)
+    client = caller.client(peer.ADD)
+    heard = Inbox()
+    tapper.tap(["/adder/*"], heard)
+    eventually(lambda: client._events.heard and adder._events[peer.ADD.name].heard)
+    client.call(peer.AddRequest(1, 2), lambda result: None, timeout_s=0.5)
+    events = sorted(heard.wait(3), key=lambda observation: observation.stamp_ns)
+    assert [event.kind.value for event in events] == [
+        "request_sent",
+        "request_received",
+        "response_received",
+    ]
+    assert events[2].error == "timeout: /adder/add: no answer within the time limit"
+    assert events[2].data is None
+
+
+def test_a_tap_says_what_it_could_not_decode(network):
+    heard = Inbox()
+    tap = network.node("tap").tap(["/adder/*"], heard)
+    intruder = linked(network.bare(), "adder/count")
+    for _ in range(2):
+        intruder.put(b"\x81\xa4da", attachment=bytes(8) + b"intruder")
+    intruder.put(msgspec.msgpack.encode({"data": 7}), encoding="application/msgpack;x/msg/Y")
+    [observation] = heard.wait()
+    assert (observation.type_name, observation.data) == ("x/msg/Y", {"data": 7})
+    assert tap.problems() == [
+        "could not decode 2 messages on /adder/count from intruder: Input data was truncated"
+    ]
+
+
+def test_a_slow_tap_slows_nobody_and_is_told_how_many_it_missed(network, monkeypatch):
+    monkeypatch.setattr(tap_module, "RING_CAPACITY", 50)
+    tapper, node = network.node("tap"), network.node("node")
+    busy, gate, heard = threading.Event(), threading.Event(), Inbox()
+
+    def slow(observation):
+        busy.set()
+        gate.wait(WAIT_S)
+        heard(observation)
+
+    tap = tapper.tap([], slow)
+    publisher = node.publisher(peer.COUNT)
+    eventually(lambda: publisher.declared.matching_status.matching)
+    total = 20_000
+    publisher.publish(peer.Number(0))
+    assert busy.wait(WAIT_S)
+    for number in range(1, total):  # returns although the tap's reader is stuck
+        publisher.publish(peer.Number(number))
+    gate.set()
+    eventually(lambda: heard and heard[-1].data == {"data": total - 1})
+    missed = total - len(heard)
+    assert missed > 0
+    assert tap.problems() == [f"missed {missed} messages on /adder/count from node"]
+
+
+def test_a_tap_names_its_peers_and_those_it_cannot_hear(network, tmp_path):
+    lonely = tmp_path / "zenoh.json5"
+    lonely.write_text("{scouting: {gossip: {enabled: false}}}", encoding="utf-8")
+    hub = network.node("hub", config=str(lonely))
+    node = network.node("far", config=str(lonely))
+    hub.announce()
+    node.announce()
+    tap = network.node("tap", config=str(lonely)).tap([], lambda observation: None)
+    eventually(tap.problems)
+    assert tap.peers() == ["hub"]
+    assert tap.problems() == ["far is up, but not linked to this tap: it is not heard"]
+
+
+def test_a_tap_is_linked_to_all_by_gossip(network):
+    for name in ("hub", "one", "two"):
+        network.node(name).announce()
+    tap = network.node("tap").tap([], lambda observation: None)
+    eventually(lambda: tap.peers() == ["hub", "one", "two"])
+    eventually(lambda: tap.problems() == [])
+
+
+@pytest.mark.parametrize(
+    ("globs", "keys"),
+    [
+        ([], ["**"]),
+        (["/a/tick", "/b/*"], ["a/tick/**", "b/**"]),
+        (["/a/*", "/a/tick"], ["a/**"]),
+        (["/Bat*/tick", "/a"], ["**"]),
+    ],
+)
+def test_globs_become_subscriptions_without_overlap(globs, keys):
+    assert names.subscriptions(globs) == keys
+    for key in keys:
+        zenoh.KeyExpr(key)
