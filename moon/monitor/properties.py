@@ -1,9 +1,11 @@
 """Properties at work in a monitor: what it heard goes to them in order of stamps, with what it missed.
 
-Observations count once the latency bound is over; so a violation by something that did not come is
-said one bound after its deadline. What was missed (gaps in the numbers of a source, what came too
-late) makes whatever depends on it inconclusive, from the instant at which it was missed: while a gap
-is known that has not wholly passed, time waits for its end, which is never more than one bound away.
+Observations count for good once the latency bound is over. A violation is said earlier: when nothing that
+could mend it is to be expected any more, going by how late things have been (:mod:`moon.monitor.patience`).
+Should it come all the same, the violation is taken back. What was missed (gaps in the numbers of a
+source, what came too late) makes whatever depends on it inconclusive, from the instant at which it was
+missed: while a gap is known that has not wholly passed, time waits for its end, which is never more
+than one bound away.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import Any
 import msgspec
 
 from m2c.model.system import System
+from moon.monitor.patience import Patience
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.meaning import duration
@@ -29,6 +32,7 @@ SHOWN_FACTS = 8
 """So many facts explain a violation, the latest; more would hide the point."""
 MOST_PLACES = 10_000
 """Sources and channels whose numbers are kept; names come from the wire, and never end."""
+TAKEN_BACK = "the violation is taken back: what it missed came later than anything of late"
 _LONGEST_DATA = 120
 
 _OUTCOMES = {
@@ -49,13 +53,15 @@ class _Loss(msgspec.Struct, order=True):
 class _Tally:
     """What was heard and said of one property."""
 
-    __slots__ = ("channels", "heard", "last", "outcome", "violations")
+    __slots__ = ("channels", "foreseen_ns", "heard", "last", "outcome", "violations")
 
     def __init__(self, channels: frozenset[str]) -> None:
         self.channels = channels
         self.heard = 0
         self.outcome: Outcome | None = None
         self.violations = 0
+        self.foreseen_ns: int | None = None
+        """Since when it is violated, if that was said and is not certain yet."""
         self.last = ""
 
 
@@ -71,6 +77,7 @@ class PropertyWatch:
         self.properties = {item.name: item for item in properties}
         self.late = 0
         """Observations that came too late to be judged."""
+        self.patience = Patience(latency_ns)
         self._latency_ns = latency_ns
         self._tallies = {
             name: _Tally(frozenset(port.channel for port in item.ports))
@@ -86,6 +93,8 @@ class PropertyWatch:
         """Stamps of what does not count yet."""
         self._losses: list[_Loss] = []
         self._reached_ns = -1
+        for tally in self._tallies.values():
+            tally.foreseen_ns = None
 
     def start(self, now_ns: int) -> list[Verdict]:
         """Listening begins at ``now_ns``; the verdicts that this brings about."""
@@ -128,6 +137,7 @@ class PropertyWatch:
     def lose(self, channel: str, start_ns: int, end_ns: int) -> None:
         """Messages of ``channel`` stamped in ``[start_ns, end_ns)`` were missed."""
         if self.concerns(channel):
+            self.patience.distrust()
             self._losses.append(_Loss(min(start_ns, end_ns), end_ns, channel))
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
@@ -147,10 +157,14 @@ class PropertyWatch:
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """The time is ``now_ns``; the verdicts that changed."""
-        until = now_ns - self._latency_ns
-        if until <= self._reached_ns:
-            return []
+        found, until = self._count_for_good(now_ns - self._latency_ns)
+        return found + self._taken_back(until) + self._foreseen(now_ns)
+
+    def _count_for_good(self, until: int) -> tuple[list[Verdict], int]:
+        """Everything stamped up to ``until`` counts, or up to a loss that goes on; the instant."""
         found: list[Verdict] = []
+        if until <= self._reached_ns:
+            return found, self._reached_ns
         while self._losses:
             group = self._first_losses()
             start, end = group[0].start, max(loss.end for loss in group)
@@ -167,7 +181,35 @@ class PropertyWatch:
                     found += self._changes(self._ordered.lose(channel, start, stamp))
                 found += self._pass_to(stamp, even_if_idle=True)
             self._losses = [loss for loss in self._losses if loss not in group]
-        return found + self._pass_to(until)
+        return found + self._pass_to(until), until
+
+    def _foreseen(self, now_ns: int) -> list[Verdict]:
+        """Violations that only something later than is to be expected could mend."""
+        wait_ns = self.patience.wait_ns
+        if self._losses or wait_ns >= self._latency_ns:
+            self._ordered.foresee_nothing()
+            return []
+        found: list[Verdict] = []
+        for name, verdict in self._ordered.foresee(now_ns - wait_ns):
+            tally = self._tallies[name]
+            if tally.foreseen_ns != verdict.since_ns:
+                tally.foreseen_ns = verdict.since_ns
+                found += self._told(name, verdict)
+        return found
+
+    def _taken_back(self, until: int) -> list[Verdict]:
+        """What was foreseen up to ``until`` and did not come true."""
+        found: list[Verdict] = []
+        for name, tally in self._tallies.items():
+            if tally.foreseen_ns is None or tally.foreseen_ns > until:
+                continue
+            tally.foreseen_ns = None
+            tally.violations -= 1
+            if tally.outcome is Outcome.VIOLATED:
+                standing = self._ordered.verdicts()[name]
+                reason = standing.reason or TAKEN_BACK
+                found += self._told(name, msgspec.structs.replace(standing, reason=reason))
+        return found
 
     def _first_losses(self) -> list[_Loss]:
         """The earliest loss and those that overlap with it, the earliest first."""
@@ -201,9 +243,18 @@ class PropertyWatch:
         return [said for name, verdict in changes for said in self._said(name, verdict)]
 
     def _said(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
+        """What is certain now is said, unless it was before."""
         tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
+        if tally.foreseen_ns is not None and verdict.since_ns <= tally.foreseen_ns:
+            if outcome is Outcome.VIOLATED and verdict.since_ns == tally.foreseen_ns:
+                tally.foreseen_ns = None
+            return []  # what was said is of later
         if outcome is tally.outcome and outcome is not Outcome.VIOLATED:
             return []
+        return self._told(name, verdict)
+
+    def _told(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
+        tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
         made = verdict_on(self.properties[name], verdict)
         tally.outcome = outcome
         tally.violations += outcome is Outcome.VIOLATED

@@ -24,7 +24,7 @@ from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
-from transports.interface import Observation, ObservationKind, Tap, Transport
+from transports.interface import Observation, ObservationKind, Tap, Timer
 
 _KEPT_LAGS = 64
 """Lags kept of each node, for the median."""
@@ -35,6 +35,34 @@ GONE = "its node went away"
 AWAY = "(gone)"
 UNRESPONSIVE = "unresponsive: "
 """How a verdict's reason begins where something did not come."""
+
+
+class Connection(Protocol):
+    """What a watch needs of a transport."""
+
+    def now_ns(self) -> int:
+        """See ``Transport.now_ns``."""
+        ...
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """See ``Transport.tap``."""
+        ...
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """See ``Transport.watch_nodes``."""
+        ...
+
+    def up_since(self, name: str) -> int:
+        """See ``Transport.up_since``."""
+        ...
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """See ``Transport.every``."""
+        ...
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """See ``Transport.post``."""
+        ...
 
 
 class Sink(Protocol):
@@ -74,20 +102,23 @@ class SystemWatch:
         sinks: each gets every verdict that is new.
         say: told what a person should know, one sentence each.
         properties: what else is to be monitored, of the same observations.
+        policy: whether the policy is monitored; by default, if all machines of ``system`` are.
     """
 
     def __init__(
         self,
-        transport: Transport,
+        transport: Connection,
         system: System,
         machines: Sequence[Machine],
         bounds: Bounds,
         sinks: Iterable[Sink],
         say: Callable[[str], None],
         properties: PropertyWatch | None = None,
+        policy: bool | None = None,
     ) -> None:
         self.counts = Counts()
-        self.violations = 0
+        self._violations = 0
+        """By machines."""
         self._transport = transport
         self._machines = tuple(machines)
         self._library = system.library
@@ -98,8 +129,9 @@ class SystemWatch:
         everything = (*system.nodes, *system.plugins)
         self._reception = Reception(everything, system.library, bounds.latency, self.counts)
         self._reception.know(self._properties.channels)
-        whole = {machine.name for machine in machines} >= {node.name for node in system.nodes}
-        self._policy_of = system if whole and system.policy is not None else None
+        if policy is None:
+            policy = {machine.name for machine in machines} >= {node.name for node in system.nodes}
+        self._policy_of = system if policy and system.policy is not None else None
         self._models = self._fresh_models()
         self._nodes = {name: _Node() for name in self._models.watched}
         self._first: dict[tuple[str, str], int] = {}
@@ -145,6 +177,7 @@ class SystemWatch:
             self._too_late(seen, lag_ns, now_ns)
             return
         pace.heard(lag_ns)
+        self._properties.patience.heard(now_ns - seen.stamp_ns, now_ns)
         node = self._nodes.get(seen.source)
         if node is not None:
             node.lags.append(lag_ns)
@@ -160,6 +193,7 @@ class SystemWatch:
     def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""
         self._late[seen.source] = now_ns
+        self._properties.patience.heard(lag_ns, now_ns)
         self.counts.late += 1
         self._properties.lose(seen.channel, seen.stamp_ns, now_ns)
         why = f"what is heard comes {lag_ns / NS:.1f} s late"
@@ -207,6 +241,7 @@ class SystemWatch:
             if node.up and self._transport.up_since(name) != node.since:
                 self._node_up(name, node)
         self._take(self._models.advance(clock_ns))
+        self._properties.patience.ticked(self._transport.now_ns())
         self._tell_properties(self._properties.advance(clock_ns))
         for name, node in self._nodes.items():
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
@@ -311,13 +346,12 @@ class SystemWatch:
             if node.gone_ns is not None and verdict.reason.startswith(UNRESPONSIVE):
                 continue  # who is not there owes nothing
             node.violations += 1
-            self.violations += 1
+            self._violations += 1
             if node.said is not Outcome.VIOLATED or node.last != verdict.reason:
                 self._publish(verdict)
 
     def _tell_properties(self, verdicts: Sequence[Verdict]) -> None:
         for verdict in verdicts:
-            self.violations += verdict.outcome is Outcome.VIOLATED
             for sink in self._sinks:
                 sink.take(verdict)
 
@@ -348,6 +382,11 @@ class SystemWatch:
         return node.up or node.said is not None or bool(node.lags)
 
     # --- what can be asked -------------------------------------------------------------------------
+
+    @property
+    def violations(self) -> int:
+        """How often a model or a property was violated."""
+        return self._violations + self._properties.violations
 
     def statuses(self) -> list[MachineStatus]:
         """Each machine as it stands, then each property."""

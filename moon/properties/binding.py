@@ -150,7 +150,8 @@ def handler_source(group: Group, binding: Binding, index_of: dict[str, int]) -> 
     """
     number = {name: place for place, name in enumerate(binding.ports)}
     states = [port for port in group.ports if not port.event]
-    events = [port for port in group.ports if port.event]
+    # an event on which no formula depends (`{e} or not {e}`) has no node
+    events = [port for port in group.ports if port.event and port.name in index_of]
     state_atoms = [text for text in group.atoms if text not in binding.events]
     own = {port.name for port in states}
     names = {name: f"{'Y' if name in own else 'X'}{place}" for name, place in number.items()}
@@ -160,7 +161,7 @@ def handler_source(group: Group, binding: Binding, index_of: dict[str, int]) -> 
     lines += ["    if t.__class__ is not int or t <= now:", "        check(t, now)"]
     if group.kinds and group.kinds[0].startswith("response"):
         lines += ["    if obs.error:", "        return"]
-    lines.append("    try:")
+    lines += ["    try:", "        pass"]
     lines += [f"        {line}" for line in _values(states, number, group.channel == ANY_CHANNEL)]
     for text in state_atoms:
         source = truth_source(binding.atoms[text].expression, names)

@@ -84,6 +84,7 @@ class Cell:
         self._program = self._compile()
         self.changed = self._program.changed
         self.handlers = self._program.handlers
+        self.heap = self._program.heap
         for port in self.binding.ports.values():
             if not port.event and port.initial is msgspec.UNSET:
                 self._waiting.add(port.name)
@@ -140,21 +141,22 @@ class Cell:
             return NEVER
         if self._doubt is not None:
             return self._doubt.next_deadline()
-        instant: int = self._program.heap[0][0]
-        return instant
+        return self.heap[0][0]
 
     # -- taking observations in ---------------------------------------------------------------
 
-    def observe(self, handler: Any, group: Group, seen: Observation) -> None:
-        """Take an observation of ``group`` in; ``self.changed`` or a doubt says if to report."""
+    def observe(self, handler: Any, group: Group, seen: Observation) -> list[tuple[str, Verdict]]:
+        """Take an observation of ``group`` in; the verdicts that changed."""
+        found = self.catch_up(seen.stamp_ns - 1) if self.started >= 0 else []
         if self._doubt is None and self.started >= 0:
             try:
                 handler(seen.stamp_ns, seen.data, seen)
             except UnknownAtom:
                 self._doubtful()
             else:
-                return
+                return found + self.report()
         self._observe_slowly(group, seen)
+        return found + self.report()
 
     @property
     def plain(self) -> bool:
@@ -267,13 +269,14 @@ class Cell:
         """Whether every state is known, so that time itself may begin."""
         return not self._waiting
 
-    def advance(self, now: int) -> None:
-        """Make every change that is due up to ``now``."""
+    def advance(self, now: int) -> list[tuple[str, Verdict]]:
+        """Make every change that is due up to ``now``; the verdicts that changed on the way."""
         if self.started < 0:
             if self._waiting:
                 self._doubt_now = self.sealed = now
-                return
+                return []
             self.begin(now)
+        found = self.catch_up(now)
         if self._doubt is None:
             self._program.settle(now)
         else:
@@ -281,9 +284,28 @@ class Cell:
             self._doubt_now = now
             self._resolve(now, force=False)
         self.sealed = now
+        return found + self.report()
 
-    def lose(self, channel: str, start: int, end: int) -> None:
-        """Messages of ``channel`` stamped in ``[start, end)`` were lost."""
+    def catch_up(self, until: int) -> list[tuple[str, Verdict]]:
+        """Make the changes that are due up to ``until`` one by one; the verdicts that they change.
+
+        A formula may be false for an instant only: between two of these nothing changes.
+        """
+        found: list[tuple[str, Verdict]] = []
+        if self._doubt is None:
+            while (instant := self.heap[0][0]) <= until:
+                self._program.settle(instant)
+                if self.changed:
+                    found += self.report()
+            return found
+        while (instant := self._doubt.next_deadline()) <= until:
+            self._doubt.settle(instant)
+            self._doubt_now = instant
+            found += self.report()
+        return found
+
+    def lose(self, channel: str, start: int, end: int) -> list[tuple[str, Verdict]]:
+        """Messages of ``channel`` stamped in ``[start, end)`` were lost; the verdicts that changed."""
         texts = [
             text
             for group in self.binding.groups
@@ -292,7 +314,8 @@ class Cell:
             if text in self._index
         ]
         if not texts or self.started < 0:
-            return
+            return []
+        found = self.catch_up(start - 1)  # what was false later may not have been
         if self._doubt is None:
             self._program.settle(end)
             self._doubtful()
@@ -305,6 +328,7 @@ class Cell:
         states = [text for text in texts if text not in self.binding.events]
         self._doubt.unknown.update(dict.fromkeys(states, self._lost))
         self._doubt.observe(end, dict.fromkeys(states))
+        return found + self.report()
 
     def _doubtful(self) -> None:
         """Go on with the best and the worst of what is not known."""

@@ -10,7 +10,7 @@ by then is decided, so that a response that never comes is reported at its deadl
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import msgspec
 
@@ -50,6 +50,8 @@ class PropertySet:
         self.cells = [Cell(members, ports) for members, ports in _together(self.properties)]
         self._tables: dict[str, dict[ObservationKind, list[tuple[Cell, Any, Group]]]] = {}
         self._sealed = -1
+        self._earliest = 0
+        """The least stamp that is not too late."""
 
     def observe(self, observation: Observation) -> Sequence[tuple[str, Verdict]]:
         """Take ``observation`` in; returns the properties whose verdict changed, with the verdict.
@@ -57,25 +59,34 @@ class PropertySet:
         Raises:
             TimeOrderError: its stamp lies before the last one, or not after the last ``advance``.
         """
+        stamp = observation.stamp_ns
+        if stamp.__class__ is not int or stamp < self._earliest:
+            self._refuse(stamp)
+        self._earliest = stamp
         try:
             entries = self._tables[observation.channel][observation.kind]
         except KeyError:
             entries = self._route(observation.channel, observation.kind)
         found: list[tuple[str, Verdict]] = []
         for cell, handler, group in entries:
-            if cell.plain:
-                try:
-                    handler(observation.stamp_ns, observation.data, observation)
-                except UnknownAtom:
-                    cell.observe(handler, group, observation)
-                    found += cell.report()
-                else:
-                    if cell.changed:
-                        found += cell.report()
+            if not cell.plain:
+                found += cell.observe(handler, group, observation)
+                continue
+            if cell.heap[0][0] < stamp:
+                found += cell.catch_up(stamp - 1)
+            try:
+                handler(stamp, observation.data, observation)
+            except UnknownAtom:
+                found += cell.observe(handler, group, observation)
             else:
-                cell.observe(handler, group, observation)
-                found += cell.report()
+                if cell.changed:
+                    found += cell.report()
         return found
+
+    def _refuse(self, stamp: Any) -> NoReturn:
+        if stamp.__class__ is not int or stamp < 0:
+            raise TimeOrderError(f"{stamp!r} is not a stamp in ns")
+        raise TimeOrderError(f"an observation of {stamp} ns is too late at {self.sealed_ns} ns")
 
     def advance(self, now_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Nothing more with a stamp up to ``now_ns`` will come; returns the changed verdicts.
@@ -88,11 +99,8 @@ class PropertySet:
         if now_ns.__class__ is not int or now_ns < self.now_ns or now_ns < self._sealed:
             raise TimeOrderError(f"cannot advance to {now_ns!r}: it is already {self.now_ns} ns")
         self._sealed = now_ns
-        found: list[tuple[str, Verdict]] = []
-        for cell in self.cells:
-            cell.advance(now_ns)
-            found += cell.report()
-        return found
+        self._earliest = now_ns + 1
+        return [change for cell in self.cells for change in cell.advance(now_ns)]
 
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost.
@@ -107,11 +115,8 @@ class PropertySet:
             raise TimeOrderError(
                 f"a loss in [{from_ns}, {until_ns}) cannot be told at {self.now_ns} ns"
             )
-        found: list[tuple[str, Verdict]] = []
-        for cell in self.cells:
-            cell.lose(channel, from_ns, until_ns)
-            found += cell.report()
-        return found
+        self._earliest = max(self._earliest, until_ns)
+        return [change for cell in self.cells for change in cell.lose(channel, from_ns, until_ns)]
 
     def next_deadline(self) -> int | None:
         """The earliest instant (ns) at which a verdict can change with no further observation.
@@ -120,6 +125,16 @@ class PropertySet:
         """
         instant = min((cell.next_deadline() for cell in self.cells), default=NEVER)
         return instant if instant < NEVER else None
+
+    @property
+    def sealed_ns(self) -> int:
+        """Nothing stamped up to here is taken any more; -1 at first."""
+        return max(self._sealed, self.now_ns)
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether nothing that matters is unknown (what is only waited for does not count)."""
+        return all(cell.plain or cell.started < 0 for cell in self.cells)
 
     @property
     def now_ns(self) -> int:
@@ -139,10 +154,18 @@ class PropertySet:
         return tuple(cell.snapshot() for cell in self.cells)
 
     def restore(self, snapshot: Sequence[Snapshot]) -> None:
-        """Go back to where ``snapshot`` was taken."""
+        """Go to where ``snapshot`` was taken, by this set or (if certain) by one of the same properties."""
         for cell, state in zip(self.cells, snapshot, strict=True):
             cell.restore(state)
         self._sealed = max((cell.sealed for cell in self.cells), default=-1)
+        self._earliest = max(self._sealed + 1, self.now_ns, 0)
+
+    def listen_as(self, other: PropertySet) -> None:
+        """Take the same end of every call as ``other``, a set of the same properties, does."""
+        self._tables.clear()
+        for channel, table in other._tables.items():
+            for kind in table:
+                self._route(channel, kind)
 
     def channels(self) -> frozenset[str]:
         """The channels that matter; ``*`` if any may."""

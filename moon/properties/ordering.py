@@ -9,10 +9,12 @@ the verdict; where they differ it is inconclusive.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.cell import Snapshot
+from moon.properties.foresight import Foresight
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.property import Property
 from moon.properties.verdict import Status, Verdict
@@ -25,6 +27,7 @@ MOST_STATES = 16
 inconclusive."""
 
 State = tuple[Snapshot, ...]
+Change = tuple[str, Verdict]
 
 
 class OrderedProperties:
@@ -39,7 +42,9 @@ class OrderedProperties:
     def __init__(
         self, properties: Iterable[Property], latency_ns: int, uncertainty_ns: int = 0
     ) -> None:
-        self._set = PropertySet(properties)
+        self._properties = tuple(properties)
+        self._set = PropertySet(self._properties)
+        self._foresight: Foresight | None = None
         self._channels = self._set.channels()
         self._latency_ns = latency_ns
         self._uncertainty_ns = uncertainty_ns
@@ -65,6 +70,8 @@ class OrderedProperties:
             )
         if observation.channel in self._channels or ANY_CHANNEL in self._channels:
             self._held.append(observation)
+            if self._foresight is not None:
+                self._foresight.observe(observation)
         return ()
 
     def advance(self, now_ns: int) -> Sequence[tuple[str, Verdict]]:
@@ -74,20 +81,38 @@ class OrderedProperties:
             return ()
         self._held.sort(key=lambda observation: observation.stamp_ns)
         ready, rest = self._split(until)
+        found: list[Change] = []
         for cluster in _clusters(ready, self._uncertainty_ns):
-            self._take(cluster)
+            found += self._take(cluster)
         self._held = rest
         # a cluster that has begun keeps time from passing over its first observation
         limit = min([until, *(item.stamp_ns - self._uncertainty_ns - 1 for item in rest)])
         if limit > self._closed_ns:
             self._closed_ns = limit
-            self._each(lambda: self._set.advance(max(limit, self._set.now_ns)))
-        return self._report()
+            found += self._each(lambda: self._set.advance(max(limit, self._set.now_ns)))
+        return found
+
+    def foresee(self, until_ns: int) -> Sequence[tuple[str, Verdict]]:
+        """What :meth:`advance` will find false if nothing stamped up to ``until_ns`` is on its way.
+
+        Each is returned once; again, if something came after all that had to be considered. Nothing is
+        foreseen while something is unknown, or an order may be another.
+        """
+        if self._uncertainty_ns:
+            return ()
+        if self._foresight is None:
+            self._foresight = Foresight(self._properties)
+        return self._foresight.advance(until_ns, self._set, self._held)
+
+    def foresee_nothing(self) -> None:
+        """Foresee nothing for a while: it costs nothing then."""
+        if self._foresight is not None:
+            self._foresight.stop()
 
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost; ``until_ns`` is closed."""
-        self._each(lambda: self._set.lose(channel, from_ns, max(until_ns, self._set.now_ns)))
-        return self._report()
+        self.foresee_nothing()
+        return self._each(lambda: self._set.lose(channel, from_ns, max(until_ns, self._set.now_ns)))
 
     def next_deadline(self) -> int | None:
         """When to call :meth:`advance` next at the latest (ns); None: with the next observation."""
@@ -115,19 +140,21 @@ class OrderedProperties:
             count -= 1
         return self._held[:count], self._held[count:]
 
-    def _each(self, act: Callable[[], object]) -> None:
-        """``act`` in every possible state."""
-        if self._states is None:
-            act()
-            return
-        after = []
-        for state in self._states:
-            self._set.restore(state)
-            act()
-            after.append(self._set.snapshot())
+    def _each(self, *acts: Callable[[], Sequence[Change]]) -> list[Change]:
+        """Each of ``acts`` in every possible state; the verdicts that changed by that."""
+        if self._states is None and len(acts) == 1:
+            return self._agreed([acts[0]()])
+        before = self._states if self._states is not None else [self._set.snapshot()]
+        after, changes = [], []
+        for state in before:
+            for act in acts:
+                self._set.restore(state)
+                changes.append(act())
+                after.append(self._set.snapshot())
         self._settle(after)
+        return self._agreed(changes)
 
-    def _take(self, cluster: Sequence[Observation]) -> None:
+    def _take(self, cluster: Sequence[Observation]) -> list[Change]:
         orders = [tuple(cluster)]
         if self._uncertainty_ns and len({observation.source for observation in cluster}) > 1:
             orders = []
@@ -136,19 +163,10 @@ class OrderedProperties:
                     self._gave_up = True
                     break
                 orders.append(order)
-        if len(orders) == 1 and self._states is None:
-            self._feed(orders[0])
-            return
-        before = self._states if self._states is not None else [self._set.snapshot()]
-        after = []
-        for state in before:
-            for order in orders:
-                self._set.restore(state)
-                self._feed(order)
-                after.append(self._set.snapshot())
-        self._settle(after)
+        return self._each(*(functools.partial(self._feed, order) for order in orders))
 
-    def _feed(self, order: Sequence[Observation]) -> None:
+    def _feed(self, order: Sequence[Observation]) -> list[Change]:
+        found: list[Change] = []
         stamps = sorted(observation.stamp_ns for observation in order)
         for stamp, observation in zip(stamps, order, strict=True):
             if observation.stamp_ns != stamp:
@@ -156,7 +174,8 @@ class OrderedProperties:
                     name: getattr(observation, name) for name in observation.__struct_fields__
                 }
                 observation = Observation(**{**fields, "stamp_ns": stamp})  # noqa: PLW2901
-            self._set.observe(observation)
+            found += self._set.observe(observation)
+        return found
 
     def _settle(self, states: Sequence[State]) -> None:
         """Keep states that differ; with one left there is no uncertainty any more."""
@@ -173,28 +192,49 @@ class OrderedProperties:
         self._set.restore(kept[0])
         self._states = kept if len(kept) > 1 else None
 
-    def _report(self) -> list[tuple[str, Verdict]]:
-        states = self._states if self._states is not None else [self._set.snapshot()]
+    def _agreed(self, branches: Sequence[Sequence[Change]]) -> list[Change]:
+        """What to say of the verdicts that changed, in order of time, in each of some futures."""
+        if len(branches) == 1 and self._states is None and not self._gave_up:
+            return [change for change in branches[0] if self._is_news(*change)]
         now = self._set.verdicts()
-        found = []
+        states = self._states if self._states is not None else [self._set.snapshot()]
+        standing = [self._verdicts_of(state) for state in states]
+        found: list[Change] = []
         for name, verdict in now.items():
-            agreed = verdict
-            if len(states) > 1 or self._gave_up:
-                said = {other[name].status for other in map(self._verdicts_of, states)}
-                if len(said) > 1 or self._gave_up:
-                    reason = "observations may have happened in another order"
-                    agreed = Verdict(Status.INCONCLUSIVE, verdict.since_ns, reason=reason)
-            before = self._verdicts[name]
-            if before.final or (agreed.status, agreed.reason) == (before.status, before.reason):
-                continue
-            self._verdicts[name] = agreed
-            found.append((name, agreed))
-        return found
+            wrong = [
+                next((said for other, said in branch if other == name and _is_wrong(said)), None)
+                for branch in branches
+            ]
+            # what was false for a moment only, in all of them or in some
+            if wrong[0] is not None and all(wrong) and not self._gave_up:
+                found.append((name, wrong[0]))
+            elif any(wrong):
+                found.append((name, _undecided(verdict)))
+            agree = len({said[name].status for said in standing}) == 1 and not self._gave_up
+            found.append((name, verdict if agree else _undecided(verdict)))
+        return [change for change in found if self._is_news(*change)]
+
+    def _is_news(self, name: str, verdict: Verdict) -> bool:
+        """Whether it differs from what was said last; it is what was said last from now on."""
+        before = self._verdicts[name]
+        if before.final or (verdict.status, verdict.reason) == (before.status, before.reason):
+            return False
+        self._verdicts[name] = verdict
+        return True
 
     def _verdicts_of(self, state: State) -> dict[str, Verdict]:
         names = [name for cell in self._set.cells for name in cell.names]
         verdicts = [verdict for cell in state for verdict in cell.verdicts]
         return dict(zip(names, verdicts, strict=True))
+
+
+def _is_wrong(verdict: Verdict) -> bool:
+    return verdict.status is Status.FALSE
+
+
+def _undecided(verdict: Verdict) -> Verdict:
+    reason = "observations may have happened in another order"
+    return Verdict(Status.INCONCLUSIVE, verdict.since_ns, reason=reason)
 
 
 def _clusters(observations: Sequence[Observation], reach: int) -> Iterator[list[Observation]]:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog
 from moon.properties.compiler import compile_network
+from moon.properties.monitor import PropertySet
 from moon.properties.network import build_network
 from moon.properties.predicates import PredicateError
 from moon.properties.steps import StepMonitor
@@ -66,12 +67,17 @@ SLOW_S = 5.0
 
 
 def read(kind: str, source: str) -> None:
-    """Read ``source`` as a file of ``kind`` is read; only the readers' own errors may come of it."""
+    """Read ``source`` as a file of ``kind`` is read, and begin to monitor what is in it; only the
+    readers' own errors may come of it.
+    """
+    log = DiagnosticLog()
     match kind:
         case ".xml":
-            parse_property_xml(source.encode("utf-8", "replace"), "fuzz.xml", DiagnosticLog())
+            found = parse_property_xml(source.encode("utf-8", "replace"), "fuzz.xml", log)
+            PropertySet(found).advance(0)
         case ".yaml":
-            parse_property_yaml(source.encode("utf-8", "replace"), "fuzz.yaml", DiagnosticLog())
+            found = parse_property_yaml(source.encode("utf-8", "replace"), "fuzz.yaml", log)
+            PropertySet(found).advance(0)
         case _:
             try:
                 compile_network(build_network([parse_formula(source)])).step(0)

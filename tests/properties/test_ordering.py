@@ -39,22 +39,30 @@ def allowed(order, original) -> bool:
     )
 
 
-def every_verdict(item: Property, observations: list[Observation], until: int) -> set[Status]:
-    """The verdicts of all orders, tried one by one on fresh monitors."""
+def every_verdict(
+    item: Property, observations: list[Observation], until: int
+) -> tuple[set[Status], set[bool]]:
+    """All orders, tried one by one on fresh monitors: the verdicts at the end, and whether the
+    property was false at any moment.
+    """
+    channels = PropertySet([item]).channels()
+    observations = [seen for seen in observations if seen.channel in channels]
     choices = [
         [order for order in itertools.permutations(cluster) if allowed(order, cluster)]
         for cluster in _clusters(observations, REACH)
     ]
-    found = set()
+    found, broken = set(), set()
     for orders in itertools.product(*choices):
         monitors = PropertySet([item])
+        changes = []
         for order in orders:
             stamps = sorted(observation.stamp_ns for observation in order)
             for stamp, observation in zip(stamps, order, strict=True):
-                monitors.observe(by(observation.source, observation, stamp))
-        monitors.advance(until)
+                changes += monitors.observe(by(observation.source, observation, stamp))
+        changes += monitors.advance(until)
         found.add(monitors.verdicts()["f"].status)
-    return found
+        broken.add(any(verdict.status is Status.FALSE for _, verdict in changes))
+    return found, broken
 
 
 @given(seed=st.integers(0, 2**40))
@@ -76,10 +84,22 @@ def test_a_verdict_is_given_exactly_where_every_order_agrees(seed):
     for observation in arrivals:
         ordered.observe(observation)
     end = stamp + 20
-    ordered.advance(end + 10 + REACH)
-    expected = every_verdict(item, observations, end)
+    said = {verdict.status for _, verdict in ordered.advance(end + 10 + REACH)}
+    expected, broken = every_verdict(item, observations, end)
     verdict = ordered.verdicts()["f"].status
     assert verdict is (expected.pop() if len(expected) == 1 else Status.INCONCLUSIVE)
+    if Status.FALSE in said:
+        assert broken == {True}, "false in no more than some of the orders"
+    elif True in broken:
+        assert Status.INCONCLUSIVE in said, "false in some orders, and nothing said"
+
+
+def test_what_is_false_for_an_instant_only_is_said():
+    item = Property("f", parse_formula("{alarm} -> once{low}"), (ALARM, LOW))
+    ordered = OrderedProperties([item], latency_ns=100)
+    ordered.observe(by("skill", seen(50, "/Alarm/tick", kind=ObservationKind.REQUEST_SENT)))
+    said = [(verdict.status, verdict.since_ns) for _, verdict in ordered.advance(1000)]
+    assert said == [(Status.FALSE, 50), (Status.TRUE, 51)]
 
 
 ALARM = Port("alarm", "/Alarm/tick", REQUESTS, event=True)

@@ -1,0 +1,78 @@
+"""What properties will say when the latency bound is over, unless something is still on its way.
+
+Verdicts that must not be wrong wait for the latency bound. A violation is known much earlier if nothing
+that matters comes late: a second set of monitors is given what was heard so far, in order of stamps.
+When something does come late, or was lost, it goes back to where the first set stands.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections.abc import Iterable, Sequence
+
+from moon.properties.monitor import PropertySet
+from moon.properties.property import Property
+from moon.properties.verdict import Status, Verdict
+from transports.interface import Observation
+
+
+class Foresight:
+    """Monitors ahead of a set of monitors.
+
+    Args:
+        properties: those of the set.
+    """
+
+    def __init__(self, properties: Iterable[Property]) -> None:
+        self._set = PropertySet(properties)
+        self._waiting: list[Observation] = []
+        self._reached_ns = -1
+        self._follows = False
+        """Whether the monitors stand where the others will."""
+
+    def observe(self, seen: Observation) -> None:
+        """``seen`` was heard."""
+        if not self._follows:
+            return
+        if seen.stamp_ns <= self._reached_ns:
+            self.stop()
+        else:
+            insort(self._waiting, seen, key=_stamp)
+
+    def stop(self) -> None:
+        """What was heard is not all: look at the first set again before anything is said."""
+        self._follows = False
+        self._waiting.clear()
+
+    def advance(
+        self, until_ns: int, behind: PropertySet, held: Sequence[Observation]
+    ) -> list[tuple[str, Verdict]]:
+        """Take what was stamped up to ``until_ns`` for complete; what becomes false by that.
+
+        Args:
+            until_ns: the instant.
+            behind: the monitors whose verdicts are certain; how far they are, is where to begin.
+            held: what was heard that they do not know yet.
+        """
+        if not self._follows:
+            if not behind.is_certain:
+                return []
+            self._set.restore(behind.snapshot())
+            self._set.listen_as(behind)
+            self._reached_ns = behind.sealed_ns
+            self._waiting = sorted(held, key=_stamp)
+            self._follows = True
+        if until_ns <= self._reached_ns:
+            return []
+        self._reached_ns = until_ns
+        count = sum(seen.stamp_ns <= until_ns for seen in self._waiting)
+        changes: list[tuple[str, Verdict]] = []
+        for seen in self._waiting[:count]:
+            changes += self._set.observe(seen)
+        del self._waiting[:count]
+        changes += self._set.advance(until_ns)
+        return [change for change in changes if change[1].status is Status.FALSE]
+
+
+def _stamp(seen: Observation) -> int:
+    return seen.stamp_ns
