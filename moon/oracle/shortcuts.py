@@ -1,0 +1,138 @@
+"""The short way for most of what happens: only one thing can have happened, and it is plain to see."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from m2c.model.machine import EventKind, OutputKind
+from m2c.model.scopes import interface_kind_of
+from moon.oracle.channels import Fact, Role
+from moon.oracle.hypothesis import Hypothesis, Owed
+from moon.oracle.inputs import Inputs
+from moon.oracle.outputs import Outputs
+from moon.oracle.steps import Step
+
+_CALLS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR)
+_PLAIN = (OutputKind.PUBLISH, OutputKind.REQUEST, OutputKind.RESPONSE)
+
+
+class Effect:
+    """What a step comes to, wherever it is taken.
+
+    Attributes:
+        data: the datamodel after it.
+        owed: for each output ``(kind, interface, fields, position, transition)``.
+        answers: the interface of the one response among them; "" if there is none.
+    """
+
+    __slots__ = ("answers", "data", "owed")
+
+    def __init__(self, data: tuple[Any, ...], owed: tuple[Any, ...], answers: str) -> None:
+        self.data = data
+        self.owed = owed
+        self.answers = answers
+
+
+class Shortcuts(Inputs, Outputs):
+    """See ``Running`` for the arguments."""
+
+    def only(self, hypothesis: Hypothesis, fact: Fact) -> Hypothesis | None:
+        """What ``hypothesis`` is after ``fact``, where that is one thing and plain to see.
+
+        That is so for an input or an output stamped where it was taken or made, while nothing else can
+        have been taken since. None: ask ``reachable`` and ``take_…``.
+        """
+        owed = hypothesis.owed
+        if (
+            hypothesis.pending
+            or hypothesis.posted
+            or hypothesis.goals
+            or hypothesis.free
+            or not self.certain
+        ):
+            return None
+        if fact.role is Role.OUTPUT:
+            if not owed or owed[0].optional or not self._is(hypothesis, owed[0], fact):
+                return None
+            if owed[0].alarm is not None or fact.output not in _PLAIN:
+                return self._paid(hypothesis, 0, fact)
+            return Hypothesis(
+                hypothesis.instances,
+                owed[1:],
+                alarms=hypothesis.alarms,
+                waiting=hypothesis.waiting,
+                counts=hypothesis.counts,
+                moment=hypothesis.moment,
+            )
+        event = fact.event
+        if owed or fact.role is not Role.INPUT or event is None or event[0] not in _CALLS:
+            return None
+        stamp = fact.stamp
+        if hypothesis.alarms:
+            if not self.is_still(hypothesis, stamp):
+                return None
+            hypothesis = self.normalised(hypothesis, stamp)
+        state, data = hypothesis.instances[0]
+        ((taken, step),) = self.programs[0].take(state, data, event, fact.data, {}, False)
+        asked = event[0] is EventKind.REQUEST
+        if not taken and (asked or not (step.outputs or step.scheduled)):
+            return hypothesis  # a request that the state discards is never answered
+        return self._affected(hypothesis, step, fact, fact.call if asked else None)
+
+    def _affected(
+        self, hypothesis: Hypothesis, step: Step, fact: Fact, call: tuple[str, int] | None
+    ) -> Hypothesis:
+        """``hypothesis`` after ``step``, which ``fact`` caused; ``call``: if it is a request."""
+        stamp, waiting = fact.stamp, hypothesis.waiting
+        if call is not None:
+            waiting = (*waiting, (fact.interface, call))
+        effect = step.effect
+        if effect is None:
+            effect = step.effect = self._effect(step)
+        answered = None
+        if effect is not False and effect.answers and call is None:
+            answered = next((item for item in waiting if item[0] == effect.answers), None)
+        elif effect is not False and effect.answers == fact.interface and call is not None:
+            answered = waiting[-1]
+        if (
+            effect is False
+            or hypothesis.alarms
+            or len(hypothesis.instances) > 1
+            or (effect.answers and answered is None)
+        ):
+            return self._absorb(hypothesis, 0, step, stamp, stamp, None, call, waiting)
+        if answered is not None:
+            place = waiting.index(answered)
+            waiting = waiting[:place] + waiting[place + 1 :]
+        made = []
+        for kind, interface, fields, position, transition in effect.owed:
+            answers = answered[1] if answered and kind is OutputKind.RESPONSE else None
+            made.append(Owed(kind, interface, fields, stamp, stamp, position, transition, answers))
+        return Hypothesis(
+            ((step.state, effect.data),),
+            tuple(made),
+            waiting=waiting,
+            counts=hypothesis.counts,
+            moment=max(stamp, hypothesis.moment),
+        )
+
+    def _effect(self, step: Step) -> Effect | bool:
+        """What ``step`` comes to; False where that depends on more than requests that wait."""
+        kinds = [output.kind for output in step.outputs]
+        if step.scheduled or any(kind not in _PLAIN for kind in kinds):
+            return False
+        if kinds.count(OutputKind.RESPONSE) > 1:
+            return False
+        owed = []
+        answers = ""
+        for output in step.outputs:
+            kind, interface = output.kind, output.interface
+            side = interface_kind_of(kind)
+            if self._channel_of.get((side, interface)) is None:
+                return False
+            if kind is OutputKind.RESPONSE:
+                answers = interface
+            elif side is not None:
+                interface = self._channels.name_of(side, interface)
+            owed.append((kind, interface, output.fields, output.position, output.transition))
+        return Effect(tuple(step.data), tuple(owed), answers)
