@@ -1,0 +1,224 @@
+"""``moon monitor --properties`` as a process on real Zenoh, without models and beside them."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from moon.sinks.topic import VERDICTS
+from tests.monitor.processes import BIN, WAIT_S, Monitor, Process, free_endpoint, router
+from transports.interface import Topic
+from transports.zenoh import connect
+
+pytestmark = [pytest.mark.zenoh, pytest.mark.slow]
+TOUR = Path(__file__).parents[2] / "examples" / "lab_tour"
+SYSTEM = TOUR / "system.xml"
+RATE = 10
+FILE = """\
+ports:
+  asked: {topic: /asked}
+  answered: {topic: /answered}
+  level: {topic: /level, field: data, initial: 100}
+properties:
+  - {id: answers, pattern: response, request: asked, response: answered, within: 300 ms,
+     severity: critical, text: Nobody answered.}
+  - {id: high, formula: "historically{level >= 30}", severity: warning}
+"""
+
+
+class Number(msgspec.Struct):
+    data: int = 0
+
+    __type_name__ = "std_msgs/msg/Int32"
+
+
+class Robot:
+    """A node that says what a test wants it to, and hears the verdicts."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._connection = connect("robot", {"endpoint": endpoint})
+        self.told: list[object] = []
+        self._heard = threading.Event()
+        self._connection.subscribe(VERDICTS, self._hear)
+        self._publishers = {
+            name: self._connection.publisher(Topic(f"/{name}", "std_msgs/msg/Int32", Number))
+            for name in ("asked", "answered", "level")
+        }
+        self._connection.announce()
+        self._thread = threading.Thread(target=self._connection.spin)
+        self._thread.start()
+
+    def _hear(self, message: object) -> None:
+        self.told.append(message)
+        if message.outcome == "violated":
+            self._heard.set()
+
+    def say(self, name: str, value: int = 0) -> None:
+        self._publishers[name].publish(Number(value))
+
+    def hears_of_a_violation(self) -> bool:
+        return self._heard.wait(WAIT_S)
+
+    def close(self) -> None:
+        self._connection.close()
+        self._thread.join(WAIT_S)
+
+
+@pytest.fixture
+def robot(tmp_path) -> Iterator[tuple[Robot, str]]:
+    with router(tmp_path) as (endpoint, _):
+        made = Robot(endpoint)
+        try:
+            yield made, endpoint
+        finally:
+            made.close()
+
+
+@pytest.fixture
+def start() -> Iterator[object]:
+    """Starts processes; what still runs at the end of the test is ended."""
+    started: list[Process] = []
+
+    def begin(kind, *arguments):
+        process = kind(*arguments)
+        started.append(process)
+        return process
+
+    yield begin
+    for process in reversed(started):
+        process.close()
+
+
+@pytest.fixture
+def properties(tmp_path) -> Path:
+    path = tmp_path / "p.yaml"
+    path.write_text(FILE)
+    return path
+
+
+def linked(monitor: Process) -> None:
+    monitor.until(lambda: any("linked to" in line and "robot" in line for line in monitor.err))
+
+
+def test_without_models_silence_is_told_everywhere_and_ends_it_with_1(
+    start, robot, properties, tmp_path
+) -> None:
+    node, endpoint = robot
+    log = tmp_path / "verdicts.jsonl"
+    monitor = start(
+        Monitor,
+        *("--properties", properties, "--endpoint", endpoint),
+        *("--log", log, "--exit-on-violation"),
+    )
+    linked(monitor)
+    node.say("asked")
+    assert monitor.end() == 1, monitor.said
+    (verdict,) = [item for item in monitor.verdicts if item["outcome"] == "violated"]
+    assert (verdict["machine"], verdict["kind"]) == ("answers", "property")
+    assert verdict["reason"] == "critical: Nobody answered."
+    assert verdict["explanation"]["expected"] == [
+        "Always, every `asked` is followed by `answered` within 300 ms."
+    ]
+    assert verdict["explanation"]["observed"].endswith("not (answered) for 300 ms")
+    first, *_ = verdict["explanation"]["evidence"]
+    assert first["text"].startswith("asked: message on /asked of robot")
+    assert verdict["stamp_ns"] - first["stamp_ns"] == 300_000_000
+    assert re.search(r"p\.yaml:6:\d+$", verdict["explanation"]["places"][0])
+    logged = [json.loads(line) for line in log.read_text().splitlines()]
+    assert [item["outcome"] for item in logged if item["machine"] == "answers"][-1] == "violated"
+    assert node.hears_of_a_violation()
+    (told,) = [item for item in node.told if item.outcome == "violated"]
+    assert (told.machine, told.reason) == ("answers", "critical: Nobody answered.")
+    rows = {item["machine"]: item["verdict"] for item in monitor.summary["machines"]}
+    assert rows["answers"] == "violated"
+
+
+def test_without_models_and_without_violation_it_ends_with_0(start, robot, properties) -> None:
+    node, endpoint = robot
+    monitor = start(Monitor, "--properties", properties, "--endpoint", endpoint)
+    linked(monitor)
+    for value in range(20):
+        node.say("asked")
+        node.say("answered")
+        node.say("level", 50 + value)
+    monitor.until(lambda: monitor.of("answers") and monitor.of("high"))
+    assert monitor.end(signal.SIGINT) == 0, monitor.said
+    assert monitor.violated == set()
+    rows = {item["machine"]: item for item in monitor.summary["machines"]}
+    assert set(rows) == {"answers", "high"}
+    assert all(row["verdict"] == "conforming" for row in rows.values())
+    assert rows["high"]["inputs"] >= 1
+
+
+def test_a_violation_is_printed_with_its_witness_for_people(start, robot, properties) -> None:
+    node, endpoint = robot
+    monitor = start(Process, "moon", "monitor", "--properties", properties, "--endpoint", endpoint)
+    linked(monitor)
+    node.say("level", 20)
+    monitor.until(lambda: any("VIOLATED" in line for line in monitor.out))
+    assert monitor.end(signal.SIGINT) == 1, monitor.said
+    text = "\n".join(monitor.out)
+    assert "high  VIOLATED  warning: At every moment, `level >= 30`." in text
+    assert 'not (level >= 30): message on /level of robot {"data":20}' in text
+    assert "2 properties: 1 conforming, 1 violated" in text
+
+
+def test_beside_models_both_find_a_skill_that_answers_the_opposite(start, tmp_path) -> None:
+    skill = (TOUR / "skills" / "BatteryLevelSkill.scxml").read_text()
+    wrong = tmp_path / "wrong.scxml"
+    wrong.write_text(skill.replace("percentage &gt;= THRESHOLD", "percentage &lt; THRESHOLD"))
+    with router(tmp_path) as (endpoint, config):
+        monitor = start(
+            Monitor, SYSTEM, "--properties", TOUR / "properties.yaml", "--endpoint", endpoint
+        )
+        monitor.until_listening()
+        run = start(
+            Process,
+            *("m2c", "run", SYSTEM, "--replace", f"BatteryLevelSkill={wrong}", "--rate", RATE),
+            *("--zenoh-config", config, "--ticks", 200),
+        )
+        monitor.until(lambda: {"BatteryLevelSkill", "P1"} <= monitor.violated)
+        assert monitor.end(signal.SIGINT) == 1, monitor.said
+        run.end(signal.SIGINT)
+    assert monitor.violated == {"BatteryLevelSkill", "P1"}
+    kinds = {item["machine"]: item["kind"] for item in monitor.summary["machines"]}
+    assert kinds["BatteryLevelSkill"] == "model"
+    assert [name for name, kind in kinds.items() if kind == "property"] == [
+        *("P1", "P2", "P3", "A1", "A2", "A3")
+    ]
+
+
+def test_beside_models_a_nominal_tour_breaks_nothing(start, tmp_path) -> None:
+    with router(tmp_path) as (endpoint, config):
+        monitor = start(
+            Monitor,
+            *(SYSTEM, "--properties", TOUR / "properties.xml", "--endpoint", endpoint),
+        )
+        monitor.until_listening()
+        run = start(
+            Process,
+            *("m2c", "run", SYSTEM, "--ticks", 60, "--rate", RATE),
+            *("--zenoh-config", config, "--quiet"),
+        )
+        assert run.end() == 0, run.said
+        assert monitor.end(signal.SIGINT) == 0, monitor.said
+    assert monitor.violated == set()
+
+
+def test_where_nobody_listens_is_exit_code_2(properties) -> None:
+    done = subprocess.run(
+        [str(BIN / "moon"), "monitor", "--properties", properties, "--endpoint", free_endpoint()],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
