@@ -10,6 +10,7 @@ _COMMANDS = {
     "tap": ("moon.tap.command:tap", "Watch everything that happens, live and decoded."),
     "monitor": ("moon.monitor.command:monitor", "Check a running system against its models."),
     "explain": ("moon.explain.command:explain", "Say what a monitor would check of a model."),
+    "replay": ("moon.replay.command:replay", "Play the nodes of a recording once more."),
     "check-properties": (
         "moon.properties.command:check_properties",
         "Check property files and say what each property means.",

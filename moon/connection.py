@@ -90,6 +90,15 @@ def finite(_: click.Context, parameter: click.Parameter, value: _Number) -> _Num
     return value
 
 
+def options_of(network: Network) -> dict[str, str]:
+    """The options of the transport by which ``network`` is met."""
+    endpoints = network.endpoints
+    if not endpoints and network.zenoh_config is None and network.transport == "zenoh":
+        endpoints = (DEFAULT_ENDPOINT,)
+    config = str(network.zenoh_config) if network.zenoh_config is not None else ""
+    return transport_options(endpoints, config, network.namespace)
+
+
 @contextmanager
 def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
     """A connection to ``network``, closed afterwards; what goes wrong with it ends the process.
@@ -105,13 +114,8 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
     from transports.interface import TransportError
     from transports.registry import connect
 
-    endpoints = network.endpoints
-    if not endpoints and network.zenoh_config is None and network.transport == "zenoh":
-        endpoints = (DEFAULT_ENDPOINT,)
-    config = str(network.zenoh_config) if network.zenoh_config is not None else ""
-    options = transport_options(endpoints, config, network.namespace)
     try:
-        connection = connect(network.transport, f"{name}_{os.getpid()}", options)
+        connection = connect(network.transport, f"{name}_{os.getpid()}", options_of(network))
         try:
             yield connection
         finally:

@@ -6,11 +6,13 @@ import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from m2c.model.datatypes import Structure
 from m2c.model.interfaces import InterfaceLibrary
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.contents import Contents, named
 from moon.recording.conversion import Conversion
 from moon.recording.definitions import Definitions
+from moon.recording.entries import Entry
 from moon.recording.jsonlines import JsonLines
 from moon.recording.rosbag import BagFiles
 from moon.recording.stored import ZSTD_MAGIC, StoredChannel, Unpacked
@@ -34,7 +36,7 @@ class Recording:
 
     Attributes:
         path: where it is.
-        form: what it is: ``rosbag2``, ``JSON lines``.
+        form: what it is: ``moon recording``, ``rosbag2``, ``JSON lines``.
         contents: what was found in it, as far as it was read.
     """
 
@@ -43,10 +45,11 @@ class Recording:
         self.form = form
         self.contents = Contents()
         self._bag = BagFiles(path) if form == ROSBAG else None
-        self._conversion = Conversion(Definitions(library))
+        self._definitions = Definitions(library)
+        self._conversion = Conversion(self._definitions)
         self._lines: JsonLines | None = None
 
-    def entries(self, wanted: Wanted | None = None) -> Iterator[Observation]:
+    def entries(self, wanted: Wanted | None = None) -> Iterator[Entry]:
         """What was recorded, in the order in which it was received; to be asked for once.
 
         Damage ends nothing but what is damaged: ``faults`` tells of it.
@@ -83,6 +86,10 @@ class Recording:
                 "may be whole seconds"
             )
         return said
+
+    def structure(self, type_name: str) -> Structure:
+        """The type ``type_name``, of which something was read; UnknownTypeError if it is not defined."""
+        return self._definitions.structure(type_name)
 
     def _read_bag(self, wanted: Wanted) -> Iterator[Observation]:
         def of_interest(channel: StoredChannel) -> bool:

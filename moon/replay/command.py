@@ -1,0 +1,186 @@
+"""The ``moon replay`` command."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from moon.connection import Network, Watching, connected, fail, network_options, say
+from moon.tap.selection import GlobError, check
+
+if TYPE_CHECKING:
+    from moon.replay.script import Script
+    from transports.interface import Transport
+
+DISCOVERY_S = 1.0
+"""How long it is looked who is there already."""
+WAIT_S = 60.0
+"""How long a node is waited for that is to be there."""
+
+
+@click.command()
+@click.argument("recording", type=click.Path(path_type=Path), metavar="RUN")
+@network_options
+@click.option(
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True, max=1000),
+    default=1.0,
+    show_default=True,
+    help="How many recorded seconds pass in one.",
+)
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="CHANNEL",
+    help="Replay only channels like this (glob, repeatable).",
+)
+@click.option(
+    "--as", "played", multiple=True, metavar="NODE", help="Play only this node (repeatable)."
+)
+@click.option(
+    "--without",
+    multiple=True,
+    metavar="NODE",
+    help="Do not play it: it is there itself, and is waited for (repeatable).",
+)
+@click.option(
+    "--interfaces",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Folder of ROS interface packages, for types the recording does not define (repeatable).",
+)
+@click.option("--stay", is_flag=True, help="Go on answering when the recording has ended.")
+def replay(
+    recording: Path,
+    network: Network,
+    rate: float,
+    only: tuple[str, ...],
+    played: tuple[str, ...],
+    without: tuple[str, ...],
+    interfaces: tuple[Path, ...],
+    stay: bool,
+) -> None:
+    """Play the nodes of a recording: publish, answer and ask as they did.
+
+    RUN is an MCAP file or a rosbag2 folder. Nodes that are up already are not played, so that one of
+    them can be run against yesterday's world: its requests get the recorded answers, and it is asked
+    what it was asked then. Exit code 0, or 2 if nothing could be replayed.
+
+    Example: moon replay run.mcap --without BatteryLevelSkill --endpoint tcp/127.0.0.1:7447
+    """
+    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.model.interfaces import InterfaceLibrary
+    from moon.recording.reader import RecordingError
+    from moon.replay.script import Selected, read_script
+
+    for glob in only:
+        try:
+            check(glob)
+        except GlobError as error:
+            raise click.BadParameter(str(error), param_hint="--only") from error
+    if network.transport == "simulated":
+        fail(
+            "--transport simulated: that world is in one process; replay there (moon.replay.Replay)"
+        )
+    library = InterfaceLibrary.load(interfaces, DiagnosticLog())
+    try:
+        script = read_script(recording, Selected(only), library)
+    except RecordingError as error:
+        fail(str(error))
+    for sentence in script.recording.faults():
+        say(f"warning: {sentence}")
+    nodes = script.nodes()
+    for name in (*played, *without):
+        if name not in nodes:
+            known = ", ".join(sorted(filter(None, nodes))) or "none by name"
+            fail(f"{recording}: no node {name} in it; there are: {known}")
+    if not (script.topics or script.calls or script.goals):
+        fail(f"{recording}: nothing in it can be replayed")
+    with connected(network, "moon_replay", "what is replayed") as conductor:
+        _replay(conductor, network, script, recording, library, rate, played, without, stay)
+
+
+def _replay(
+    conductor: Transport,
+    network: Network,
+    script: Script,
+    path: Path,
+    library: object,
+    rate: float,
+    played: tuple[str, ...],
+    without: tuple[str, ...],
+    stay: bool,
+) -> None:
+    from moon.recording.reader import open_recording
+    from moon.replay.replay import Replay
+
+    live = _who_is_there(conductor, script.nodes(), without)
+
+    def is_played(name: str) -> bool:
+        if played and name not in played:
+            return False
+        return name not in live and name not in without
+
+    for name in sorted(live):
+        say(f"{name} is there itself: it is not played")
+    replay = Replay(script, conductor, _connector(network), is_played, rate, say)
+    threads: list[threading.Thread] = []
+    watching = Watching(conductor)
+    try:
+        replay.prepare()
+        for sentence in replay.overview():
+            say(sentence)
+        for transport in replay.transports:
+            thread = threading.Thread(target=transport.spin, name=transport.node, daemon=True)
+            thread.start()
+            threads.append(thread)
+        conductor.post(lambda: replay.begin(open_recording(path, library)))  # type: ignore[arg-type]
+        watching.run(lambda: None, is_over=lambda: replay.finished and not stay)
+    finally:
+        for transport in replay.transports:
+            transport.close()
+        for thread in threads:
+            thread.join()
+    say(replay.summary())
+    if replay.behind_s > 1.0:
+        say(f"warning: what is replayed came up to {replay.behind_s:.1f} s late: lower --rate")
+    if not replay.finished:
+        say("stopped before the recording's end")
+
+
+def _connector(network: Network) -> Callable[[str], Transport]:
+    from moon.connection import options_of
+    from transports.registry import connect
+
+    return lambda name: connect(network.transport, name, options_of(network))
+
+
+def _who_is_there(
+    conductor: Transport, nodes: set[str], without: tuple[str, ...]
+) -> frozenset[str]:
+    """Those of ``nodes`` that are up; who is named in ``without`` is waited for."""
+    up: set[str] = set()
+
+    def changed(name: str, is_up: bool) -> None:
+        (up.add if is_up else up.discard)(name)
+
+    ended: list[bool] = []
+    conductor.watch_nodes(changed)
+    conductor.after(DISCOVERY_S, lambda: ended.append(True))
+    conductor.spin(until=lambda: bool(ended))
+    missing = [name for name in without if name not in up]
+    if missing:
+        say(f"waiting for {', '.join(missing)}")
+        given_up: list[bool] = []
+        conductor.after(WAIT_S, lambda: given_up.append(True))
+        conductor.spin(until=lambda: bool(given_up) or up.issuperset(without))
+        if not up.issuperset(without):
+            missing = [name for name in without if name not in up]
+            say(f"error: {', '.join(missing)} did not come up within {WAIT_S:.0f} s")
+            sys.exit(2)
+    return frozenset(up & nodes)
