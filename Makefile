@@ -3,8 +3,10 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO_VENV ?= .venv-demo
+# Twice: errors are shown, but no warning for every place that a user's pip configuration names in vain.
+QUIETLY := --quiet --quiet
 
-.PHONY: demo test lint types imports unit interfaces benchmarks mutants soak clean
+.PHONY: demo test lint types imports unit interfaces benchmarks overhead mutants soak clean
 
 # The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions.
 demo: $(DEMO_VENV)/.installed
@@ -13,13 +15,13 @@ demo: $(DEMO_VENV)/.installed
 $(DEMO_VENV)/.installed: pyproject.toml
 	@echo "Installing m2c and moon into $(DEMO_VENV) (about a minute, once) ..."
 	@$(PYTHON) -m venv $(DEMO_VENV)
-	@$(DEMO_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e .
+	@$(DEMO_VENV)/bin/python -m pip install $(QUIETLY) --disable-pip-version-check -e .
 	@touch $@
 
 $(VENV)/.installed: pyproject.toml
 	@echo "Installing everything, the ROS 2 wheels included, into $(VENV) ..."
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,ros2]'
+	@$(BIN)/python -m pip install $(QUIETLY) --disable-pip-version-check -e '.[dev,ros2]'
 	@touch $@
 
 test: lint types imports interfaces unit
@@ -45,6 +47,10 @@ unit: $(VENV)/.installed
 # Every figure of docs/performance.md.
 benchmarks: $(VENV)/.installed
 	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (three quarters of an hour).
+overhead: $(VENV)/.installed
+	$(BIN)/python -m examples.overhead --full --update-docs -o build/overhead
 
 # Every fault that one change can make in a lab-tour model, against the oracle: docs/mutants.md.
 mutants: $(VENV)/.installed

@@ -146,6 +146,8 @@ def main() -> int:
         "4. Put the paper's six faults in, one at a time: every model is monitored, in virtual time"
     )
     found = find_faults()
+    heading("5. Measure what monitoring costs: a short part of examples/overhead, on Zenoh")
+    costs = measure_costs()
     heading("Summary")
     for milestone in sorted(story.reached, key=story.reached.__getitem__):
         print(story.told(milestone))
@@ -159,6 +161,8 @@ def main() -> int:
             f"  a tick of a skill took {middle:,.0f} µs (median of {len(story.trips_us)}, tapped);"
         )
         print("  the paper's monitors in the middle add 50,000 to 310,000 µs")
+    for line in costs:
+        print(f"  {line}")
     print(f"  the paper's faults: {'6 of 6 found, no false alarm' if found else 'NOT all found'}")
     if not found:
         return 1
@@ -174,6 +178,16 @@ def find_faults() -> bool:
     print(f"$ python {FAULTS} --transport simulated", flush=True)
     command = [sys.executable, str(FAULTS), "--transport", "simulated"]
     return subprocess.run(command, stderr=subprocess.DEVNULL, check=False).returncode == 0
+
+
+def measure_costs() -> list[str]:
+    """Three lines on what monitoring costs a tick; what went wrong, if it could not be measured."""
+    print("$ python -m examples.overhead --summary", flush=True)
+    command = [sys.executable, "-m", "examples.overhead", "--summary"]
+    done = subprocess.run(
+        command, cwd=SYSTEM.parents[2], capture_output=True, text=True, check=False
+    )
+    return (done.stdout if done.returncode == 0 else done.stderr).splitlines()[-3:]
 
 
 def run_tapped(folder: str) -> tuple[Story, list[str], int]:

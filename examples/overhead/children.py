@@ -135,14 +135,22 @@ class Child:
         found: dict[str, Any] = msgspec.json.decode(line)
         return found
 
-    def ask(self, question: Mapping[str, Any], timeout_s: float = READY_S) -> dict[str, Any]:
-        """Send ``question``; its answer."""
+    def tell(self, line: str) -> None:
+        """Write a line to its standard input.
+
+        Raises:
+            ChildError: it has ended.
+        """
         assert self._process.stdin is not None
         try:
-            self._process.stdin.write(msgspec.json.encode(question).decode() + "\n")
+            self._process.stdin.write(line + "\n")
             self._process.stdin.flush()
         except BrokenPipeError:
             raise ChildError(f"{self.name} ended by itself:\n{self.last_lines}") from None
+
+    def ask(self, question: Mapping[str, Any], timeout_s: float = READY_S) -> dict[str, Any]:
+        """Send ``question``; its answer."""
+        self.tell(msgspec.json.encode(question).decode())
         return self.answer(timeout_s)
 
     def stop(self) -> list[dict[str, Any]]:

@@ -486,7 +486,7 @@ MEASURES: dict[str, Callable[[str, GrowthPlan, Say], Iterator[Run]]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line."""
-    from examples.overhead.terminal import print_growth
+    from examples.overhead.tables import growth_tables, print_table
 
     parser = argparse.ArgumentParser(description="How the cost of monitoring grows.")
     parser.add_argument("--only", action="append", choices=EXPERIMENTS, help="(repeatable)")
@@ -500,7 +500,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     runs: list[Run] = []
     for name in chosen.only or EXPERIMENTS:
         runs += MEASURES[name](chosen.transport, plan, lambda text: print(text, file=sys.stderr))
-    print_growth(runs)
+    for table in growth_tables(runs):
+        print_table(table)
     return 0
 
 

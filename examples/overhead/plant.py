@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -133,9 +133,16 @@ class Plant:
         where: their middleware.
         folder: the generated packages.
         through_the_middle: the policy calls the monitor, as the nodes in ``folder`` do.
+        apart: who starts a node in another way, by the node's name.
     """
 
-    def __init__(self, where: Middleware, folder: Path, through_the_middle: bool = False) -> None:
+    def __init__(
+        self,
+        where: Middleware,
+        folder: Path,
+        through_the_middle: bool = False,
+        apart: Mapping[str, Callable[[Plant, Package, Path], Child]] | None = None,
+    ) -> None:
         description = read_description(folder)
         assert description.policy is not None
         self.where = where
@@ -153,14 +160,18 @@ class Plant:
                 "the policy", ["-m", "examples.overhead.load", str(path), *options]
             )
             for node in description.nodes:
-                self.nodes[node.name] = self.start_node(node, folder)
+                start = (apart or {}).get(node.name)
+                self.nodes[node.name] = (
+                    self._stack.enter_context(start(self, node, folder))
+                    if start is not None
+                    else self._start_node(node, folder)
+                )
             self.load.answer()
         except BaseException:
             self._stack.close()
             raise
 
-    def start_node(self, node: Package, folder: Path) -> Child:
-        """One generated node as a process."""
+    def _start_node(self, node: Package, folder: Path) -> Child:
         path = os.pathsep.join(
             filter(None, [str(folder / node.path), self.where.environment.get("PYTHONPATH", "")])
         )

@@ -271,7 +271,7 @@ def passive_only() -> list[Configuration]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line."""
-    from examples.overhead.terminal import print_table3
+    from examples.overhead.tables import beside_the_paper, details, print_table
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--transport", choices=("zenoh", "ros2"), default="zenoh")
@@ -284,7 +284,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen.rounds, dict.fromkeys(chosen.rate or [10.0, 0.0], chosen.ticks), seed=chosen.seed
     )
     measured = measure(chosen.transport, plan, lambda text: print(text, file=sys.stderr))
-    print_table3(measured)
+    found = cells(measured)
+    for table in (*beside_the_paper(found), *details(measured, found)):
+        print_table(table)
     return 0
 
 

@@ -39,3 +39,13 @@ def amount(experiment: str, x: float) -> str:
                 return f"{x / size:g} {unit}"
         return f"{x:g} B"
     return f"{x:g}"
+
+
+def spread(found: Estimate) -> str:
+    """A figure without decimals, and its interval."""
+    return f"{found.value:,.0f} ({found.low:,.0f}–{found.high:,.0f})"
+
+
+def name_of(transport: str) -> str:
+    """A transport as people write it."""
+    return {"zenoh": "Zenoh", "ros2": "ROS 2"}[transport]

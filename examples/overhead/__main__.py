@@ -1,0 +1,186 @@
+"""The whole comparison: ``python -m examples.overhead [--quick | --full] [--json] [-o DIR] …``."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from examples.overhead import growth, node_cost, results, table3
+from examples.overhead.children import ROOT, ChildError
+from examples.overhead.machine import described, this_machine
+from examples.overhead.observers import CONFIGURATIONS
+from examples.overhead.plant import MiddlewareMissingError
+
+PAGE = ROOT / "docs/overhead.md"
+IMAGES = ROOT / "docs/images"
+TRANSPORTS = ("zenoh", "ros2")
+
+FULL = table3.Plan(rounds=6, ticks={1.0: 10, 10.0: 40, 0.0: 200})
+QUICK = table3.Plan(rounds=2, ticks={10.0: 15, 0.0: 60}, warm_up=5)
+QUICK_CONFIGURATIONS = ("none", "control", "models", "both", "both-websocket", "both-in-process")
+SLOW_CONFIGURATIONS = ("none", "control", "both")
+"""Measured at one tick a second, too, which takes its time."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line. Exit code 0: measured; 1: a target is missed in a full run; 2: it could not."""
+    parser = argparse.ArgumentParser(
+        prog="python -m examples.overhead",
+        description="What monitoring costs: passive, and in the middle as in the paper's table III.",
+        epilog="example: python -m examples.overhead --quick -o build/overhead",
+    )
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_true", help="under two minutes (the default)")
+    size.add_argument("--full", action="store_true", help="three quarters of an hour")
+    size.add_argument("--summary", action="store_true", help="three lines, in 15 s, on Zenoh")
+    size.add_argument("--from", dest="source", type=Path, help="show a results.json again")
+    parser.add_argument(
+        "--transport", choices=(*TRANSPORTS, "both"), help="[quick: zenoh; full: both]"
+    )
+    parser.add_argument("--json", action="store_true", help="every figure as one JSON object")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="CSV, Markdown, figures")
+    parser.add_argument("--update-docs", action="store_true", help=f"rewrite {PAGE.name}'s tables")
+    parser.add_argument("--only", choices=("table3", "growth", "cost"), action="append")
+    parser.add_argument("--rounds", type=int, help="of table III and growth")
+    chosen = parser.parse_args(arguments)
+    try:
+        if chosen.summary:
+            from examples.overhead.brief import three_lines
+
+            print("\n".join(three_lines()))
+            return 0
+        found = results.read(chosen.source) if chosen.source is not None else measure(chosen)
+    except (MiddlewareMissingError, ChildError, OSError, msgspec.MsgspecError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    if chosen.output is not None:
+        results.save(found, chosen.output)
+        from examples.overhead.figures import draw
+
+        draw(found, chosen.output)
+    if chosen.update_docs:
+        update_docs(found)
+    if chosen.json:
+        print(msgspec.json.encode(results.summary(found)).decode())
+    else:
+        show(found)
+    missed = [item for item in table3.targets(table3.cells(found.table3)) if not item.is_met]
+    return 1 if chosen.full and missed else 0
+
+
+def say(text: str) -> None:
+    """Tell a person what is going on."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def measure(chosen: argparse.Namespace) -> results.Results:
+    """Everything that was asked for."""
+    wanted = chosen.transport or ("both" if chosen.full else "zenoh")
+    transports = TRANSPORTS if wanted == "both" else (wanted,)
+    parts = chosen.only or ["table3", "growth", "cost"]
+    machine, began = this_machine(), datetime.datetime.now(datetime.UTC)
+    started = time.monotonic()
+    say(described(machine))
+    blocks: list[table3.Block] = []
+    attachments: list[table3.Attachment] = []
+    runs: list[growth.Run] = []
+    windows: list[node_cost.Window] = []
+    problems: list[str] = []
+    for transport in transports:
+        if "table3" in parts:
+            for plan, names in plans(chosen):
+                configurations = [item for item in CONFIGURATIONS if item.name in names]
+                part = table3.measure(transport, plan, say, configurations)
+                blocks += part.blocks
+                attachments += part.attachments
+        if "growth" in parts:
+            plan_of_growth = growth.GrowthPlan() if chosen.full else growth.QUICK
+            if chosen.rounds:
+                plan_of_growth = msgspec.structs.replace(plan_of_growth, rounds=chosen.rounds)
+            experiments = growth.EXPERIMENTS if chosen.full else ("taps",)
+            for experiment in experiments:
+                runs += growth.MEASURES[experiment](transport, plan_of_growth, say)
+        if "cost" in parts:
+            plan_of_cost = node_cost.CostPlan() if chosen.full else node_cost.QUICK
+            try:
+                windows += node_cost.measure(transport, plan_of_cost, say)
+            except MiddlewareMissingError as error:
+                problems.append(str(error))
+                say(str(error))
+    return results.Results(
+        machine,
+        command_of(chosen),
+        began.strftime("%Y-%m-%d %H:%M"),
+        (time.monotonic() - started) / 60,
+        table3.Measured(tuple(blocks), tuple(attachments)),
+        tuple(runs),
+        tuple(windows),
+        tuple(problems),
+    )
+
+
+def plans(chosen: argparse.Namespace) -> list[tuple[table3.Plan, Sequence[str]]]:
+    """What table III is measured with, and which configurations: one tick a second is apart."""
+    plan = FULL if chosen.full else QUICK
+    if chosen.rounds:
+        plan = msgspec.structs.replace(plan, rounds=chosen.rounds)
+    if not chosen.full:
+        return [(plan, QUICK_CONFIGURATIONS)]
+    slow = {rate: count for rate, count in plan.ticks.items() if 0 < rate < 5}
+    fast = {rate: count for rate, count in plan.ticks.items() if rate not in slow}
+    names = [item.name for item in CONFIGURATIONS]
+    return [
+        (msgspec.structs.replace(plan, ticks=fast), names),
+        (msgspec.structs.replace(plan, ticks=slow, warm_up=2), SLOW_CONFIGURATIONS),
+    ]
+
+
+def command_of(chosen: argparse.Namespace) -> str:
+    """How to repeat it."""
+    words = ["python -m examples.overhead", "--full" if chosen.full else "--quick"]
+    words += [f"--transport {chosen.transport}"] if chosen.transport else []
+    words += [f"--only {part}" for part in chosen.only or ()]
+    words += [f"--rounds {chosen.rounds}"] if chosen.rounds else []
+    return " ".join(words)
+
+
+def show(found: results.Results) -> None:
+    """All tables on the terminal."""
+    from examples.overhead import tables
+
+    cells = table3.cells(found.table3)
+    print(f"{found.command}, {described(found.machine)}, {found.minutes:.1f} minutes")
+    for table in (
+        *tables.beside_the_paper(cells),
+        *tables.details(found.table3, cells),
+        *tables.growth_tables(found.growth),
+        *([tables.cost_table(found.windows)] if found.windows else []),
+        *([tables.targets(cells)] if cells else []),
+    ):
+        tables.print_table(table)
+    for attachment in found.table3.attachments:
+        if attachment.deaf:
+            where = f"round {attachment.round + 1}, {attachment.configuration}"
+            print(f"{attachment.transport}, {where}: {attachment.deaf}")
+    for problem in found.problems:
+        print(f"not measured: {problem}")
+
+
+def update_docs(found: results.Results) -> None:
+    """Rewrite the page's tables and its figures (SVG only: the page shows those)."""
+    from examples.overhead.figures import draw
+
+    results.rewrite(PAGE, found)
+    for path in draw(found, IMAGES):
+        if path.suffix != ".svg":
+            path.unlink()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,146 @@
+"""Everything that one run of the comparison has measured, as a file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from examples.overhead import growth, node_cost, table3
+from examples.overhead.machine import Machine, described
+from examples.overhead.tables import (
+    Table,
+    as_markdown,
+    beside_the_paper,
+    cost_table,
+    details,
+    growth_tables,
+    targets,
+)
+
+FILE = "results.json"
+
+
+class Results(msgspec.Struct, frozen=True):
+    """Every single tick, so that all tables and figures can be made again from it.
+
+    Attributes:
+        command: how to repeat it.
+        began: when, as ``YYYY-MM-DD HH:MM`` UTC.
+        minutes: how long it took.
+        problems: what could not be measured, one sentence each.
+    """
+
+    machine: Machine
+    command: str
+    began: str
+    minutes: float
+    table3: table3.Measured
+    growth: tuple[growth.Run, ...] = ()
+    windows: tuple[node_cost.Window, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def sections(results: Results) -> dict[str, str]:
+    """Markdown by the name of its section."""
+    found = table3.cells(results.table3)
+    parts: dict[str, str] = {
+        "machine": f"`{results.command}`, {results.began} UTC, {results.minutes:.0f} minutes, on "
+        f"{described(results.machine)}.",
+        "targets": _markdown([targets(found)]),
+        "table3": _markdown(beside_the_paper(found)),
+        "details": _markdown(details(results.table3, found)),
+        "growth": _markdown(growth_tables(results.growth)),
+        "cost": _markdown([cost_table(results.windows)]) if results.windows else "Not measured.",
+    }
+    if results.problems:
+        parts["machine"] += "\n\n" + "\n".join(f"- {text}" for text in results.problems)
+    return parts
+
+
+def _markdown(tables: Sequence[Table]) -> str:
+    return "\n\n".join(map(as_markdown, tables)) or "Not measured."
+
+
+def summary(results: Results) -> dict[str, Any]:
+    """For machines: every figure, without the single ticks."""
+    found = table3.cells(results.table3)
+    own = growth.points(results.growth)
+    shown = {
+        "machine": results.machine,
+        "command": results.command,
+        "began": results.began,
+        "minutes": results.minutes,
+        "problems": results.problems,
+        "paper": table3.PAPER,
+        "targets": [
+            {**msgspec.to_builtins(item), "met": item.is_met} for item in table3.targets(found)
+        ],
+        "table3": found,
+        "attachments": results.table3.attachments,
+        "growth": own,
+        "knees": [growth.knee(line) for line in growth.series(own)],
+        "cost": node_cost.costs(results.windows),
+    }
+    builtins: dict[str, Any] = msgspec.to_builtins(shown)
+    return builtins
+
+
+def save(results: Results, folder: Path) -> None:
+    """Write results, CSV and Markdown into ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / FILE).write_bytes(msgspec.json.encode(results))
+    short = summary(results)
+    for name in ("table3", "growth", "cost"):
+        if short[name]:
+            _write_csv(folder / f"{name}.csv", [_flat(item) for item in short[name]])
+    text = "\n\n".join(f"## {name}\n\n{text}" for name, text in sections(results).items())
+    (folder / "overhead.md").write_text(f"# Overhead\n\n{text}\n", encoding="utf-8")
+
+
+def read(path: Path) -> Results:
+    """What :func:`save` wrote."""
+    return msgspec.json.decode(path.read_bytes(), type=Results)
+
+
+def _flat(item: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested fields as ``outer_inner``."""
+    found: dict[str, Any] = {}
+    for key, value in item.items():
+        if isinstance(value, dict):
+            found |= _flat(value, f"{prefix}{key}_")
+        else:
+            found[prefix + key] = value
+    return found
+
+
+def _write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def rewrite(page: Path, results: Results) -> None:
+    """Put every section between its markers in ``page``; the rest of the page stays as it is.
+
+    Raises:
+        ValueError: a marker is missing.
+    """
+    text = page.read_text(encoding="utf-8")
+    for name, content in sections(results).items():
+        text = replaced(text, name, content)
+    page.write_text(text, encoding="utf-8")
+
+
+def replaced(text: str, name: str, content: str) -> str:
+    """``text`` with ``content`` between the markers of ``name``."""
+    first, last = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+    head, found, rest = text.partition(first)
+    _, closed, tail = rest.partition(last)
+    if not found or not closed:
+        raise ValueError(f"no {first} … {last}")
+    return f"{head}{first}\n{content}\n{last}{tail}"
