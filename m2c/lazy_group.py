@@ -35,6 +35,17 @@ class LazyGroup(click.Group):
         assert isinstance(command, click.Command)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that ``args`` begin with; a wrong name is refused with the nearest one."""
+        name = args[0]
+        if name not in self._lazy and not name.startswith("-"):
+            from m2c.model.typing import nearest
+
+            ctx.fail(f"there is no command '{name}'; {nearest(name, self._lazy)}")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The table of commands in ``--help``."""
         with formatter.section("Commands"):

@@ -13,9 +13,13 @@ from transports.options import DEFAULT_ENDPOINT
 
 
 @click.command()
-@click.argument("system", type=click.Path(path_type=Path, exists=True))
+@click.argument("system", type=click.Path(path_type=Path))
 @click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
-@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Tree ticks a second.")
+@click.option(
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Tree ticks a second; by default the system's.",
+)
 @click.option("--ticks", type=click.IntRange(min=1), help="Stop after this many ticks.")
 @click.option("--only", multiple=True, metavar="NODE", help="Run only this node (repeatable).")
 @click.option("--without", multiple=True, metavar="NODE", help="Leave this node out (repeatable).")
@@ -67,6 +71,11 @@ def run(
     from transports.interface import TransportError
     from transports.registry import connect
 
+    if not system.exists():
+        _fail(
+            f"{system}: no such file or folder; expected a system file, or a folder made by "
+            "`m2c generate`"
+        )
     changed = _parse_replacements(replacements)
     with tempfile.TemporaryDirectory(prefix="m2c-run-") as scratch:
         try:

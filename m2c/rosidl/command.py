@@ -10,7 +10,10 @@ import click
 
 @click.group()
 def interfaces() -> None:
-    """Work with ROS interface packages (.msg, .srv, .action)."""
+    """Work with ROS interface packages (.msg, .srv, .action).
+
+    Example: m2c interfaces build examples/lab_tour/interfaces
+    """
 
 
 @interfaces.command()

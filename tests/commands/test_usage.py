@@ -1,0 +1,58 @@
+"""What the command lines say to somebody who has not used them before."""
+
+from __future__ import annotations
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from m2c.cli import main as m2c
+from moon.cli import main as moon
+
+
+def commands_of(group: click.Group, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """The words of ``group`` and of everything in it."""
+    context = click.Context(group)
+    found = [path]
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        inner = (*path, name)
+        found += commands_of(command, inner) if isinstance(command, click.Group) else [inner]
+    return found
+
+
+COMMANDS = [("m2c", *words) for words in commands_of(m2c)] + [
+    ("moon", *words) for words in commands_of(moon)
+]
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_every_help_has_an_example_of_its_own_command(words: tuple[str, ...]) -> None:
+    result = CliRunner().invoke(m2c if words[0] == "m2c" else moon, [*words[1:], "--help"])
+    assert result.exit_code == 0
+    assert f"Example: {' '.join(words)}" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "right"),
+    [
+        (m2c, "chek", "there is no command 'chek'; did you mean check?"),
+        (moon, "moniter", "there is no command 'moniter'; did you mean monitor?"),
+        (moon, "watch", "there is no command 'watch'; known: "),
+    ],
+)
+def test_a_wrong_command_is_refused_with_the_right_one(
+    group: click.Group, name: str, right: str
+) -> None:
+    result = CliRunner().invoke(group, [name])
+    assert result.exit_code == 2
+    assert right in result.output
+
+
+def test_a_system_that_is_not_there_is_refused_with_what_makes_one() -> None:
+    result = CliRunner().invoke(m2c, ["run", "no_such"])
+    assert result.exit_code == 2
+    assert result.output == (
+        "error: no_such: no such file or folder; "
+        "expected a system file, or a folder made by `m2c generate`\n"
+    )
