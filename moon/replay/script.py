@@ -87,7 +87,11 @@ def read_script(path: Path, selected: Selected, library: InterfaceLibrary | None
     Raises:
         RecordingError: it is none.
     """
-    recording = open_recording(path, library)
+    return script_of(open_recording(path, library), selected)
+
+
+def script_of(recording: Recording, selected: Selected) -> Script:
+    """The script of ``recording``, which is read to its end."""
     calls, goals = CallBook(), GoalBook()
     topics: dict[str, str] = {}
     publishers: dict[str, set[str]] = {}

@@ -1,0 +1,169 @@
+"""One node of the lab tour against the recorded rest, in virtual time."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import pytest
+
+from moon.recording.reader import Recording
+from moon.replay.replay import Replay
+from moon.replay.script import Selected, script_of
+from tests.replay.worlds import Heard, live, of, tour
+from transports.interface import Observation, ObservationKind
+from transports.simulated import SimulatedTransport, SimulatedWorld
+
+SECONDS = 12.0
+
+
+def replayed(
+    heard: Heard,
+    without: tuple[str, ...] = (),
+    rate: float = 1.0,
+    only: tuple[str, ...] = (),
+    played: tuple[str, ...] = (),
+    seconds: float = 100.0,
+) -> tuple[Replay, list[Observation], list[str]]:
+    """``heard``, replayed beside the nodes in ``without``: the replay, what was heard, what it said."""
+    world, said = SimulatedWorld(4), []
+    now = live(world, *without)
+    recording = cast(Recording, heard)
+    replay = Replay(
+        script_of(recording, Selected(only)),
+        SimulatedTransport(world, "moon_replay_1"),
+        lambda name: SimulatedTransport(world, name),
+        lambda name: name not in without and (not played or name in played),
+        rate,
+        said.append,
+    )
+    replay.prepare()
+    replay.begin(recording)
+    assert world.run_until(lambda: replay.finished, seconds)
+    world.run_for(1.0)
+    return replay, now, said
+
+
+@pytest.mark.parametrize(
+    "skill", ["BatteryLevelSkill", "SetPoi1Skill", "VisitorsFollowingRobotSkill"]
+)
+def test_a_skill_does_against_the_recording_what_it_did_in_it(skill: str):
+    heard = tour(SECONDS)
+    replay, now, said = replayed(heard, (skill,))
+    assert said == []
+    assert replay.counts.asked > 50
+    assert replay.counts.differently == 0
+    assert of(now, skill) == of(heard.observations, skill)
+
+
+def test_the_goals_of_a_skill_go_as_they_went():
+    heard = tour(SECONDS)
+    replay, now, _ = replayed(heard, ("GoToPoiSkill",))
+    parts = (
+        "/NavigationComponent/GoToPoi/_action/send_goal",
+        "/NavigationComponent/GoToPoi/_action/get_result",
+    )
+
+    def goals(observations: list[Observation]) -> list[Any]:
+        return [
+            seen.data.get("goal") or seen.data.get("result") or seen.data.get("accepted")
+            for seen in observations
+            if seen.channel in parts
+            and seen.source == "NavigationComponent"
+            and seen.data.keys() != {"goal_id"}
+        ]
+
+    assert goals(now)[:3] == goals(heard.observations)[:3]
+    assert len(goals(now)) >= 3
+    assert replay.counts.equal > 2
+    assert "NavigationComponent" in replay.played
+
+
+def test_a_recorded_client_drives_a_live_action_server():
+    heard = tour(SECONDS)
+    replay, now, _ = replayed(heard, ("NavigationComponent",))
+    sent = [
+        seen.data["goal"]
+        for seen in now
+        if seen.channel.endswith("send_goal") and seen.kind is ObservationKind.REQUEST_RECEIVED
+    ]
+    then = [
+        seen.data["goal"]
+        for seen in heard.observations
+        if seen.channel.endswith("send_goal") and seen.kind is ObservationKind.REQUEST_RECEIVED
+    ]
+    assert sent == then
+    assert {seen.source for seen in now if seen.channel.endswith("/feedback")} == {
+        "NavigationComponent"
+    }
+    canceled = [seen for seen in now if seen.channel.endswith("cancel_goal")]
+    assert bool(canceled) == any(s.channel.endswith("cancel_goal") for s in heard.observations)
+    assert replay.counts.asked >= len(then)
+
+
+def test_what_was_published_is_published_by_the_same_nodes_at_the_same_time():
+    heard = tour(SECONDS)
+    _, now, _ = replayed(heard, only=("/BatteryComponent/level",))
+
+    def levels(observations: list[Observation]) -> list[tuple[int, str, Any]]:
+        first = observations[0].stamp_ns
+        return [
+            (round((seen.stamp_ns - first) / 1e7), seen.source, seen.data) for seen in observations
+        ]
+
+    recorded = [s for s in heard.observations if s.channel == "/BatteryComponent/level"]
+    published = [s for s in now if s.kind is ObservationKind.MESSAGE]
+    assert len(recorded) > 10
+    assert levels(published) == levels(recorded)
+
+
+def test_a_rate_scales_time():
+    heard = tour(SECONDS)
+    _, now, _ = replayed(heard, only=("/BatteryComponent/level",), rate=4.0)
+    recorded = [s.stamp_ns for s in heard.observations if s.channel == "/BatteryComponent/level"]
+    published = [s.stamp_ns for s in now if s.kind is ObservationKind.MESSAGE]
+    assert len(published) == len(recorded)
+    ratio = (recorded[-1] - recorded[0]) / (published[-1] - published[0])
+    assert ratio == pytest.approx(4.0, rel=0.01)
+
+
+def test_only_the_nodes_that_are_named_are_played():
+    heard = tour(SECONDS)
+    replay, now, _ = replayed(heard, played=("BatteryComponent",))
+    assert replay.played == ["BatteryComponent"]
+    assert {seen.source for seen in now} == {"BatteryComponent"}
+
+
+def test_a_request_that_was_not_recorded_gets_the_next_answer_and_it_is_said():
+    heard = tour(SECONDS)
+    changed = [
+        seen
+        if seen.channel != "/SchedulerComponent/SetPoi" or "poi" not in (seen.data or {})
+        else _with_poi(seen, 9)
+        for seen in heard.observations
+    ]
+    replay, _, said = replayed(Heard(changed), ("SetPoi1Skill",))
+    assert replay.counts.other > 0
+    assert said[0] == (
+        '/SchedulerComponent/SetPoi {"poi":1}: not asked so then: the next recorded answer is given'
+    )
+
+
+def test_when_no_answer_is_left_it_is_said_and_the_caller_hears_so():
+    heard = tour(SECONDS)
+    first = next(s for s in heard.observations if s.channel == "/SchedulerComponent/SetPoi")
+    kept = [
+        seen
+        for seen in heard.observations
+        if seen.channel != "/SchedulerComponent/SetPoi" or seen.call == first.call
+    ]
+    replay, now, said = replayed(Heard(kept), ("SetPoi1Skill",))
+    assert replay.counts.without > 0
+    assert '/SchedulerComponent/SetPoi {"poi":1}: no recorded answer is left' in said
+    errors = [s.error for s in now if s.source == "SetPoi1Skill" and s.error]
+    assert any("no recorded answer is left" in error for error in errors)
+
+
+def _with_poi(seen: Observation, poi: int) -> Observation:
+    import msgspec
+
+    return msgspec.structs.replace(seen, data={"poi": poi})

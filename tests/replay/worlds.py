@@ -1,0 +1,76 @@
+"""The lab tour in virtual time, heard once, and then replayed around one of its nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from m2c.launch.in_process import NodeSettings, Program, SimulatedRun, compile_system
+from m2c.model import load
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.system import System
+from moon.recording.contents import Contents
+from moon.recording.definitions import Definitions
+from transports.interface import Observation
+from transports.simulated import SimulatedTransport, SimulatedWorld
+
+LAB_TOUR = Path(__file__).parents[2] / "examples" / "lab_tour" / "system.xml"
+
+
+@cache
+def lab_tour() -> tuple[System, Program]:
+    """The system, and its nodes' code."""
+    system = load([LAB_TOUR], DiagnosticLog())
+    assert system is not None
+    return system, compile_system(system)
+
+
+class Heard:
+    """What ``open_recording`` gives, of observations that are at hand."""
+
+    def __init__(self, observations: Iterable[Observation]) -> None:
+        self.observations = list(observations)
+        self.contents = Contents()
+        self._definitions = Definitions(lab_tour()[0].library)
+
+    def entries(
+        self, wanted: Callable[[str], bool] = lambda channel: True
+    ) -> Iterator[Observation]:
+        for seen in self.observations:
+            if wanted(seen.channel):
+                self.contents.note(seen)
+                yield seen
+
+    def structure(self, type_name: str) -> Any:
+        return self._definitions.structure(type_name)
+
+    def faults(self) -> list[str]:
+        return []
+
+
+def tour(seconds: float, seed: int = 3) -> Heard:
+    """Everything that a tap hears of a nominal tour."""
+    world, heard = SimulatedWorld(seed), []
+    SimulatedTransport(world, "tap").tap([], heard.append)
+    SimulatedRun(lab_tour()[1], world).run(seconds)
+    return Heard(heard)
+
+
+def live(world: SimulatedWorld, *names: str) -> list[Observation]:
+    """Nodes of the tour in ``world``, and what a tap hears there from now on."""
+    heard: list[Observation] = []
+    SimulatedTransport(world, "tap").tap([], heard.append)
+    for name in names:
+        transport = SimulatedTransport(world, name)
+        node = lab_tour()[1].nodes[name](transport, NodeSettings())
+        transport.post(node.start)
+        transport.post(transport.announce)
+    world.run_for(1.0)
+    return heard
+
+
+def of(heard: Iterable[Observation], node: str) -> list[tuple[str, str, Any]]:
+    """What ``node`` got and gave."""
+    return [(seen.channel, seen.kind, seen.data) for seen in heard if seen.source == node]
