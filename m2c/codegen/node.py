@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 from m2c.codegen.layout import INDENT, call
 from m2c.codegen.names import attribute, snake
 from m2c.codegen.outputs import EXTRA_OUTPUTS, output_doc, output_protocol, parameters
@@ -240,16 +242,18 @@ class NodeWriter:
 
     def _bind_timer(self, interface: Interface) -> list[str]:
         event = Event(EventKind.TIMER, interface.name)
+        name = json.dumps(interface.name)
         lines = []
         if event in self._handled:
             handler = f"self.machine.{self._handled[event].method}"
-            lines += _bind_call("binding.timer", [repr(interface.rate_hz), handler])
+            lines += _bind_call("binding.timer", [repr(interface.rate_hz), handler, name])
         for thread, _ in self._threads:
             if event in events_of(thread.machine):
                 threads = f"self._threads_{self._thread_name(thread.interface)}"
                 method = self._thread_handled[event].method
                 lines.append(f"for thread in {threads}:")
-                lines.append(f"{INDENT}binding.timer({interface.rate_hz!r}, thread.{method})")
+                timer = f"binding.timer({interface.rate_hz!r}, thread.{method}, {name})"
+                lines.append(f"{INDENT}{timer}")
         return lines
 
     def _lifecycle(self) -> list[str]:

@@ -18,6 +18,7 @@ from m2c.policy.ticking import PolicyError
 from m2c.runtime.main import (
     add_transport_options,
     connect_or_exit,
+    log_on,
     set_up_logging,
     split_ros_arguments,
 )
@@ -58,6 +59,7 @@ def main(
     set_up_logging(parsed.log_level)
     policy = msgspec.json.decode((folder / "policy.json").read_bytes(), type=Policy)
     connection = connect_or_exit(parsed, ros_arguments)
+    log_on(connection)
     rate = parsed.rate or policy.tick_rate_hz
     try:
         runner = PolicyRunner(connection, policy, plugins, parsed.tick_timeout)

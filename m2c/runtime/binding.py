@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import msgspec
 
@@ -45,6 +45,24 @@ class NodeSettings(msgspec.Struct, frozen=True):
 DEFAULT_SETTINGS = NodeSettings()
 
 
+@runtime_checkable
+class HasParameters(Protocol):
+    """A transport on which whoever launches a node may set its numbers (ROS 2's parameters)."""
+
+    def parameter(self, name: str, default: float, meaning: str) -> float:
+        """The positive number called ``name``; TransportError if what was set is none."""
+        ...
+
+
+@runtime_checkable
+class HasLog(Protocol):
+    """A transport that has a log of its own (ROS 2's ``/rosout``)."""
+
+    def log_handler(self, level: int) -> logging.Handler:
+        """What hands records to it."""
+        ...
+
+
 class Binding:
     """One machine's channels on one transport."""
 
@@ -66,8 +84,11 @@ class Binding:
         """Hand every message of ``topic`` to ``handler``."""
         self._transport.subscribe(topic, self._guard(handler))
 
-    def timer(self, rate_hz: float, handler: Callable[[], object]) -> Timer:
-        """Call ``handler`` ``rate_hz`` times a second."""
+    def timer(self, rate_hz: float, handler: Callable[[], object], name: str) -> Timer:
+        """Call ``handler`` ``rate_hz`` times a second, or as often as parameter ``rate_hz.<name>`` says."""
+        if isinstance(self._transport, HasParameters):
+            meaning = f"how often a second the timer {name} of the model fires"
+            rate_hz = self._transport.parameter(f"rate_hz.{name}", rate_hz, meaning)
         return self._transport.every(1.0 / rate_hz, self._guard(handler))
 
     def server(self, service: Service, handler: Callable[[Any], bool] | None) -> ServerPort:

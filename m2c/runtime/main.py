@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from m2c.runtime.binding import NodeSettings
+from m2c.runtime.binding import HasLog, HasParameters, NodeSettings
 from transports.interface import Transport, TransportError
 from transports.options import transport_options
 from transports.registry import connect
@@ -70,6 +70,20 @@ def set_up_logging(level: str) -> None:
     )
 
 
+def log_on(connection: Transport) -> None:
+    """Log where the middleware does, if it has a log of its own; else it stays where it was set up."""
+    if isinstance(connection, HasLog):
+        root = logging.getLogger()
+        root.handlers[:] = [connection.log_handler(root.level)]
+
+
+def _settings(connection: Transport, call_timeout_s: float) -> NodeSettings:
+    if isinstance(connection, HasParameters):
+        meaning = "how many seconds a call of another node's service may take"
+        call_timeout_s = connection.parameter("call_timeout_s", call_timeout_s, meaning)
+    return NodeSettings(call_timeout_s)
+
+
 def main(
     node_class: Callable[[Transport, NodeSettings], Any],
     name: str,
@@ -100,7 +114,13 @@ def main(
     connection = connect_or_exit(parsed, ros_arguments)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: connection.post(connection.close))
-    node = node_class(connection, NodeSettings(parsed.call_timeout))
+    log_on(connection)
+    try:
+        node = node_class(connection, _settings(connection, parsed.call_timeout))
+    except TransportError as error:
+        print(f"error: {error}", file=sys.stderr)
+        connection.close()
+        sys.exit(2)
     connection.post(node.start)
     connection.post(connection.announce)
     connection.spin()

@@ -119,7 +119,7 @@ def test_publishers_servers_and_timers_are_not_dropped(tmp_path: Path) -> None:
     made.it.on_clock_timer()
     assert made.it.on_tick_request(made.interfaces.TickRequest())
     assert made.outputs.names() == ["publish_t", "respond_tick"]
-    assert "binding.timer(4.0, self.machine.on_clock_timer)" in made.files["node.py"]
+    assert 'binding.timer(4.0, self.machine.on_clock_timer, "clock")' in made.files["node.py"]
 
 
 def test_success_abort_and_cancel_of_a_goal_are_told_apart(tmp_path: Path) -> None:

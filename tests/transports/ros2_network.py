@@ -57,8 +57,7 @@ def own_domain() -> Iterator[int]:
         start += 1
         return start % 100 + 1
 
-    os.environ["ROS_LOCALHOST_ONLY"] = "1"
-    os.environ["RCUTILS_LOGGING_SEVERITY"] = "ERROR"  # rcl's remark that the variable is old
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     with domain_id(candidate) as number:
         os.environ["ROS_DOMAIN_ID"] = str(number)
         yield number

@@ -7,7 +7,7 @@ Options (all strings, all optional):
     args: ROS arguments as one would write them after ``--ros-args``, e.g. ``-p use_sim_time:=true``.
 
 Everything else (the middleware, loopback only, profiles of Fast DDS) is said by ROS 2's own
-environment variables, e.g. RMW_IMPLEMENTATION and ROS_LOCALHOST_ONLY.
+environment variables, e.g. RMW_IMPLEMENTATION and ROS_AUTOMATIC_DISCOVERY_RANGE.
 """
 
 # rclpy leaves some of its functions without types

@@ -20,6 +20,8 @@ from transports.ros2.executor import Executor
 from transports.ros2.faults import Declared, Faults
 from transports.ros2.graph import Graph
 from transports.ros2.introspection import ServiceEvents
+from transports.ros2.logs import RosLogHandler
+from transports.ros2.parameters import positive
 from transports.ros2.presence import Announcements
 from transports.ros2.services import Client, Request, Server
 from transports.ros2.session import open_node, prefix_of
@@ -74,6 +76,19 @@ class Ros2Transport(OnExecutor):
     def ros_node(self) -> Any:
         """The ``rclpy.node.Node``; what is declared on it runs on this transport's executor."""
         return self._ros
+
+    def parameter(self, name: str, default: float, meaning: str) -> float:
+        """A positive number that the launcher may set: ``-p name:=2.5``.
+
+        Raises:
+            TransportError: what was set is none.
+        """
+        self._require_open()
+        return positive(self._ros, name, default, meaning)
+
+    def log_handler(self, level: int) -> RosLogHandler:
+        """Logs as ROS 2 does, what is at ``level`` (of ``logging``) and above."""
+        return RosLogHandler(self._ros, level)
 
     def now_ns(self) -> int:
         """The ROS clock, ns since the epoch (the simulation's time with ``use_sim_time``)."""
