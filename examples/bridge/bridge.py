@@ -1,0 +1,84 @@
+"""A bridge between two transports: what nodes on one side give and nodes on the other take crosses it.
+
+``python examples/bridge/bridge.py SYSTEM PLACEMENT [--endpoint E] [--timeout S]``; it runs until Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from forward import forward_action, forward_service, forward_topic
+from routes import PlacementError, Route, read_placement, routes
+
+from transports.interface import Service, Topic, Transport
+
+NAME = "bridge"
+
+
+def build(found: Iterable[Route], sides: Mapping[str, Transport]) -> None:
+    """Declare the bridge's ends of every route on both sides."""
+    for route in found:
+        given, taken, channel = sides[route.given], sides[route.taken], route.channel
+        if isinstance(channel, Topic):
+            forward_topic(channel, given, taken)
+        elif isinstance(channel, Service):
+            forward_service(channel, given, taken)
+        else:
+            forward_action(channel, given, taken)
+    for transport in sides.values():
+        transport.announce()
+
+
+def options_of(transport: str, endpoint: str, listens: bool = False) -> dict[str, str]:
+    """Options for ``transports.registry.connect``: only Zenoh has a meeting point."""
+    if transport != "zenoh" or not endpoint:
+        return {}
+    return {"listen" if listens else "endpoint": endpoint}
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description="Bridge a system that runs on two transports.")
+    parser.add_argument("system", type=Path, help="the system file")
+    parser.add_argument("placement", type=Path, help="which node is on which transport (YAML)")
+    parser.add_argument("--endpoint", default="tcp/127.0.0.1:7447", help="Zenoh: where nodes meet")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr)
+    from m2c.model import ModelError
+    from moon.monitor.reading import read_checked
+    from transports.interface import TransportError
+    from transports.registry import connect
+
+    sides: dict[str, Transport] = {}
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    try:
+        system = read_checked([arguments.system])
+        placement = read_placement(arguments.placement, system)
+        found = routes(system, placement)
+        for name in placement.sides:
+            sides[name] = connect(name, NAME, options_of(name, arguments.endpoint))
+        threads = [threading.Thread(target=side.spin) for side in sides.values()]
+        build(found, sides)
+        for thread in threads:
+            thread.start()
+        print(f"bridging {len(found)} channels between {' and '.join(sides)}", flush=True)
+        ended.wait()
+    except (ModelError, PlacementError, TransportError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    finally:
+        for side in sides.values():
+            side.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

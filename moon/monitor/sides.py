@@ -1,0 +1,127 @@
+"""One monitor of a system whose nodes are on several transports, with bridges between them.
+
+A call that crosses a bridge is heard on both sides, as two calls: the caller's to the bridge, and the
+bridge's to the server. Neither is a copy of the other: each side is a whole system in which the bridge
+is one more node. So every machine is judged on the side where its node is, by a ``SystemWatch`` of its
+own, with what is heard there; nothing is counted twice, and no client or number of a call need be
+translated. All watches run on one thread, that of the first transport, and share their sinks.
+
+Properties are about the whole system. They are judged by one more watch that hears all sides
+(``AllSides``) and leaves out what bridges send: what is left is what the nodes themselves did, once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
+
+from transports.interface import Observation, Tap, Timer, Transport
+
+NodeHandler = Callable[[str, bool], None]
+
+
+class Side:
+    """What is heard on one transport, on the thread of another.
+
+    Args:
+        there: listened to; somebody must spin it.
+        home: whose executor and clock are used.
+    """
+
+    def __init__(self, there: Transport, home: Transport) -> None:
+        self._there = there
+        self._home = home
+
+    def now_ns(self) -> int:
+        """The clock of the home transport."""
+        return self._home.now_ns()
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """A tap on this side."""
+        if self._there is self._home:
+            return self._there.tap(channels, handler)
+        return self._there.tap(channels, lambda seen: self._home.post(partial(handler, seen)))
+
+    def watch_nodes(self, handler: NodeHandler) -> None:
+        """Nodes of this side."""
+        if self._there is self._home:
+            self._there.watch_nodes(handler)
+        else:
+            self._there.watch_nodes(lambda name, up: self._home.post(partial(handler, name, up)))
+
+    def up_since(self, name: str) -> int:
+        """When a node of this side began to connect."""
+        return self._there.up_since(name)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """A timer of the home transport."""
+        return self._home.every(period_s, handler)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` on the home transport's executor."""
+        self._home.post(handler)
+
+
+class AllSides:
+    """What the nodes of all sides do, each thing once.
+
+    Args:
+        sides: all of them; the first is whose clock and timers are used.
+        bridges: the names of the nodes that hand on from side to side.
+    """
+
+    def __init__(self, sides: Sequence[Side], bridges: Collection[str]) -> None:
+        self._sides = tuple(sides)
+        self._bridges = frozenset(bridges)
+
+    def now_ns(self) -> int:
+        """The clock of the home transport."""
+        return self._sides[0].now_ns()
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """A tap on every side."""
+
+        def hear(seen: Observation) -> None:
+            if seen.source not in self._bridges:
+                handler(seen)
+
+        return _Taps([side.tap(channels, hear) for side in self._sides])
+
+    def watch_nodes(self, handler: NodeHandler) -> None:
+        """Nodes of all sides; bridges are not of the system."""
+
+        def changed(name: str, up: bool) -> None:
+            if name not in self._bridges:
+                handler(name, up)
+
+        for side in self._sides:
+            side.watch_nodes(changed)
+
+    def up_since(self, name: str) -> int:
+        """When a node began to connect, on whichever side it is."""
+        return max(side.up_since(name) for side in self._sides)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """A timer of the home transport."""
+        return self._sides[0].every(period_s, handler)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` on the home transport's executor."""
+        self._sides[0].post(handler)
+
+
+class _Taps:
+    """The taps on all sides as one."""
+
+    def __init__(self, taps: Sequence[Tap]) -> None:
+        self._taps = tuple(taps)
+
+    def peers(self) -> Sequence[str]:
+        return sorted({peer for tap in self._taps for peer in tap.peers()})
+
+    def problems(self) -> Sequence[str]:
+        return [problem for tap in self._taps for problem in tap.problems()]
+
+    def close(self) -> None:
+        for tap in self._taps:
+            tap.close()
