@@ -1,0 +1,99 @@
+"""The ``m2c draw`` command."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from m2c.draw.reading import Drawable
+
+SUFFIXES = (".svg", ".mmd", ".dot")
+
+
+@click.command()
+@click.argument("path", metavar="MODEL|SYSTEM|POLICY", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Where the picture goes; it ends in .svg, .mmd (Mermaid) or .dot (Graphviz).",
+)
+@click.option(
+    "--interfaces",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Folder of ROS interface packages (repeatable).",
+)
+def draw(path: Path, output: Path, interfaces: tuple[Path, ...]) -> None:
+    """Draw a state machine, a system's wiring or a policy.
+
+    A model (.scxml, .ascxml) gives its states and transitions; a system file or a folder of models
+    the nodes and the channels between them; a policy its tree. Exit code 0, or 2 for what `m2c check`
+    finds errors in.
+
+    Example: m2c draw examples/lab_tour/skills/GoToPoiSkill.scxml -o go_to_poi.svg
+    """
+    from m2c.check.report import print_findings
+    from m2c.draw.policy import MAX_NODES, TooLargeError
+    from m2c.draw.reading import read
+    from m2c.model import DiagnosticLog
+
+    if output.suffix not in SUFFIXES:
+        raise click.UsageError(f"{output} names no format; it ends in {', '.join(SUFFIXES)}")
+    log = DiagnosticLog()
+    drawable = read(path, interfaces, log)
+    if drawable is None:
+        print_findings(log.diagnostics)
+        sys.exit(2)
+    try:
+        content = _drawn(drawable, output.suffix)
+    except TooLargeError:
+        what = f"the tree has more than {MAX_NODES} nodes, sub-trees counted wherever they stand"
+        click.echo(f"error: {path}: {what}; draw its sub-trees instead", err=True)
+        sys.exit(2)
+    try:
+        output.write_text(content, encoding="utf-8")
+    except OSError as error:
+        click.echo(f"error: {output} cannot be written: {error.strerror}", err=True)
+        sys.exit(2)
+
+
+def _drawn(drawable: Drawable, suffix: str) -> str:
+    from m2c.draw import dot, mermaid
+    from m2c.draw.machine import draw_machine
+    from m2c.draw.policy import draw_policy, tree_of
+    from m2c.draw.svg import document
+    from m2c.draw.wiring import Wiring, draw_wiring
+    from m2c.model.machine import Machine
+
+    name, content = drawable.name, drawable.content
+    if isinstance(content, Machine):
+        match suffix:
+            case ".svg":
+                return document(draw_machine(content), name)
+            case ".mmd":
+                return mermaid.machine_as_mermaid(content)
+            case _:
+                return dot.machine_as_dot(content)
+    if isinstance(content, Wiring):
+        match suffix:
+            case ".svg":
+                return document(draw_wiring(content), name)
+            case ".mmd":
+                return mermaid.wiring_as_mermaid(content)
+            case _:
+                return dot.wiring_as_dot(content)
+    tree = tree_of(content)
+    match suffix:
+        case ".svg":
+            return document(draw_policy(tree), name)
+        case ".mmd":
+            return mermaid.policy_as_mermaid(name, tree)
+        case _:
+            return dot.policy_as_dot(name, tree)

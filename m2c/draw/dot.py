@@ -1,0 +1,122 @@
+"""The same diagrams in Graphviz' DOT language."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from m2c.draw import svg
+from m2c.draw.diagram import Diagram, Label, diagrams_of
+from m2c.draw.policy import Node
+from m2c.draw.wiring import Sort, Wiring, offer_names
+from m2c.draw.wording import Part
+from m2c.model.machine import Machine
+from m2c.policy.tree import LeafKind
+
+_COLUMNS = 46
+_LOOK = (
+    '  node [fontname="Helvetica", fontsize=11, shape=box];',
+    '  edge [fontname="Courier", fontsize=9, arrowsize=0.7];',
+)
+_STYLES = {Sort.TOPIC: "dotted", Sort.SERVICE: "solid", Sort.ACTION: "bold"}
+
+
+def machine_as_dot(machine: Machine) -> str:
+    """The machine's states as nodes; those of its action threads in clusters of their own."""
+    found = diagrams_of(machine)
+    lines = [f"digraph {quoted(machine.name)} {{", *_LOOK]
+    lines += [f"  label={quoted(machine.name)}; labelloc=t;"]
+    lines += _states(found[0], "s", "  ")
+    for index, diagram in enumerate(found[1:], 1):
+        lines += [f"  subgraph cluster{index} {{", f"    label={quoted(diagram.title)};"]
+        lines += [*_states(diagram, f"m{index}s", "    "), "  }"]
+    return _joined([*lines, "}"])
+
+
+def wiring_as_dot(wiring: Wiring) -> str:
+    """Nodes and channels; dotted: topics, thin: service calls, bold: actions."""
+    names = offer_names(wiring)
+    lines = [f"digraph {quoted(wiring.name)} {{", "  rankdir=LR;", *_LOOK]
+    for index, place in enumerate(wiring.places):
+        rows = [place.name, *(f"{o.sort} {names[o.channel]}" for o in place.offers)]
+        style = ", style=dashed" if place.role == "outside" else ""
+        lines.append(f"  n{index} [label={quoted(*rows)}{style}];")
+    for wire in wiring.wires:
+        if wire.offer is None:
+            served = wiring.places[wire.provider].served
+            label = " · ".join(names[offer.channel] for offer in served)
+            lines.append(f"  n{wire.user} -> n{wire.provider} [label={quoted(label)}];")
+            continue
+        look = f"label={quoted(names[wire.offer.channel])}, style={_STYLES[wire.offer.sort]}"
+        back = ", dir=back" if wire.offer.sort is Sort.TOPIC else ""
+        lines.append(f"  n{wire.user} -> n{wire.provider} [{look}{back}];")
+    return _joined([*lines, "}"])
+
+
+def policy_as_dot(name: str, root: Node) -> str:
+    """The tree; rounded conditions, square actions."""
+    lines = [f"digraph {quoted(name)} {{", "  rankdir=LR; ordering=out;", *_LOOK]
+    count = 0
+
+    def add(node: Node) -> str:
+        nonlocal count
+        own = f"n{count}"
+        count += 1
+        rows: Iterable[str] = dict.fromkeys((node.name or node.kind, node.kind))
+        style = ""
+        if node.is_leaf and node.kind == LeafKind.CONDITION:
+            rows, style = [f"{node.name}?"], ", style=rounded"
+        elif node.is_leaf and node.kind == LeafKind.ACTION:
+            rows = [node.name]
+        lines.append(f"  {own} [label={quoted(*rows)}{style}];")
+        for child in node.children:
+            below = add(child)
+            label = ' [label="not"]' if child.negated else ""
+            lines.append(f"  {own} -> {below}{label};")
+        return own
+
+    add(root)
+    return _joined([*lines, "}"])
+
+
+def quoted(*rows: str) -> str:
+    """``rows`` as one DOT string, each a line."""
+    inside = "\\n".join(_escaped(row) for row in rows)
+    return f'"{inside}"'
+
+
+def _escaped(words: str) -> str:
+    shown = "".join(c if c.isprintable() else " " for c in words)
+    # Graphviz replaces HTML entities in every string
+    return shown.replace("&", "&amp;").replace("\\", "\\\\").replace('"', '\\"')
+
+
+def _states(diagram: Diagram, prefix: str, indent: str) -> list[str]:
+    start = f"{prefix}start"
+    lines = [
+        f'{indent}{start} [shape=circle, style=filled, fillcolor=black, width=0.15, label=""];'
+    ]
+    for index, state in enumerate(diagram.states):
+        rows = "".join(_words(label) for label in state.labels)
+        inside = f"\\n{rows}" if rows else ""
+        shown = f'"{_escaped(state.name)}{inside}"'
+        around = ", peripheries=2" if state.final else ""
+        lines.append(f"{indent}{prefix}{index} [label={shown}, style=rounded{around}];")
+    lines.append(f"{indent}{start} -> {prefix}{diagram.initial};")
+    for arrow in diagram.arrows:
+        for label in arrow.labels:
+            ends = f"{prefix}{arrow.source} -> {prefix}{arrow.target}"
+            lines.append(f'{indent}{ends} [label="{_words(label)}"];')
+    return lines
+
+
+def _words(label: Label) -> str:
+    texts = [
+        f"/ {line}" if phrase.part is Part.ACTION and not number else line
+        for phrase in label.phrases
+        for number, line in enumerate(svg.folded(phrase.text, _COLUMNS))
+    ]
+    return "".join(f"{_escaped(text)}\\l" for text in texts)
+
+
+def _joined(lines: Sequence[str]) -> str:
+    return "\n".join(lines) + "\n"

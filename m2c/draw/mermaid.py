@@ -1,0 +1,136 @@
+"""The same diagrams as Mermaid text: ``stateDiagram-v2`` and ``flowchart``.
+
+Mermaid has its own escapes, ``#<code point>;``, and characters that mean something in some places
+only: whatever is no letter, digit or harmless sign is escaped everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from m2c.draw import svg
+from m2c.draw.diagram import Diagram, Label, diagrams_of
+from m2c.draw.policy import Node
+from m2c.draw.wiring import Sort, Wiring, offer_names
+from m2c.draw.wording import Part
+from m2c.model.machine import Machine
+from m2c.policy.tree import LeafKind
+
+_HARMLESS = frozenset(" _,=/()+*|!?'")
+_COLUMNS = 60
+_BREAK = "<br/>"
+_ARROWS = {Sort.TOPIC: "-.->", Sort.SERVICE: "-->", Sort.ACTION: "==>"}
+
+
+def machine_as_mermaid(machine: Machine) -> str:
+    """The machine as a state diagram; those of its action threads are states that contain it."""
+    found = diagrams_of(machine)
+    lines = _head(machine.name, "stateDiagram-v2")
+    if len(found) == 1:
+        return _joined(lines + _states(found[0], "s", "  "))
+    for index, diagram in enumerate(found):
+        lines += [
+            f'  state "{escaped(diagram.title)}" as m{index} {{',
+            *_states(diagram, f"m{index}s", "    "),
+            "  }",
+        ]
+    return _joined(lines)
+
+
+def wiring_as_mermaid(wiring: Wiring) -> str:
+    """The wiring as a flowchart; dotted: topics, thin: service calls, thick: actions."""
+    names = offer_names(wiring)
+    lines = _head(wiring.name, "flowchart LR")
+    for index, place in enumerate(wiring.places):
+        rows = [place.name, *(f"{o.sort} {names[o.channel]}" for o in place.offers)]
+        lines.append(f'  n{index}["{_rows(rows)}"]')
+    for wire in wiring.wires:
+        if wire.offer is None:
+            served = wiring.places[wire.provider].served
+            label = " · ".join(names[offer.channel] for offer in served)
+            lines.append(f'  n{wire.user} -->|"{escaped(label)}"| n{wire.provider}')
+            continue
+        ends = (wire.user, wire.provider)
+        first, last = ends[::-1] if wire.offer.sort is Sort.TOPIC else ends
+        label = escaped(names[wire.offer.channel])
+        lines.append(f'  n{first} {_ARROWS[wire.offer.sort]}|"{label}"| n{last}')
+    return _joined(lines)
+
+
+def policy_as_mermaid(name: str, root: Node) -> str:
+    """The tree as a flowchart: rounded conditions, square actions."""
+    lines = _head(name, "flowchart LR")
+    count = 0
+
+    def add(node: Node) -> str:
+        nonlocal count
+        own = f"n{count}"
+        count += 1
+        if node.is_leaf and node.kind == LeafKind.CONDITION:
+            lines.append(f'  {own}(["{escaped(node.name)}?"])')
+        elif node.is_leaf and node.kind == LeafKind.ACTION:
+            lines.append(f'  {own}["{escaped(node.name)}"]')
+        else:
+            lines.append(f'  {own}["{_rows(dict.fromkeys((node.name or node.kind, node.kind)))}"]')
+        for child in node.children:
+            at = len(lines)
+            below = add(child)
+            arrow = '---|"not"|' if child.negated else "---"
+            lines.insert(at + 1, f"  {own} {arrow} {below}")
+        return own
+
+    add(root)
+    return _joined(lines)
+
+
+def escaped(words: str) -> str:
+    """``words`` as Mermaid takes them inside quotes and after colons."""
+    return "".join(
+        character
+        if character in _HARMLESS or (character.isalnum() and character.isascii())
+        else f"#{ord(character)};"
+        for character in " ".join(words.split())
+    )
+
+
+def _states(diagram: Diagram, prefix: str, indent: str) -> list[str]:
+    lines = [
+        f'{indent}state "{escaped(state.name)}" as {prefix}{index}'
+        for index, state in enumerate(diagram.states)
+    ]
+    for index, state in enumerate(diagram.states):
+        lines += [f"{indent}{prefix}{index}: {_words(label, _COLUMNS)}" for label in state.labels]
+    lines.append(f"{indent}[*] --> {prefix}{diagram.initial}")
+    for arrow in diagram.arrows:
+        for label in arrow.labels:
+            text = _words(label, _COLUMNS)
+            ends = f"{prefix}{arrow.source} --> {prefix}{arrow.target}"
+            lines.append(f"{indent}{ends}{f': {text}' if text else ''}")
+    lines += [
+        f"{indent}{prefix}{index} --> [*]"
+        for index, state in enumerate(diagram.states)
+        if state.final
+    ]
+    return lines
+
+
+def _words(label: Label, columns: int) -> str:
+    texts = [
+        f"/ {line}" if phrase.part is Part.ACTION and not number else line
+        for phrase in label.phrases
+        for number, line in enumerate(svg.folded(phrase.text, columns))
+    ]
+    return _rows(texts)
+
+
+def _rows(texts: Iterable[str]) -> str:
+    return _BREAK.join(escaped(text) for text in texts)
+
+
+def _head(title: str, kind: str) -> list[str]:
+    quoted = " ".join(title.split()).replace("\\", "\\\\").replace('"', '\\"')
+    return ["---", f'title: "{quoted}"', "---", kind]
+
+
+def _joined(lines: Sequence[str]) -> str:
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,176 @@
+"""Wirings, policies, and the text formats."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from m2c.draw import document, draw_policy, draw_wiring, tree_of, wiring_of
+from m2c.draw.dot import machine_as_dot, policy_as_dot, quoted, wiring_as_dot
+from m2c.draw.expressions import source
+from m2c.draw.mermaid import escaped, machine_as_mermaid, policy_as_mermaid, wiring_as_mermaid
+from m2c.draw.policy import TooLargeError
+from m2c.draw.wiring import POLICY
+from m2c.draw.wording import short_names
+from m2c.model import DiagnosticLog, System, load
+from m2c.model.diagnostics import Position
+from m2c.model.ecmascript import parse_expression
+from m2c.policy.reader import read_policy_file
+from m2c.policy.tree import PolicyFile
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
+CALLS = tuple(f"/{name}/tick" for name in ("AlarmSkill", "BatteryLevelSkill", "WaitSkill"))
+
+
+@pytest.fixture(scope="module")
+def system() -> System:
+    found = load([EXAMPLE / "system.xml"], DiagnosticLog())
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def policy() -> PolicyFile:
+    found = read_policy_file(EXAMPLE / "policy.xml", DiagnosticLog())
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(a + b) * c - d / (e - f)",
+        "a - (b - c)",
+        "(a ** b) ** c",
+        "a ** b ** c",
+        "!(a && b) || c",
+        "-(-a)",
+        "x == 1 ? 'it\\'s' : y ? [1, 2.5] : {k: null}",
+        "(a ? b : c) + Math.max(d[i + 1].e, 2)",
+        "typeof a === 'string' && _msg.data.length > 3",
+    ],
+)
+def test_an_expression_is_written_so_that_it_is_read_as_the_same(text: str) -> None:
+    def tree(written: str) -> str:
+        log = DiagnosticLog()
+        parsed = parse_expression(written, Position("x"), "data", log)
+        assert parsed is not None, log.diagnostics
+        return re.sub(r"position=Position\([^)]*\)", "", repr(parsed))
+
+    parsed = parse_expression(text, Position("x"), "data", DiagnosticLog())
+    assert parsed is not None
+    assert tree(source(parsed)) == tree(text)
+
+
+def test_a_channel_is_called_by_as_little_as_tells_it_apart() -> None:
+    names = short_names(["/a/tick", "/b/tick", "/b/halt", "plain"])
+    assert names == {
+        "/a/tick": "/a/tick",
+        "/b/tick": "/b/tick",
+        "/b/halt": "halt",
+        "plain": "plain",
+    }
+
+
+def test_a_wiring_shows_who_uses_what(system: System) -> None:
+    wiring = wiring_of(system, CALLS)
+    names = [place.name for place in wiring.places]
+    assert names[0] == POLICY
+    wires = {
+        (names[wire.user], names[wire.provider], wire.offer.channel if wire.offer else "")
+        for wire in wiring.wires
+    }
+    assert (POLICY, "WaitSkill", "") in wires
+    level = "/BatteryComponent/level"
+    assert ("BatteryLevelSkill", "BatteryComponent", level) in wires
+    words = "".join(ElementTree.fromstring(document(draw_wiring(wiring), "w")).itertext())
+    assert all(node.name in words for node in system.nodes)
+
+
+def test_a_channel_that_nobody_in_the_system_offers_is_outside(tmp_path: Path) -> None:
+    loaded = load(
+        [EXAMPLE / "skills" / "WaitSkill.scxml", EXAMPLE / "skills" / "GoToPoiSkill.scxml"],
+        DiagnosticLog(),
+    )
+    assert loaded is not None
+    wiring = wiring_of(loaded)
+    assert [place.role for place in wiring.places] == ["node", "node", "outside"]
+    assert {offer.channel for offer in wiring.places[-1].offers} == {
+        "/SchedulerComponent/GetPoi",
+        "/NavigationComponent/GoToPoi",
+    }
+
+
+def test_a_policy_is_drawn_with_its_sub_trees_in_place(policy: PolicyFile) -> None:
+    root = ElementTree.fromstring(document(draw_policy(tree_of(policy)), "p"))
+    words = [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert words.count("not") == 2
+    leaves = [leaf.name for leaf in policy.leaves()]
+    assert all(name in words or f"{name}?" in words for name in leaves)
+
+
+def test_sub_trees_that_multiply_are_refused(tmp_path: Path) -> None:
+    trees = "".join(
+        f'<BehaviorTree ID="T{i}"><Sequence><SubTree ID="T{i + 1}"/><SubTree ID="T{i + 1}"/>'
+        "</Sequence></BehaviorTree>"
+        for i in range(14)
+    )
+    path = tmp_path / "policy.xml"
+    path.write_text(
+        f'<root BTCPP_format="4" main_tree_to_execute="T0">{trees}'
+        '<BehaviorTree ID="T14"><AlwaysSuccess/></BehaviorTree></root>'
+    )
+    log = DiagnosticLog()
+    file = read_policy_file(path, log)
+    assert file is not None
+    with pytest.raises(TooLargeError):
+        tree_of(file)
+
+
+def test_mermaid_has_every_state_and_transition_in_its_syntax(system: System) -> None:
+    line = re.compile(
+        r'\s+(state "[^"]+" as \w+( \{)?|\}|(\[\*\]|\w+) --> (\[\*\]|\w+)(: .+)?|\w+: .+)'
+    )
+    for machine in system.nodes:
+        head, *lines = machine_as_mermaid(machine).split("---\n", 2)[2].splitlines()
+        assert head == "stateDiagram-v2"
+        assert [text for text in lines if not line.fullmatch(text)] == []
+        states = len(machine.states) + sum(len(t.machine.states) for t in machine.threads)
+        boxes = len(machine.threads) + 1 if machine.threads else 0
+        assert sum("state " in text for text in lines) == states + boxes
+
+
+def test_mermaid_flowcharts_quote_every_label(system: System, policy: PolicyFile) -> None:
+    node = re.compile(r'\s+n\d+(\["[^"]*"\]|\(\["[^"]*"\]\))')
+    link = re.compile(r'\s+n\d+ (-->|---|==>|-\.->)(\|"[^"]*"\|)? n\d+')
+    for text in (
+        wiring_as_mermaid(wiring_of(system, CALLS)),
+        policy_as_mermaid("p", tree_of(policy)),
+    ):
+        head, *lines = text.split("---\n", 2)[2].splitlines()
+        assert head == "flowchart LR"
+        assert [one for one in lines if not node.fullmatch(one) and not link.fullmatch(one)] == []
+
+
+def test_nothing_in_a_text_ends_a_mermaid_label() -> None:
+    assert set(re.sub(r"#\d+;", "", escaped('a"b;c#d]<x>:{-->\n`%%'))) <= set("abcdx ")
+
+
+def test_dot_strings_are_closed_and_braces_match(system: System, policy: PolicyFile) -> None:
+    for text in (
+        *(machine_as_dot(machine) for machine in system.nodes),
+        wiring_as_dot(wiring_of(system, CALLS)),
+        policy_as_dot("p", tree_of(policy)),
+    ):
+        bare = re.sub(r'"(?:[^"\\]|\\.)*"', "S", text)
+        assert '"' not in bare
+        assert bare.count("{") == bare.count("}")
+        statement = re.compile(r"digraph S \{|\s*subgraph \w+ \{|\s*\}|.*;")
+        assert [line for line in bare.splitlines() if not statement.fullmatch(line)] == []
+
+
+def test_a_dot_string_escapes_quotes_backslashes_and_entities() -> None:
+    assert quoted('a"b\\c & d', "second") == '"a\\"b\\\\c &amp; d\\nsecond"'
