@@ -20,12 +20,12 @@ _PADDING_BYTES = 3
 MAX_ITEMS = 1 << 20
 """Messages or strings in one sequence: each is an object here, however few bytes it has there."""
 
-_CODES = {
+CODES = {
     **{"bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B"},
     **{"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
     **{"float32": "f", "float64": "d"},
 }
-_SIZES = {name: struct.calcsize(f"<{code}") for name, code in _CODES.items()}
+_SIZES = {name: struct.calcsize(f"<{code}") for name, code in CODES.items()}
 
 _Value = Callable[[bytes, int], tuple[Any, int]]
 """(payload, position) to (value, position after it)."""
@@ -76,7 +76,7 @@ def _structure_reader(structure: Structure, order: str) -> _Value:
     steps: list[_Step] = []
     run: list[tuple[str, str]] = []
     for name, kind in structure.fields:
-        if isinstance(kind, Primitive) and kind.name in _CODES:
+        if isinstance(kind, Primitive) and kind.name in CODES:
             run.append((name, kind.name))
             continue
         if run:
@@ -111,7 +111,7 @@ def _run_reader(run: list[tuple[str, str]], order: str) -> _Step:
         position, layout = begin, order
         for _, kind in run:
             padding = -position % _SIZES[kind]
-            layout += "x" * padding + _CODES[kind]
+            layout += "x" * padding + CODES[kind]
             position += padding + _SIZES[kind]
         tables.append((struct.Struct(layout).unpack_from, position - begin))
 
@@ -127,8 +127,8 @@ def _reader(kind: DataType, order: str) -> _Value:
     match kind:
         case Primitive("string"):
             return _string_reader(order)
-        case Primitive(name) if name in _CODES:
-            unpack, size = struct.Struct(order + _CODES[name]).unpack_from, _SIZES[name]
+        case Primitive(name) if name in CODES:
+            unpack, size = struct.Struct(order + CODES[name]).unpack_from, _SIZES[name]
 
             def scalar(data: bytes, position: int) -> tuple[Any, int]:
                 position += -position % size
@@ -161,8 +161,8 @@ def _string_reader(order: str) -> _Value:
 def _array_reader(element: DataType, fixed: int | None, order: str) -> _Value:
     """A sequence, or an array of ``fixed`` elements."""
     count_of = struct.Struct(order + "I").unpack_from
-    scalar = element.name if isinstance(element, Primitive) and element.name in _CODES else ""
-    code, size = _CODES.get(scalar, ""), _SIZES.get(scalar, 1)
+    scalar = element.name if isinstance(element, Primitive) and element.name in CODES else ""
+    code, size = CODES.get(scalar, ""), _SIZES.get(scalar, 1)
     read = None if scalar else _reader(element, order)
 
     def items(data: bytes, position: int) -> tuple[list[Any], int]:

@@ -1,0 +1,174 @@
+"""From the messages of our own recordings to the entries that were written: :mod:`moon.recording.format`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import msgspec
+
+from moon.recording import format as layout
+from moon.recording.cdr import CdrError, Decoder
+from moon.recording.entries import Entry, Event, Pulse, Said, Turn
+from moon.recording.format import Form
+from moon.recording.numbers import Numbering, Numbers
+from moon.recording.stored import StoredChannel, StoredMessage
+from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from transports.interface import Observation, ObservationKind
+from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, RESPONSE_SENT, TYPE_SUFFIX
+
+Read = Callable[[StoredMessage], Entry]
+"""The entry in a message; CdrError or msgspec.DecodeError if there is none."""
+
+ReadNumbers = Callable[[int], tuple[int, int]]
+"""From the number in an MCAP record to an observation's sequence and order."""
+
+_decode_string = Decoder(layout.STRING_TYPE)
+_decode_int64 = Decoder(layout.INT64_TYPE)
+_decode_verdict = Decoder(layout.VERDICT_TYPE)
+_PACKED_AT = 8
+_unpack = msgspec.msgpack.Decoder(Observation).decode
+_decode_event = msgspec.json.Decoder(Event).decode
+
+
+def reader_of(
+    channel: StoredChannel, decode: Callable[[], Decoder], numbers: Numbers
+) -> Read | None:
+    """What reads the messages of ``channel``; None if they are copies, for other tools.
+
+    Args:
+        channel: of our own (``format.form_of`` its metadata is not None).
+        decode: makes the decoder of the channel's type, if it is needed.
+        numbers: of the recording.
+
+    Raises:
+        CdrError: the channel is not what it says it is.
+    """
+    metadata = channel.metadata
+    match layout.form_of(metadata):
+        case Form.OBSERVATION:
+            source = metadata.get(layout.SOURCE, "")
+            if not channel.topic.endswith(EVENT_SUFFIX):
+                number = _number_reader(metadata, source, channel.topic, True, numbers)
+                return _message_reader(channel, decode(), source, number)
+            service = channel.topic.removesuffix(EVENT_SUFFIX)
+            number = _number_reader(metadata, source, service, False, numbers)
+            client = metadata.get(layout.CLIENT, "")
+            return _event_reader(channel, decode(), source, client, number)
+        case Form.PACKED:
+            return lambda message: _read_packed(message, numbers)
+        case Form.EVENT:
+            return lambda message: _decode_event(_decode_string(message.data)["data"])
+        case Form.PULSE:
+            return _pulse_reader(metadata.get(layout.TURN, ""))
+        case Form.VERDICT:
+            kind = metadata.get(layout.KIND, "model")
+            return lambda message: _verdict(message, kind)
+        case _:
+            return None
+
+
+def _number_reader(
+    metadata: Mapping[str, str], source: str, channel: str, is_message: bool, numbers: Numbers
+) -> ReadNumbers:
+    match metadata.get(layout.NUMBERS):
+        case Numbering.BOTH:
+            return lambda bits: numbers.unpack(source, channel, is_message, bits)
+        case Numbering.SEQUENCE:
+            return lambda number: (number - 1, -1)
+        case _:
+            return lambda number: (-1, -1)
+
+
+def _message_reader(
+    channel: StoredChannel, decode: Decoder, source: str, number: ReadNumbers
+) -> Read:
+    topic, type_name, kind = channel.topic, channel.type_name, ObservationKind.MESSAGE
+
+    def read(message: StoredMessage) -> Observation:
+        sequence, order = number(message.sequence)
+        return Observation(
+            stamp_ns=message.published_ns,
+            received_ns=message.received_ns,
+            channel=topic,
+            kind=kind,
+            type_name=type_name,
+            data=decode(message.data),
+            source=source,
+            sequence=sequence,
+            order=order,
+        )
+
+    return read
+
+
+def _event_reader(
+    channel: StoredChannel, decode: Decoder, source: str, client: str, number: ReadNumbers
+) -> Read:
+    service = channel.topic.removesuffix(EVENT_SUFFIX)
+    base = channel.type_name.removesuffix(TYPE_SUFFIX)
+    request, response = f"{base}_Request", f"{base}_Response"
+
+    def read(message: StoredMessage) -> Observation:
+        event = decode(message.data)
+        try:
+            info = event["info"]
+            event_type = info["event_type"]
+            if not 0 <= event_type < len(KIND_OF_EVENT):
+                raise CdrError(f"unknown event type {event_type} - at `$.info.event_type`")
+            asks = event_type < RESPONSE_SENT
+            contents = event["request" if asks else "response"]
+            call = info["sequence_number"]
+        except KeyError as error:
+            raise CdrError(f"it is no service event: no {error}") from error
+        sequence, order = number(message.sequence)
+        return Observation(
+            stamp_ns=message.published_ns,
+            received_ns=message.received_ns,
+            channel=service,
+            kind=KIND_OF_EVENT[event_type],
+            type_name=request if asks else response,
+            data=contents[0] if contents else None,
+            source=source,
+            sequence=sequence,
+            order=order,
+            client=client,
+            call=call,
+        )
+
+    return read
+
+
+def _read_packed(message: StoredMessage, numbers: Numbers) -> Observation:
+    # one sequence of bytes, after the header and its length
+    seen = _unpack(memoryview(message.data)[_PACKED_AT:])
+    numbers.note(seen)
+    return seen
+
+
+def _pulse_reader(name: str) -> Read:
+    try:
+        turn = Turn(name)
+    except ValueError as error:
+        raise CdrError(f"unknown turn {name!r}") from error
+    return lambda message: Pulse(message.received_ns, turn, _decode_int64(message.data)["data"])
+
+
+def _verdict(message: StoredMessage, kind: str) -> Said:
+    data = _decode_verdict(message.data)
+    why = None
+    if data["expected"] or data["observed"] or data["evidence"]:
+        why = Explanation(
+            tuple(data["expected"]),
+            data["observed"],
+            tuple(data["states"]),
+            tuple(Evidence(item["stamp_ns"], item["text"]) for item in data["evidence"]),
+            tuple(data["places"]),
+        )
+    try:
+        outcome = Outcome(data["outcome"])
+    except ValueError as error:
+        raise CdrError(f"unknown outcome {data['outcome']!r}") from error
+    verdict = Verdict(
+        data["machine"], data["node"], outcome, data["stamp_ns"], data["reason"], why, kind
+    )
+    return Said(message.received_ns, verdict)
