@@ -1,0 +1,164 @@
+"""How soon after its deadline a response that never comes is reported, on Zenoh with default bounds.
+
+Usage: ``python benchmarks/deadlines.py [--count N] [--busy N]``. A process asks again and again; every
+other answer comes in the last moments before its deadline, the rest not in time. Prints how late the
+monitor said so, and how often it accused an answer that was in time. ``--busy`` keeps so many
+processors busy meanwhile.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import socket
+import statistics
+import subprocess
+import sys
+from collections.abc import Sequence
+
+import msgspec
+
+from moon.monitor.properties import PropertyWatch
+from moon.monitor.reading import no_system
+from moon.monitor.watch import SystemWatch
+from moon.oracle.bounds import Bounds
+from moon.properties.property import Port, Property
+from moon.properties.syntax import parse_formula
+from moon.verdict import Outcome, Verdict
+from transports.interface import Observation, Topic, Transport
+from transports.zenoh import connect
+
+MS = 1_000_000
+DEADLINE_NS = 300 * MS
+CLOSE_NS = 40 * MS
+"""Answers in time come this long before their deadline at most."""
+PERIOD_S = 0.5
+FORMULA = "not((not {answered}) since[300ms:] {asked})"
+
+
+class Empty(msgspec.Struct):
+    __type_name__ = "std_msgs/msg/Empty"
+
+
+def topic(name: str) -> Topic:
+    return Topic(f"/{name}", "std_msgs/msg/Empty", Empty)
+
+
+def ask(endpoint: str, count: int) -> None:
+    """The asking process."""
+    node = connect("asker", {"endpoint": endpoint})
+    asked, answered = (node.publisher(topic(name)) for name in ("asked", "answered"))
+    choice = random.Random(1)
+    left = [count]
+
+    def once() -> None:
+        if not left[0]:
+            return
+        left[0] -= 1
+        asked.publish(Empty())
+        in_time = left[0] % 2
+        wait_ns = (
+            DEADLINE_NS - choice.randint(2 * MS, CLOSE_NS) if in_time else DEADLINE_NS * 4 // 3
+        )
+        node.after(wait_ns / 1e9, lambda: answered.publish(Empty()))
+
+    node.after(1.0, lambda: node.every(PERIOD_S, once))
+    node.after(2.0 + (count + 1) * PERIOD_S, node.close)
+    node.spin()
+
+
+class Judge:
+    """What was heard and what was said."""
+
+    def __init__(self, connection: Transport) -> None:
+        self.connection = connection
+        self.asked: list[int] = []
+        self.answered: list[int] = []
+        self.lags: list[int] = []
+        self.said: list[tuple[int, Verdict]] = []
+
+    def hear(self, seen: Observation) -> None:
+        """What the monitor's tap hears, too."""
+        self.lags.append(seen.received_ns - seen.stamp_ns)
+        (self.asked if seen.channel == "/asked" else self.answered).append(seen.stamp_ns)
+
+    def take(self, verdict: Verdict) -> None:
+        """A verdict of the monitor."""
+        self.said.append((self.connection.now_ns(), verdict))
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def run(count: int, busy: int) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    connection = connect("monitor", {"listen": endpoint})
+    judge = Judge(connection)
+    ports = (Port("asked", "/asked", event=True), Port("answered", "/answered", event=True))
+    bounds = Bounds()
+    watch = PropertyWatch([Property("answers", parse_formula(FORMULA), ports)], bounds.latency)
+    system = no_system()
+    monitor = SystemWatch(connection, system, (), bounds, [judge], print, watch)
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
+    command = [sys.executable, __file__, "--ask", endpoint, "--count", str(count)]
+    asker = subprocess.Popen(command)
+    try:
+        monitor.start()
+        connection.tap(["/asked", "/answered"], judge.hear)
+        connection.spin(until=lambda: asker.poll() is not None)
+    finally:
+        for process in (*burners, asker):
+            process.kill()
+            process.wait()
+        connection.close()
+    report(judge, busy)
+
+
+def report(judge: Judge, busy: int) -> None:
+    late = [
+        asked
+        for asked in judge.asked
+        if not any(0 <= answer - asked <= DEADLINE_NS for answer in judge.answered)
+    ]
+    due = {asked + DEADLINE_NS for asked in late}
+    broken = [(now, said) for now, said in judge.said if said.outcome is Outcome.VIOLATED]
+    delays = [(now - said.stamp_ns) / MS for now, said in broken if said.stamp_ns in due]
+    wrong = [said for _, said in broken if said.stamp_ns not in due]
+    tightest = min(
+        (DEADLINE_NS - (answer - asked)) / MS
+        for asked in judge.asked
+        for answer in judge.answered
+        if 0 <= answer - asked <= DEADLINE_NS
+    )
+    print(
+        f"{len(judge.asked)} questions, {len(late)} not answered in time"
+        + (f", {busy} processes keep the processors busy" if busy else "")
+        + f"; lags up to {max(judge.lags) / MS:.1f} ms"
+    )
+    print(
+        f"  said {len(delays)}, after the deadline: median {statistics.median(delays):.1f} ms, "
+        f"longest {max(delays):.1f} ms (target on an idle machine: at most 50)"
+    )
+    print(
+        f"  answers in time, down to {tightest:.1f} ms before the deadline: "
+        f"{len(wrong)} accused (target: 0)"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--busy", type=int, default=0)
+    parser.add_argument("--ask", metavar="ENDPOINT", help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.ask:
+        ask(options.ask, options.count)
+    else:
+        run(options.count, options.busy)
+
+
+if __name__ == "__main__":
+    main()
