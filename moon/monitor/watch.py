@@ -103,6 +103,7 @@ class SystemWatch:
         say: told what a person should know, one sentence each.
         properties: what else is to be monitored, of the same observations.
         policy: whether the policy is monitored; by default, if all machines of ``system`` are.
+        monotonic_ns: a clock that nobody sets: with it, standing still is told from a clock that was.
     """
 
     def __init__(
@@ -115,6 +116,7 @@ class SystemWatch:
         say: Callable[[str], None],
         properties: PropertyWatch | None = None,
         policy: bool | None = None,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.counts = Counts()
         self._violations = 0
@@ -141,7 +143,8 @@ class SystemWatch:
         self._gone_counts: dict[str, tuple[int, int, int]] = {}
         self._listening_since = 0
         self._pace = Pace(transport.now_ns(), bounds.latency)
-        self._monotonic_ns = time.monotonic_ns()
+        self._read_monotonic = monotonic_ns
+        self._monotonic_ns = monotonic_ns()
         self._began_ns = 0
         self.listener: Tap | None = None
 
@@ -230,7 +233,7 @@ class SystemWatch:
         now_ns = self._transport.now_ns()
         self._look_at_clock(now_ns)
         # behind what the tap has already handed over
-        self._transport.post(functools.partial(self._advance, now_ns, time.monotonic_ns()))
+        self._transport.post(functools.partial(self._advance, now_ns, self._read_monotonic()))
 
     def _advance(self, now_ns: int, monotonic_ns: int) -> None:
         self._monotonic_ns = monotonic_ns
@@ -252,7 +255,7 @@ class SystemWatch:
         """Whether time goes on as it should; else what was missed is said."""
         gap_ns = now_ns - self._pace.now_ns
         if gap_ns > self._pace.limit_ns:
-            passed_ns = time.monotonic_ns() - self._monotonic_ns
+            passed_ns = self._read_monotonic() - self._monotonic_ns
             if passed_ns > gap_ns // 2:
                 what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
             else:
@@ -277,7 +280,7 @@ class SystemWatch:
         else:
             self._properties.lose_all(self._pace.clock_ns - self._bounds.latency, now_ns)
         self._listening_since = now_ns
-        self._monotonic_ns = time.monotonic_ns()
+        self._monotonic_ns = self._read_monotonic()
         self._pace.restart(now_ns)
         self._say(f"warning: {why}: all machines are found anew")
         for name in self._nodes:

@@ -62,6 +62,8 @@ class Turn(StrEnum):
     """Its timer ran out (``Transport.every``)."""
     POSTED = "posted"
     """What it left for later is done now (``Transport.post``)."""
+    CLOCK = "clock"
+    """It looks at both clocks, because much time has passed since it last did."""
 
 
 class Pulse(msgspec.Struct, frozen=True, gc=False):

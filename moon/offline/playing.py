@@ -1,0 +1,168 @@
+"""A recording as a monitor's connection: it is told what was recorded, when it was.
+
+``SystemWatch`` is handed this in place of a transport. A recording of a monitor has the turns that it
+took, and they are taken again, one by one. Any other recording has none: then the timer runs whenever
+its period is over by the clock of the recording, and what is left for later is done at once.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from moon.monitor.pace import NS, PERIOD_S
+from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Turn
+from transports.interface import Observation, Publisher, Tap, Timer, Topic, TransportError
+
+MAX_QUIET_NS = 24 * 3600 * NS
+"""Time passes step by step over silences up to this; longer ones are clocks that were set."""
+_PERIOD_NS = round(PERIOD_S * NS)
+
+
+class Player:
+    """A connection to a recording; see :class:`moon.monitor.watch.SystemWatch`.
+
+    Args:
+        begin: called once, when listening begins: ``SystemWatch.start``.
+        early_ns: where a recording does not say when it began, it did so long before its first
+            entry.
+
+    Attributes:
+        began: whether listening has begun.
+    """
+
+    def __init__(self, early_ns: int) -> None:
+        self.began = False
+        self._early_ns = early_ns
+        self._now_ns = 0
+        self._monotonic_ns = 0
+        self._paced = False
+        self._next_ns = 0
+        """When the timer is due, in a recording without turns."""
+        self._heard: Callable[[Observation], None] = _nothing
+        self._changed: Callable[[str, bool], None] | None = None
+        self._timer: Callable[[], None] | None = None
+        self._posted: deque[Callable[[], None]] = deque()
+        self._since: dict[str, int] = {}
+        self._missed: dict[str, str] = {}
+
+    # --- for the watch -----------------------------------------------------------------------------
+
+    def now_ns(self) -> int:
+        """The time of the recording."""
+        return self._now_ns
+
+    def monotonic_ns(self) -> int:
+        """The recorder's monotonic clock."""
+        return self._monotonic_ns
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """Hear what was recorded."""
+        self._heard = handler
+        return self
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """Hear of nodes."""
+        self._changed = handler
+
+    def up_since(self, name: str) -> int:
+        """When a node began to connect; 0 if the recording does not say."""
+        return self._since.get(name, 0)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """The watch's timer; it has one."""
+        self._timer = handler
+        return self
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Leave something for later."""
+        self._posted.append(handler)
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """Nothing is published: TransportError."""
+        raise TransportError(f"{topic.name}: nobody listens to a recording")
+
+    def peers(self) -> Sequence[str]:
+        """Nobody."""
+        return ()
+
+    def problems(self) -> Sequence[str]:
+        """What the recorder said that it could not hear."""
+        return tuple(self._missed.values())
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def cancel(self) -> None:
+        """The timer ends with the recording."""
+
+    # --- for who reads the recording ---------------------------------------------------------------
+
+    def start(self, first: Entry, begin: Callable[[], None]) -> None:
+        """Begin where ``first``, the recording's first entry, says; ``begin`` starts the watch."""
+        self.began = True
+        if isinstance(first, Began):
+            self._now_ns = first.received_ns
+            self._paced = first.paced
+        else:
+            self._now_ns = first.received_ns - self._early_ns
+        self._next_ns = self._now_ns + _PERIOD_NS
+        begin()
+
+    def play(self, entry: Entry) -> None:
+        """Tell the watch of ``entry``."""
+        if self._paced:
+            self._now_ns = entry.received_ns
+        else:
+            self._pass_to(entry.received_ns)
+        match entry:
+            case Observation():
+                self._heard(entry)
+            case Pulse():
+                self._take_turn(entry)
+            case NodeChange():
+                self._change(entry)
+            case Missed():
+                self._missed[_subject(entry.text)] = entry.text
+            case Began() | Ended() | _:
+                pass
+
+    def _take_turn(self, pulse: Pulse) -> None:
+        if not self._paced:
+            return
+        self._monotonic_ns = pulse.monotonic_ns
+        if pulse.turn is Turn.TIMER and self._timer is not None:
+            self._timer()
+        elif pulse.turn is Turn.POSTED and self._posted:
+            self._posted.popleft()()
+
+    def _change(self, change: NodeChange) -> None:
+        if change.up:
+            self._since[change.node] = change.since_ns
+        elif change.told:
+            self._since.pop(change.node, None)
+        if change.told and self._changed is not None:
+            self._changed(change.node, change.up)
+
+    def _pass_to(self, instant_ns: int) -> None:
+        """Time passes to ``instant_ns``, for a watch whose turns were not recorded."""
+        if not -NS < instant_ns - self._next_ns < MAX_QUIET_NS:
+            self._next_ns = instant_ns  # the clock was set
+        while self._next_ns <= instant_ns:
+            self._monotonic_ns += _PERIOD_NS
+            self._now_ns = self._next_ns
+            self._next_ns += _PERIOD_NS
+            if self._timer is not None:
+                self._timer()
+            while self._posted:
+                self._posted.popleft()()
+        self._now_ns = instant_ns
+
+
+def _subject(problem: str) -> str:
+    """What a sentence is about: its digits count what goes on growing."""
+    return "".join(letter for letter in problem if not letter.isdigit())
+
+
+def _nothing(_: Observation) -> None:
+    pass

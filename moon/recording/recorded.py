@@ -1,0 +1,120 @@
+"""A monitor's connection, with everything that comes over it written down: what it heard, and when it acted.
+
+A monitor's verdicts are a function of what its connection tells it. So that a recording gives the same
+verdicts, time stands still for the monitor while it deals with one thing: what it is told the time is,
+however often it asks, is what is recorded with that thing.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from msgspec.structs import replace
+
+from moon.recording.entries import Began, Entry, NodeChange, Pulse, Turn
+from transports.interface import Observation, Publisher, Tap, Timer, Topic, Transport
+
+_UNUSUAL_NS = 100_000_000
+"""After this long without a turn, both clocks are looked at: the monitor may stand to be told why."""
+
+
+class RecordedConnection:
+    """What :class:`moon.monitor.watch.SystemWatch` needs of a transport, recorded.
+
+    Args:
+        home: the connection.
+        record: told everything, before the monitor is.
+        transport: its middleware.
+    """
+
+    def __init__(self, home: Transport, record: Callable[[Entry], None], transport: str) -> None:
+        self._home = home
+        self._record = record
+        self._transport = transport
+        self._now_ns = home.now_ns()
+        self._monotonic_ns = time.monotonic_ns()
+        self._turned_ns = self._now_ns
+        self._since: dict[str, int] = {}
+        """Of the nodes that are up."""
+
+    def now_ns(self) -> int:
+        """When that began which the monitor deals with now."""
+        return self._now_ns
+
+    def monotonic_ns(self) -> int:
+        """The same on a clock that nobody sets, to a tenth of a second."""
+        return self._monotonic_ns
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """Listen, from now on."""
+        home, record = self._home, self._record
+
+        def heard(seen: Observation) -> None:
+            now_ns = self._now_ns = home.now_ns()
+            if not 0 <= now_ns - self._turned_ns <= _UNUSUAL_NS:
+                self._take_turn(Turn.CLOCK)
+            if seen.received_ns != now_ns:
+                seen = replace(seen, received_ns=now_ns)
+            record(seen)
+            handler(seen)
+
+        self._now_ns = home.now_ns()
+        record(Began(self._now_ns, home.node, self._transport, paced=True))
+        return home.tap(channels, heard)
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """Hear of nodes that come and go."""
+
+        def changed(name: str, up: bool) -> None:
+            self._now_ns = self._home.now_ns()
+            since_ns = self._home.up_since(name)
+            if up:
+                self._since[name] = since_ns
+            else:
+                self._since.pop(name, None)
+            self._record(NodeChange(self._now_ns, name, up, since_ns))
+            handler(name, up)
+
+        self._home.watch_nodes(changed)
+
+    def up_since(self, name: str) -> int:
+        """When a node began to connect, as it is known since the last turn."""
+        return self._since.get(name, 0)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """A timer, whose turns are recorded."""
+
+        def run() -> None:
+            self._now_ns = self._home.now_ns()
+            self._look_at_nodes()
+            self._take_turn(Turn.TIMER)
+            handler()
+
+        return self._home.every(period_s, run)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` later, which is recorded."""
+
+        def run() -> None:
+            self._now_ns = self._home.now_ns()
+            self._take_turn(Turn.POSTED)
+            handler()
+
+        self._home.post(run)
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """A publisher of the connection."""
+        return self._home.publisher(topic)
+
+    def _take_turn(self, turn: Turn) -> None:
+        self._monotonic_ns = time.monotonic_ns()
+        self._turned_ns = self._now_ns
+        self._record(Pulse(self._now_ns, turn, self._monotonic_ns))
+
+    def _look_at_nodes(self) -> None:
+        for name, before_ns in self._since.items():
+            since_ns = self._home.up_since(name)
+            if since_ns != before_ns:
+                self._since[name] = since_ns
+                self._record(NodeChange(self._now_ns, name, True, since_ns, told=False))
