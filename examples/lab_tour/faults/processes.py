@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 TICK_S = 0.01
 """How often the run looks whether it is over."""
-STOP_S = 30.0
-"""How long ``m2c run`` may take to stop its nodes."""
+STOP_S = 100.0
+"""How long ``m2c run`` may take to stop its nodes: it gives each of them five seconds."""
 ROOT = SYSTEM.parents[2]
 _EXECUTED = "LAB_TOUR_INTERFACES_BUILT"
 
@@ -105,6 +105,8 @@ def _held(
             process.send_signal(signal.SIGINT)
             process.wait(STOP_S)
         return result
+    except subprocess.TimeoutExpired as error:
+        raise RunError(f"m2c run did not stop its nodes in {STOP_S:g} s") from error
     finally:
         if process is not None and process.poll() is None:
             process.kill()

@@ -17,6 +17,7 @@ import logging
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import by_property
@@ -68,6 +69,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--busy", type=int, default=0, metavar="N", help="beside N processes that only compute"
     )
+    parser.add_argument(
+        "--record",
+        type=Path,
+        metavar="FOLDER",
+        help="write what is heard to FOLDER/<fault>-<transport>.jsonl, an observation a line",
+    )
     chosen = parser.parse_args(arguments)
     logging.basicConfig(level=logging.CRITICAL)  # what the policy complains of is the fault at work
     from m2c.model import ModelError
@@ -86,12 +93,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with _busy(chosen.busy):
             for transport in transports:
                 seconds = chosen.nominal or TOUR_S
-                rows.append(_row(transport, None, system, seconds, properties))
+                rows.append(_row(transport, None, system, seconds, properties, chosen.record))
                 _report(rows[-1], chosen.json)
                 for name in [] if chosen.nominal else names:
-                    rows.append(_row(transport, fault(name), system, TOUR_S, properties))
+                    row = _row(transport, fault(name), system, TOUR_S, properties, chosen.record)
+                    rows.append(row)
                     _report(rows[-1], chosen.json)
-    except (PatchError, ModelError, RunError, TransportError) as error:
+    except (PatchError, ModelError, RunError, TransportError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     differ = differences(rows)
@@ -108,8 +116,15 @@ def _row(
     system: System,
     seconds: float,
     properties: Sequence[Property],
+    record: Path | None,
 ) -> Row:
-    run = RUNNERS[transport](chosen, system, seconds, properties, chosen is not None)
+    keeps = chosen is not None or record is not None
+    run = RUNNERS[transport](chosen, system, seconds, properties, keeps)
+    if record is not None:
+        record.mkdir(parents=True, exist_ok=True)
+        name = "nominal" if chosen is None else chosen.id
+        lines = msgspec.json.Encoder().encode_lines(run.heard)
+        (record / f"{name}-{transport}.jsonl").write_bytes(lines)
     row = judged_nominal(run) if chosen is None else judged(chosen, run)
     return msgspec.structs.replace(with_properties(row, chosen, run), transport=transport)
 
