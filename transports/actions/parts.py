@@ -1,0 +1,146 @@
+"""An action as services and topics, with the messages that ROS 2 gives them."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, ClassVar
+
+import msgspec
+
+from transports.interface import (
+    Action,
+    GoalStatus,
+    Message,
+    Service,
+    Topic,
+)
+
+STATUS_CODES = {
+    GoalStatus.ACCEPTED: 1,
+    GoalStatus.EXECUTING: 2,
+    GoalStatus.CANCELING: 3,
+    GoalStatus.SUCCEEDED: 4,
+    GoalStatus.CANCELED: 5,
+    GoalStatus.ABORTED: 6,
+}
+"""action_msgs/msg/GoalStatus."""
+STATUS_OF = {code: status for status, code in STATUS_CODES.items()}
+CANCEL_ACCEPTED, CANCEL_REJECTED, CANCEL_UNKNOWN, CANCEL_TERMINATED = 0, 1, 2, 3
+"""action_msgs/srv/CancelGoal return codes."""
+
+
+class _Part(msgspec.Struct, forbid_unknown_fields=True):
+    __type_name__: ClassVar[str] = ""
+
+
+class Time(_Part):
+    """``builtin_interfaces/msg/Time``."""
+
+    __type_name__: ClassVar[str] = "builtin_interfaces/msg/Time"
+    sec: int = 0
+    nanosec: int = 0
+
+
+class GoalId(_Part):
+    """``unique_identifier_msgs/msg/UUID``."""
+
+    __type_name__: ClassVar[str] = "unique_identifier_msgs/msg/UUID"
+    uuid: list[int] = msgspec.field(default_factory=lambda: [0] * 16)
+
+
+class GoalInfo(_Part):
+    """``action_msgs/msg/GoalInfo``."""
+
+    __type_name__: ClassVar[str] = "action_msgs/msg/GoalInfo"
+    goal_id: GoalId = msgspec.field(default_factory=GoalId)
+    stamp: Time = msgspec.field(default_factory=Time)
+
+
+class GoalStatusEntry(_Part):
+    """``action_msgs/msg/GoalStatus``."""
+
+    __type_name__: ClassVar[str] = "action_msgs/msg/GoalStatus"
+    goal_info: GoalInfo = msgspec.field(default_factory=GoalInfo)
+    status: int = 0
+
+
+class GoalStatusArray(_Part):
+    """``action_msgs/msg/GoalStatusArray``."""
+
+    __type_name__: ClassVar[str] = "action_msgs/msg/GoalStatusArray"
+    status_list: list[GoalStatusEntry] = msgspec.field(default_factory=list)
+
+
+class CancelRequest(_Part):
+    """``action_msgs/srv/CancelGoal_Request``."""
+
+    __type_name__: ClassVar[str] = "action_msgs/srv/CancelGoal_Request"
+    goal_info: GoalInfo = msgspec.field(default_factory=GoalInfo)
+
+
+class CancelResponse(_Part):
+    """``action_msgs/srv/CancelGoal_Response``."""
+
+    __type_name__: ClassVar[str] = "action_msgs/srv/CancelGoal_Response"
+    return_code: int = 0
+    goals_canceling: list[GoalInfo] = msgspec.field(default_factory=list)
+
+
+class ActionParts(msgspec.Struct, frozen=True):
+    """The channels that an action is made of."""
+
+    send_goal: Service
+    cancel_goal: Service
+    get_result: Service
+    feedback: Topic
+    status: Topic
+
+
+@functools.lru_cache(maxsize=256)
+def parts_of(action: Action) -> ActionParts:
+    """The services and topics of ``action``, with ROS 2's names and types."""
+    prefix = f"{action.name}/_action"
+    kind = action.type_name
+
+    def message(suffix: str, *fields: Any) -> type[Message]:
+        name = f"{kind}_{suffix}"
+        return msgspec.defstruct(
+            name.rpartition("/")[2],
+            fields,
+            namespace={"__type_name__": name},
+            forbid_unknown_fields=True,
+        )
+
+    return ActionParts(
+        Service(
+            f"{prefix}/send_goal",
+            f"{kind}_SendGoal",
+            message("SendGoal_Request", ("goal_id", GoalId), ("goal", action.goal)),
+            message("SendGoal_Response", ("accepted", bool), ("stamp", Time)),
+        ),
+        Service(
+            f"{prefix}/cancel_goal", "action_msgs/srv/CancelGoal", CancelRequest, CancelResponse
+        ),
+        Service(
+            f"{prefix}/get_result",
+            f"{kind}_GetResult",
+            message("GetResult_Request", ("goal_id", GoalId)),
+            message("GetResult_Response", ("status", int), ("result", action.result)),
+        ),
+        Topic(
+            f"{prefix}/feedback",
+            f"{kind}_FeedbackMessage",
+            message("FeedbackMessage", ("goal_id", GoalId), ("feedback", action.feedback)),
+        ),
+        Topic(f"{prefix}/status", "action_msgs/msg/GoalStatusArray", GoalStatusArray, latched=True),
+    )
+
+
+def wire_id(goal_id: str) -> GoalId:
+    """``goal_id`` as it travels."""
+    return GoalId(list(bytes.fromhex(goal_id)))
+
+
+def hex_id(wire: GoalId) -> str:
+    """The goal id that travels as ``wire``."""
+    return bytes(octet & 0xFF for octet in wire.uuid).hex()
