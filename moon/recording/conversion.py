@@ -11,8 +11,12 @@ from typing import Any
 
 import msgspec
 
+from moon.recording import own_entries
 from moon.recording.cdr import CdrError, Decoder
 from moon.recording.definitions import Definitions, UnknownTypeError
+from moon.recording.entries import Entry
+from moon.recording.format import form_of
+from moon.recording.numbers import Numbers
 from moon.recording.stored import (
     MAX_BYTES,
     ZSTD_MAGIC,
@@ -30,9 +34,13 @@ from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
 _PREFIX_BYTES = 12
 """Of a GID, so much names the participant (RTPS 2.5, 9.3.1): a client's writer and reader share it."""
 
+_UNDECODABLE = (
+    *(CdrError, TooLargeError, ZstdError),
+    *(msgspec.DecodeError, RecursionError, UnicodeDecodeError),
+)
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
-_Convert = Callable[[StoredMessage], Observation | None]
+_Convert = Callable[[StoredMessage], Entry | None]
 
 
 class Conversion:
@@ -44,17 +52,20 @@ class Conversion:
     Attributes:
         unread: why the messages of a topic are not read, by topic.
         hollow: services whose events have no contents.
+        left_out: how many messages could not be decoded.
     """
 
     def __init__(self, definitions: Definitions) -> None:
         self.unread: dict[str, str] = {}
         self.hollow: set[str] = set()
+        self.left_out = 0
         self._definitions = definitions
         self._losses = Losses()
+        self._numbers = Numbers()
         self._made: dict[StoredChannel, _Convert | None] = {}
         self._clients: dict[bytes, str] = {}
 
-    def __call__(self, message: StoredMessage) -> Observation | None:
+    def __call__(self, message: StoredMessage) -> Entry | None:
         """What the message is; None if it cannot be read (``undecodable`` tells)."""
         channel = message.channel
         try:
@@ -65,8 +76,9 @@ class Conversion:
             return None
         try:
             return convert(message)
-        except (CdrError, TooLargeError, ZstdError, msgspec.DecodeError) as error:
+        except _UNDECODABLE as error:
             self._losses.undecodable(channel.topic, "", error)
+            self.left_out += 1
             return None
 
     def undecodable(self) -> list[str]:
@@ -77,6 +89,8 @@ class Conversion:
 
     def _prepare(self, channel: StoredChannel) -> _Convert | None:
         topic, type_name = channel.topic, channel.type_name
+        if form_of(channel.metadata) is not None:
+            return self._prepare_own(channel)
         if channel.encoding != "cdr":
             self.unread[topic] = f"its messages are not CDR, but {channel.encoding!r}"
             return None
@@ -91,6 +105,17 @@ class Conversion:
         if topic.endswith(ros_forms.CALL_ERRORS) and type_name == ros_forms.STRING:
             return lambda message: _call_error(message, decode)
         return lambda message: _message(message, decode)
+
+    def _prepare_own(self, channel: StoredChannel) -> _Convert | None:
+        def decoder() -> Decoder:
+            self._definitions.add(channel.type_name, channel.schema_encoding, channel.schema)
+            return Decoder(self._definitions.structure(channel.type_name))
+
+        try:
+            return own_entries.reader_of(channel, decoder, self._numbers)
+        except (UnknownTypeError, CdrError) as error:
+            self.unread[channel.topic] = str(error)
+            return None
 
     def _event(self, message: StoredMessage, decode: Decoder) -> Observation | None:
         service = message.channel.topic.removesuffix(EVENT_SUFFIX)

@@ -41,6 +41,8 @@ _message_at = struct.Struct("<HIQQ").unpack_from
 _FRAME_BYTES = 9
 _MESSAGE_BYTES = 22
 _PIECE_BYTES = 1024 * 1024
+_LEADING = 16
+"""Records that are looked at for metadata before the first chunk."""
 
 
 class _DamagedError(ValueError):
@@ -137,6 +139,21 @@ class McapFile:
                 self._cut(offset)
                 return
 
+    def skim(self) -> None:
+        """Read the metadata at the beginning, and no more."""
+        self._read(len(MAGIC))
+        for _ in range(_LEADING):
+            frame = self._read(_FRAME_BYTES)
+            opcode, length = _frame(frame) if len(frame) == _FRAME_BYTES else (0, 0)
+            if opcode not in (_HEADER, _METADATA) or length > _PIECE_BYTES:
+                return
+            data = self._read(length)
+            if opcode == _METADATA and len(data) == length:
+                try:
+                    self._metadata(data)
+                except _DamagedError:
+                    return
+
     def _read(self, count: int) -> bytes:
         data = self._file.read(count)
         self._offset += len(data)
@@ -169,11 +186,14 @@ class McapFile:
         elif opcode == _CHANNEL:
             self._channel(data)
         elif opcode == _METADATA:
-            fields = _Fields(data)
-            name = fields.text()
-            self.metadata[name] = fields.texts()
+            self._metadata(data)
         elif opcode in (_DATA_END, _FOOTER):
             self.complete = True
+
+    def _metadata(self, data: bytes) -> None:
+        fields = _Fields(data)
+        name = fields.text()
+        self.metadata[name] = fields.texts()
 
     def _schema(self, data: bytes) -> None:
         fields = _Fields(data)
@@ -250,6 +270,13 @@ class McapFile:
         if whole and (left_out or place != end):
             what = plural(left_out, "record") if left_out else "its end"
             self._fault(offset, f"a chunk in which {what} cannot be read")
+
+
+def leading_metadata(opened: IO[bytes]) -> Mapping[str, Mapping[str, str]]:
+    """The named maps at the beginning of an MCAP file, before anything else in it."""
+    file = McapFile(opened, "")
+    file.skim()
+    return file.metadata
 
 
 def _decompressed(data: bytes, compression: str, size: int) -> bytes:

@@ -6,13 +6,16 @@ import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from m2c.model.datatypes import Structure
 from m2c.model.interfaces import InterfaceLibrary
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.contents import Contents, named
 from moon.recording.conversion import Conversion
 from moon.recording.definitions import Definitions
-from moon.recording.entries import Entry
+from moon.recording.entries import Began, Ended, Entry
+from moon.recording.format import FORMAT_NAME, Form, form_of
 from moon.recording.jsonlines import JsonLines
 from moon.recording.rosbag import BagFiles
 from moon.recording.stored import ZSTD_MAGIC, StoredChannel, Unpacked
@@ -38,13 +41,18 @@ class Recording:
         path: where it is.
         form: what it is: ``moon recording``, ``rosbag2``, ``JSON lines``.
         contents: what was found in it, as far as it was read.
+        ended: whether what was read last says that the recorder stopped in good order.
     """
 
     def __init__(self, path: Path, form: str, library: InterfaceLibrary | None) -> None:
         self.path = path
         self.form = form
         self.contents = Contents()
-        self._bag = BagFiles(path) if form == ROSBAG else None
+        self.ended = False
+        self._at_end = False
+        self._bag = None if form == JSON_LINES else BagFiles(path)
+        if form == OWN and self._bag is not None:
+            self._bag.keep_order()
         self._definitions = Definitions(library)
         self._conversion = Conversion(self._definitions)
         self._lines: JsonLines | None = None
@@ -52,20 +60,33 @@ class Recording:
     def entries(self, wanted: Wanted | None = None) -> Iterator[Entry]:
         """What was recorded, in the order in which it was received; to be asked for once.
 
-        Damage ends nothing but what is damaged: ``faults`` tells of it.
+        Damage ends nothing but what is damaged: ``faults`` tells of it. Where something of our own
+        recording is missing, the recorder begins once more (:class:`moon.recording.entries.Began`).
+
+        Args:
+            wanted: whether the observations on a channel are wanted; by default all are.
         """
         wanted = wanted or _everything
         note = self.contents.note
-        for seen in self._read_bag(wanted) if self._bag is not None else self._read_lines():
-            if wanted(seen.channel):
-                note(seen)
-                yield seen
+        for entry in self._read_lines() if self._bag is None else self._read_bag(wanted):
+            if not isinstance(entry, Observation):
+                self.ended = isinstance(entry, Ended)
+                yield entry
+            elif wanted(entry.channel):
+                note(entry)
+                yield entry
+        self._at_end = True
 
     def faults(self) -> list[str]:
         """What could not be read so far, one sentence each, with its place in the file."""
-        if self._bag is not None:
-            return [*self._bag.faults, *self._conversion.undecodable()]
-        return [] if self._lines is None else list(self._lines.faults)
+        if self._lines is not None:
+            return list(self._lines.faults)
+        if self._bag is None:
+            return []
+        said = [*self._bag.faults, *self._conversion.undecodable()]
+        if self.form == OWN and self._at_end and not self.ended:
+            said.append(f"{self.path}: it was cut off: its recorder did not end it in good order")
+        return said
 
     def limits(self) -> list[str]:
         """What cannot be concluded from what was read so far, one sentence each."""
@@ -91,15 +112,28 @@ class Recording:
         """The type ``type_name``, of which something was read; UnknownTypeError if it is not defined."""
         return self._definitions.structure(type_name)
 
-    def _read_bag(self, wanted: Wanted) -> Iterator[Observation]:
-        def of_interest(channel: StoredChannel) -> bool:
-            return wanted(channel.topic.removesuffix(EVENT_SUFFIX))
+    def _read_bag(self, wanted: Wanted) -> Iterator[Entry]:
+        bag, convert = self._bag, self._conversion
+        assert bag is not None
 
-        assert self._bag is not None
-        for message in self._bag.messages(of_interest):
-            seen = self._conversion(message)
-            if seen is not None:
-                yield seen
+        def of_interest(channel: StoredChannel) -> bool:
+            form = form_of(channel.metadata)
+            if form in (None, Form.OBSERVATION):
+                return wanted(channel.topic.removesuffix(EVENT_SUFFIX))
+            return form is not Form.COPY
+
+        began: Began | None = None
+        missing = 0
+        for message in bag.messages(of_interest):
+            entry = convert(message)
+            if entry is None:
+                continue
+            if isinstance(entry, Began):
+                began = entry
+            elif began is not None and len(bag.faults) + convert.left_out > missing:
+                yield replace(began, received_ns=message.received_ns)
+            missing = len(bag.faults) + convert.left_out
+            yield entry
 
     def _read_lines(self) -> Iterator[Observation]:
         with self.path.open("rb") as opened:
@@ -111,6 +145,7 @@ class Recording:
             self._lines.finish(raw.fault if isinstance(raw, Unpacked) else "")
 
 
+OWN = "moon recording"
 ROSBAG = "rosbag2"
 JSON_LINES = "JSON lines"
 
@@ -138,7 +173,7 @@ def _form_of(path: Path) -> str:
         if not found.files:
             what = "; ".join(found.faults) or "it has no .mcap or .db3 file"
             raise RecordingError(f"{path}: a folder that is no recording: {what}")
-        return ROSBAG
+        return OWN if FORMAT_NAME in found.leading_metadata() else ROSBAG
     with path.open("rb") as opened:
         head = opened.read(_HEAD_BYTES)
     if not head:
@@ -150,7 +185,7 @@ def _form_of(path: Path) -> str:
                 raise RecordingError(f"{path}: byte 0: {raw.fault or 'it is empty'}")
     for magic, what in ((mcap_file.MAGIC, "an MCAP"), (sqlite_file.MAGIC, "an SQLite")):
         if head.startswith(magic):
-            return ROSBAG
+            return OWN if FORMAT_NAME in BagFiles(path).leading_metadata() else ROSBAG
         if magic.startswith(head):
             raise RecordingError(
                 f"{path}: byte {len(head)}: the file ends within the first bytes of {what} file"

@@ -11,11 +11,11 @@ import io
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog
-from moon.properties.yaml_tree import Mapping, Scalar, Sequence, read_yaml
+from moon.properties import yaml_tree
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.mcap_file import McapFile
 from moon.recording.sorting import Sorting
@@ -58,7 +58,7 @@ class BagFiles:
         self.faults: list[str] = []
         self.stamped_on_arrival = False
         self.files = self._in_folder(path) if path.is_dir() else [path]
-        self._sorting = Sorting()
+        self._sorting: Sorting | None = Sorting()
 
     def messages(self, wanted: Wanted) -> Iterator[StoredMessage]:
         """The messages of the channels that are ``wanted``, in the order of reception."""
@@ -69,10 +69,23 @@ class BagFiles:
                 self.faults.append(f"{path}: cannot be read: {error.strerror or error}")
             except TooLargeError as error:
                 self.faults.append(f"{path}: {error}")
-        if self._sorting.late:
+        if self._sorting is not None and self._sorting.late:
             self.faults.append(
                 f"{plural(self._sorting.late, 'message')} stood far from their place in time"
             )
+
+    def leading_metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """The named maps at the beginning of the first file, if that is MCAP."""
+        for path in self.files[:1]:
+            with path.open("rb") as opened:
+                packed = opened.read(len(ZSTD_MAGIC)) == ZSTD_MAGIC
+            with Unpacked(path) if packed else path.open("rb", buffering=0) as raw:
+                return mcap_file.leading_metadata(io.BufferedReader(raw))
+        return {}
+
+    def keep_order(self) -> None:
+        """Hand on what the files hold in their own order: it is that in which it was received."""
+        self._sorting = None
 
     def _in_folder(self, folder: Path) -> list[Path]:
         listed = self._listed(folder)
@@ -97,15 +110,15 @@ class BagFiles:
             )
             return None
         log = DiagnosticLog()
-        found = read_yaml(path, log)
+        found = yaml_tree.read_yaml(path, log)
         for name in ("rosbag2_bagfile_information", "relative_file_paths"):
-            found = found.entries.get(name) if isinstance(found, Mapping) else None
-        if not isinstance(found, Sequence):
+            found = found.entries.get(name) if isinstance(found, yaml_tree.Mapping) else None
+        if not isinstance(found, yaml_tree.Sequence):
             why = log.diagnostics[0].message if log.diagnostics else "it does not name them"
             self.faults.append(f"{path}: {why}: the files are read in the order of their names")
             return None
         # a file of the bag is in its folder, whatever the metadata say
-        return [Path(item.text).name for item in found.items if isinstance(item, Scalar)]
+        return [Path(item.text).name for item in found.items if isinstance(item, yaml_tree.Scalar)]
 
     def _messages_in(self, path: Path, wanted: Wanted) -> Iterator[StoredMessage]:
         with path.open("rb") as opened:
@@ -157,17 +170,14 @@ class BagFiles:
             self.faults.append(f"{path}: {file.fault}: what comes before was read")
 
     def _mcap(self, file: McapFile, wanted: Wanted) -> Iterator[StoredMessage]:
-        try:
-            yield from self._sorting(file.messages(wanted))
-        finally:
-            self.faults += file.faults
+        file.faults = self.faults  # told as they are met
+        found = file.messages(wanted)
+        yield from found if self._sorting is None else self._sorting(found)
 
     def _sqlite(self, file: SqliteFile, wanted: Wanted) -> Iterator[StoredMessage]:
         self.stamped_on_arrival = True
-        try:
-            yield from file.messages(wanted)
-        finally:
-            self.faults += file.faults
+        file.faults = self.faults
+        yield from file.messages(wanted)
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:

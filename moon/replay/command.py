@@ -139,6 +139,8 @@ def _replay(
             thread = threading.Thread(target=transport.spin, name=transport.node, daemon=True)
             thread.start()
             threads.append(thread)
+        for transport in replay.transports:  # what is published before they meet is lost
+            transport.wait_for_nodes(sorted(live), WAIT_S)
         conductor.post(lambda: replay.begin(open_recording(path, library)))  # type: ignore[arg-type]
         watching.run(lambda: None, is_over=lambda: replay.finished and not stay)
     finally:
