@@ -103,10 +103,11 @@ def _held(
                 raise RunError(f"m2c run ended by itself:\n{said.read()}")
             result = listener.result()
             process.send_signal(signal.SIGINT)
-            process.wait(STOP_S)
+            try:
+                process.wait(STOP_S)
+            except subprocess.TimeoutExpired as error:
+                raise RunError(f"m2c run did not stop its nodes in {STOP_S:g} s") from error
         return result
-    except subprocess.TimeoutExpired as error:
-        raise RunError(f"m2c run did not stop its nodes in {STOP_S:g} s") from error
     finally:
         if process is not None and process.poll() is None:
             process.kill()
