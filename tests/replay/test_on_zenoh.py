@@ -87,7 +87,7 @@ def test_a_skill_gets_yesterdays_answers_and_gives_yesterdays(tmp_path: Path) ->
     )
     with router(tmp_path) as (endpoint, _):
         tap = Tap(endpoint)
-        skill = Skill(generated, "set_poi1_skill", endpoint)
+        skill = Skill(generated / "set_poi1_skill", "set_poi1_skill", endpoint)
         try:
             assert list(tap.transport.wait_for_nodes([name], WAIT_S)) == []
             replay = Process(
