@@ -22,6 +22,14 @@ class Inputs(NamedTuple):  # msgspec's would cost each --help its import
     interfaces: tuple[Path, ...]
 
 
+interface_folders = click.option(
+    "--interfaces",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Folder of ROS interface packages (repeatable).",
+)
+"""The option of a command that has PATHS of its own kind; it gets a tuple, ``interfaces``."""
+
 _OPTIONS = (
     click.argument("paths", nargs=-1, type=click.Path(path_type=Path)),
     click.option(

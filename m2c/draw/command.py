@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from m2c.inputs import interface_folders
+
 if TYPE_CHECKING:
     from m2c.draw.reading import Drawable
 
@@ -24,12 +26,7 @@ SUFFIXES = (".svg", ".mmd", ".dot")
     type=click.Path(path_type=Path, dir_okay=False),
     help="Where the picture goes; it ends in .svg, .mmd (Mermaid) or .dot (Graphviz).",
 )
-@click.option(
-    "--interfaces",
-    multiple=True,
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder of ROS interface packages (repeatable).",
-)
+@interface_folders
 def draw(path: Path, output: Path, interfaces: tuple[Path, ...]) -> None:
     """Draw a state machine, a system's wiring or a policy.
 

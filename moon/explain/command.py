@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from m2c.inputs import interface_folders
+
 if TYPE_CHECKING:
     from m2c.model import System
 
@@ -16,12 +18,7 @@ if TYPE_CHECKING:
 @click.argument(
     "models", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MODEL...|SYSTEM"
 )
-@click.option(
-    "--interfaces",
-    multiple=True,
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder of ROS interface packages (repeatable).",
-)
+@interface_folders
 @click.option("--only", multiple=True, metavar="NODE", help="Explain only this one (repeatable).")
 @click.option(
     "--recording",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from m2c.inputs import interface_folders
 from moon.connection import Network, Watching, connected, fail, finite, network_options, say
 
 if TYPE_CHECKING:
@@ -34,12 +35,7 @@ _SECONDS = click.FloatRange(min=0, min_open=True, max=86_400 * 365)
     help="Monitor the properties in it, .yaml or .xml (repeatable).",
 )
 @network_options
-@click.option(
-    "--interfaces",
-    multiple=True,
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder of ROS interface packages (repeatable).",
-)
+@interface_folders
 @click.option("--only", multiple=True, metavar="NODE", help="Monitor only this node (repeatable).")
 @click.option("--without", multiple=True, metavar="NODE", help="Do not monitor it (repeatable).")
 @click.option(
