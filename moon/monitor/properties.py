@@ -10,7 +10,7 @@ than one bound away.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -270,6 +270,10 @@ class PropertyWatch:
     def statuses(self) -> list[MachineStatus]:
         """Each property as it stands."""
         return [self._status(name) for name in self.properties]
+
+    def outcomes(self) -> Iterator[tuple[str, Outcome | None]]:
+        """What was last said of each property; None: nothing yet."""
+        return ((name, tally.outcome) for name, tally in self._tallies.items())
 
     def _status(self, name: str) -> MachineStatus:
         tally = self._tallies[name]

@@ -6,7 +6,7 @@ import functools
 import statistics
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol
 
 import msgspec
@@ -18,7 +18,7 @@ from moon.monitor.models import ModelMonitor
 from moon.monitor.pace import NS, PERIOD_S, Pace
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception, Rejected
-from moon.monitor.status import UNSEEN, Counts, MachineStatus, Summary
+from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Summary
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
@@ -397,6 +397,22 @@ class SystemWatch:
             *(self._status(name) for name in self._models.watched),
             *self._properties.statuses(),
         ]
+
+    def standings(self) -> Iterator[tuple[str, str, str, tuple[str, ...]]]:
+        """Name, kind, verdict and states of each machine as it is now, then of each property.
+
+        A machine that conforms again is conforming, whatever it did before.
+        """
+        for name, oracle in self._models.watched.items():
+            node = self._nodes[name]
+            if node.gone_ns is not None:
+                yield name, "model", str(node.said or UNSEEN), (AWAY,)
+            elif self._is_seen(name):
+                yield name, "model", str(oracle.outcome), tuple(oracle.states())
+            else:
+                yield name, "model", UNSEEN, ()
+        for name, outcome in self._properties.outcomes():
+            yield name, PROPERTY, UNSEEN if outcome is None else str(outcome), ()
 
     def _status(self, name: str) -> MachineStatus:
         oracle, node = self._models.watched[name], self._nodes[name]

@@ -1,0 +1,83 @@
+"""What is to be monitored, as a command line names it, and read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from m2c.model.machine import Machine
+from m2c.model.system import System
+from moon.monitor.properties import PropertyWatch, unknown_channels
+from moon.monitor.reading import judgeable, no_system, read_checked, select
+from moon.oracle.bounds import Bounds
+from moon.properties.files import load_properties
+from moon.properties.property import Property
+
+
+class Subject(msgspec.Struct, frozen=True):
+    """Names of what is to be monitored.
+
+    Attributes:
+        models: models, folders of them, or one system file; empty: none.
+        properties: property files.
+        interfaces: folders of interface packages.
+        only: monitor these nodes; empty: all.
+        without: do not monitor these.
+        bounds: what is assumed of the middleware.
+    """
+
+    models: tuple[Path, ...]
+    properties: tuple[Path, ...]
+    interfaces: tuple[Path, ...]
+    only: tuple[str, ...]
+    without: tuple[str, ...]
+    bounds: Bounds
+
+
+class Monitored(msgspec.Struct, frozen=True):
+    """What was read.
+
+    Attributes:
+        system: all models.
+        machines: those to be monitored.
+        properties: to be monitored.
+        bounds: what is assumed of the middleware.
+        notes: what a person should know, one sentence each.
+    """
+
+    system: System
+    machines: tuple[Machine, ...]
+    properties: tuple[Property, ...]
+    bounds: Bounds
+    notes: tuple[str, ...]
+
+    def property_watch(self) -> PropertyWatch:
+        """A fresh monitor of the properties."""
+        return PropertyWatch(self.properties, self.bounds.latency)
+
+
+class NothingLeftError(ValueError):
+    """Models were named, and none of them can be judged."""
+
+
+def read_subject(subject: Subject) -> Monitored:
+    """Read what ``subject`` names.
+
+    Raises:
+        ModelError: there are errors in a file.
+        SelectionError: a node that is not there was chosen, or none is left.
+        NothingLeftError: no node is left that can be judged.
+    """
+    properties = tuple(load_properties(*subject.properties))
+    if not subject.models:
+        return Monitored(no_system(), (), properties, subject.bounds, ())
+    system = read_checked(subject.models, subject.interfaces)
+    machines, unjudged = judgeable(select(system, subject.only, subject.without))
+    notes = list(unjudged)
+    if unjudged and system.policy is not None:
+        notes.append("the policy is not judged: that needs all of its nodes")
+    if not machines:
+        raise NothingLeftError("\n".join([*notes, f"{system.name}: no node is left to be judged"]))
+    notes += [f"warning: {sentence}" for sentence in unknown_channels(properties, system)]
+    return Monitored(system, machines, properties, subject.bounds, tuple(notes))

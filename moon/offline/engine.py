@@ -1,0 +1,137 @@
+"""Checking one recording: what was recorded is played to the monitor that would have been there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from moon.monitor.subject import Monitored, Subject
+from moon.monitor.watch import SystemWatch
+from moon.offline.playing import Player
+from moon.offline.result import CheckResult, RecordingFacts
+from moon.offline.timelines import Timelines
+from moon.recording.entries import Entry, Said
+from moon.recording.reader import OWN, Recording, open_recording
+from moon.verdict import Verdict
+
+PROGRESS_EVERY = 2_000
+"""Entries between two reports of progress."""
+_START_MARGIN = 1
+"""Latency bounds by which a monitor would have been there before the first entry of a bag."""
+
+Progress = Callable[[int], None]
+"""Told how many entries were read since it was last told."""
+
+
+class EmptyRecordingError(ValueError):
+    """There is nothing in a recording that could be checked; the text says why."""
+
+
+class _Collector:
+    """Takes verdicts, with the time of the recording."""
+
+    def __init__(self, player: Player) -> None:
+        self.said: list[Said] = []
+        self._player = player
+
+    def take(self, verdict: Verdict) -> None:
+        self.said.append(Said(self._player.now_ns(), verdict))
+
+
+def check_recording(
+    path: Path,
+    subject: Subject,
+    monitored: Monitored,
+    with_timelines: bool = False,
+    progress: Progress | None = None,
+) -> CheckResult:
+    """What a monitor of ``monitored`` would have said of the run in ``path``.
+
+    Args:
+        path: the recording.
+        subject: the names of what is monitored, for the result.
+        monitored: what is monitored.
+        with_timelines: whether the result is to have them; that takes some more time.
+        progress: told now and then.
+
+    Raises:
+        RecordingError: there is no recording at ``path``, or nothing of it can be read.
+        EmptyRecordingError: nothing is in it.
+    """
+    began = time.monotonic()
+    recording = open_recording(path, monitored.system.library)
+    player = Player(_START_MARGIN * monitored.bounds.latency)
+    collector = _Collector(player)
+    notes: list[str] = []
+    watch = SystemWatch(
+        player,
+        monitored.system,
+        monitored.machines,
+        monitored.bounds,
+        [collector],
+        notes.append,
+        monitored.property_watch(),
+        monotonic_ns=player.monotonic_ns,
+    )
+    timelines = Timelines(watch, player) if with_timelines else None
+    first, last, recorded = _play(recording, watch, player, timelines, progress)
+    faults = tuple(recording.faults())
+    if first is None or last is None:
+        why = "; ".join(faults) or "it holds nothing"
+        raise EmptyRecordingError(f"{path}: {why}")
+    summary = watch.summary()
+    facts = RecordingFacts(
+        path=str(path),
+        form=recording.form,
+        observations=recording.contents.count,
+        first_ns=first.received_ns,
+        last_ns=last.received_ns,
+        complete=not faults and (recording.ended or recording.form != OWN),
+        faults=faults,
+        limits=tuple(recording.limits()),
+    )
+    return CheckResult(
+        recording=facts,
+        models=tuple(map(str, subject.models)),
+        system=monitored.system.name,
+        properties=tuple(map(str, subject.properties)),
+        interfaces=tuple(map(str, subject.interfaces)),
+        verdicts=tuple(collector.said),
+        machines=summary.machines,
+        timelines=timelines.finished(last.received_ns) if timelines is not None else (),
+        counts=summary.counts,
+        problems=summary.problems,
+        recorded=recorded,
+        seconds=time.monotonic() - began,
+    )
+
+
+def _play(
+    recording: Recording,
+    watch: SystemWatch,
+    player: Player,
+    timelines: Timelines | None,
+    progress: Progress | None,
+) -> tuple[Entry | None, Entry | None, bool]:
+    """Play all of it: the first entry, the last, and whether it has verdicts of its own."""
+    first: Entry | None = None
+    entry: Entry | None = None
+    recorded = False
+    count = 0
+    play = player.play
+    for entry in recording.entries():
+        if first is None:
+            first = entry
+            player.start(entry, watch.start)
+        play(entry)
+        if timelines is not None:
+            timelines.look(entry)
+        recorded = recorded or isinstance(entry, Said)
+        count += 1
+        if progress is not None and count == PROGRESS_EVERY:
+            progress(count)
+            count = 0
+    if progress is not None:
+        progress(count)
+    return first, entry, recorded
