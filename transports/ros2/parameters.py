@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.exceptions import InvalidParameterException
 
 from transports.interface import TransportError
+from transports.ros2.interfaces import ros_class
 
 
 def positive(node: Any, name: str, default: float, meaning: str) -> float:
@@ -30,7 +30,9 @@ def positive(node: Any, name: str, default: float, meaning: str) -> float:
     """
     if not node.has_parameter(name):
         # an integer will do, which a parameter of ROS 2's type double would refuse
-        descriptor = ParameterDescriptor(description=meaning, read_only=True, dynamic_typing=True)
+        descriptor = ros_class("rcl_interfaces/msg/ParameterDescriptor")(
+            description=meaning, read_only=True, dynamic_typing=True
+        )
         try:
             node.declare_parameter(name, default, descriptor)
         except InvalidParameterException as error:

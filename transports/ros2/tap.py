@@ -37,6 +37,8 @@ _QUIET_PACKAGES = ("rcl_interfaces/", "type_description_interfaces/", "compositi
 _NAMELESS_S = 1.0
 """How long a message waits for the name of who published it."""
 _RETRY_S = 0.02
+_QUIET_S = 0.05
+"""How long after a look at the graph there is none."""
 _TURN_S = 0.01
 """How long the tap subscribes before what else is to be done has its turn."""
 _SILENT_S = 1.0
@@ -109,6 +111,8 @@ class Tap:
         self._losses = Losses()
         self._numbers = Numbers()
         self._heard: dict[str, _Heard] = {}
+        self._looking = False
+        self._quiet_until = 0.0
         self._to_hear: deque[tuple[str, Sequence[str]]] = deque()
         """What the graph showed when it was last looked at, and has not been heard yet."""
         self._deaf: dict[str, str] = {}
@@ -154,11 +158,22 @@ class Tap:
         self._node.destroy_subscription(heard.subscription)
 
     def refresh(self) -> None:
-        """Look for what is new in the graph, and subscribe to it bit by bit (on the executor).
+        """The graph has changed (on the executor): look at it, at once if it was quiet before.
+
+        While a system starts it changes a hundred times, and each look takes locks that DDS holds then.
+        """
+        if not self._looking and not self._closed:
+            self._looking = True
+            self._executor.after_real(max(self._quiet_until - time.monotonic(), 0.0), self._look)
+
+    def _look(self) -> None:
+        """Look for what is new in the graph, and subscribe to it bit by bit.
 
         A subscription takes DDS some 50 ms while a whole system starts beside it: what else is to
         be done here, a monitor's clock for one, has its turn between two of them.
         """
+        self._looking = False
+        self._quiet_until = time.monotonic() + _QUIET_S
         if self._closed:
             return
         self._graph.learn_participants()
