@@ -73,7 +73,7 @@ class Listener:
         self.heard: list[Observation] = []
         self.count = 0
         self.first_ns = 0
-        """Stamp of the first thing heard."""
+        """Stamp of the first tick of a skill; how long the nodes take to be up before it is no matter."""
         self.violations: list[Said] = []
         self.broken: list[Said] = []
         self._properties = PropertyWatch(properties, LATENCY_NS)
@@ -88,7 +88,8 @@ class Listener:
         self.watch.start()
 
     def _hear(self, seen: Observation) -> None:
-        self.first_ns = self.first_ns or seen.stamp_ns
+        if not self.first_ns and seen.channel.endswith("/tick"):
+            self.first_ns = seen.stamp_ns
         self.count += 1
         if self._keeps:
             self.heard.append(seen)
@@ -103,8 +104,9 @@ class Listener:
 
     @property
     def is_over(self) -> bool:
-        """Whether what should be found is found."""
-        found = any(said.verdict.node == self._faulty for said in self.violations)
+        """Whether what should be found is found, and what led there has been heard here, too."""
+        since = self._transport.now_ns() - LATENCY_NS
+        found = any(s.verdict.node == self._faulty and s.at_ns < since for s in self.violations)
         return found and not self._properties.properties
 
     def result(self) -> Run:

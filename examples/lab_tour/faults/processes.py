@@ -118,7 +118,7 @@ def _held(
 def _spin(
     transport: Transport, process: subprocess.Popen[bytes], listener: Listener, seconds: float
 ) -> None:
-    """Listen until ``seconds`` after the first thing heard, or until all is found."""
+    """Listen until ``seconds`` after the first tick heard, or until all is found."""
     ended = False
 
     def look() -> None:

@@ -38,7 +38,7 @@ TOUR_S = 30.0
 """One tour and the start of the next one."""
 
 Runner = Callable[["Fault | None", "System", float, "Sequence[Property]", bool], Run]
-"""Runs the tour with a fault (None: as it is) for so many seconds after the first thing heard, or until the
+"""Runs the tour with a fault (None: as it is) for so many seconds after the first tick, or until the
 fault is found; beside the models monitors properties (then all of the time); keeps what it heard or not."""
 
 RUNNERS: dict[str, Runner] = {"simulated": simulated, "zenoh": on_zenoh, "ros2": on_ros2}
