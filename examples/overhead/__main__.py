@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import secrets
 import sys
 import time
 from collections.abc import Sequence
@@ -48,7 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--update-docs", action="store_true", help=f"rewrite {PAGE.name}'s tables")
     parser.add_argument("--only", choices=("table3", "growth", "cost"), action="append")
     parser.add_argument("--rounds", type=int, help="of table III and growth")
+    parser.add_argument("--seed", type=int, help="of the order; another one each time by default")
     chosen = parser.parse_args(arguments)
+    if chosen.seed is None:
+        chosen.seed = secrets.randbelow(10_000)
     try:
         if chosen.summary:
             from examples.overhead.brief import three_lines
@@ -70,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(msgspec.json.encode(results.summary(found)).decode())
     else:
         show(found)
-    missed = [item for item in table3.targets(table3.cells(found.table3)) if not item.is_met]
+    missed = [item for item in table3.targets(found.cells) if not item.is_met]
     return 1 if chosen.full and missed else 0
 
 
@@ -101,6 +105,7 @@ def measure(chosen: argparse.Namespace) -> results.Results:
                 attachments += part.attachments
         if "growth" in parts:
             plan_of_growth = growth.GrowthPlan() if chosen.full else growth.QUICK
+            plan_of_growth = msgspec.structs.replace(plan_of_growth, seed=chosen.seed)
             if chosen.rounds:
                 plan_of_growth = msgspec.structs.replace(plan_of_growth, rounds=chosen.rounds)
             experiments = growth.EXPERIMENTS if chosen.full else ("taps",)
@@ -108,6 +113,7 @@ def measure(chosen: argparse.Namespace) -> results.Results:
                 runs += growth.MEASURES[experiment](transport, plan_of_growth, say)
         if "cost" in parts:
             plan_of_cost = node_cost.CostPlan() if chosen.full else node_cost.QUICK
+            plan_of_cost = msgspec.structs.replace(plan_of_cost, seed=chosen.seed)
             try:
                 windows += node_cost.measure(transport, plan_of_cost, say)
             except MiddlewareMissingError as error:
@@ -127,7 +133,7 @@ def measure(chosen: argparse.Namespace) -> results.Results:
 
 def plans(chosen: argparse.Namespace) -> list[tuple[table3.Plan, Sequence[str]]]:
     """What table III is measured with, and which configurations: one tick a second is apart."""
-    plan = FULL if chosen.full else QUICK
+    plan = msgspec.structs.replace(FULL if chosen.full else QUICK, seed=chosen.seed)
     if chosen.rounds:
         plan = msgspec.structs.replace(plan, rounds=chosen.rounds)
     if not chosen.full:
@@ -147,6 +153,7 @@ def command_of(chosen: argparse.Namespace) -> str:
     words += [f"--transport {chosen.transport}"] if chosen.transport else []
     words += [f"--only {part}" for part in chosen.only or ()]
     words += [f"--rounds {chosen.rounds}"] if chosen.rounds else []
+    words += [f"--seed {chosen.seed}"]
     return " ".join(words)
 
 
@@ -154,12 +161,12 @@ def show(found: results.Results) -> None:
     """All tables on the terminal."""
     from examples.overhead import tables
 
-    cells = table3.cells(found.table3)
+    cells = found.cells
     print(f"{found.command}, {described(found.machine)}, {found.minutes:.1f} minutes")
     for table in (
         *tables.beside_the_paper(cells),
         *tables.details(found.table3, cells),
-        *tables.growth_tables(found.growth),
+        *tables.growth_tables(found.points),
         *([tables.cost_table(found.windows)] if found.windows else []),
         *([tables.targets(cells)] if cells else []),
     ):

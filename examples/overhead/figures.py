@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from examples.overhead import growth, sample, table3
+from examples.overhead import growth, sample
 from examples.overhead.results import Results
 from examples.overhead.table3 import PAPER, SERIES, Cell
 from examples.overhead.wording import amount, name_of, rate
@@ -25,7 +25,7 @@ STYLE = {
 BARS = (
     ("none", "no monitor", "1.0", ""),
     ("both", "passive", "0.75", "///"),
-    ("both-in-process", "in the middle, in-process", "0.45", "..."),
+    ("both-in-process", "in the middle, in-process", "0.5", "xxx"),
     ("both-websocket", "in the middle, WebSocket", "0.15", ""),
 )
 """Configuration, label, grey, hatching."""
@@ -37,7 +37,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
     import matplotlib as mpl
 
     mpl.use("agg")
-    found = table3.cells(results.table3)
+    found = results.cells
     written: list[Path] = []
     with mpl.rc_context(STYLE):
         for transport in dict.fromkeys(cell.transport for cell in found):
@@ -45,9 +45,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
             written += _save(figure, folder / f"overhead-table3-{transport}")
         for experiment in growth.EXPERIMENTS:
             own = [
-                line
-                for line in growth.series(growth.points(results.growth))
-                if line[0].experiment == experiment
+                line for line in growth.series(results.points) if line[0].experiment == experiment
             ]
             if own:
                 written += _save(_growth(own), folder / f"overhead-{experiment}")

@@ -500,7 +500,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     runs: list[Run] = []
     for name in chosen.only or EXPERIMENTS:
         runs += MEASURES[name](chosen.transport, plan, lambda text: print(text, file=sys.stderr))
-    for table in growth_tables(runs):
+    for table in growth_tables(points(runs)):
         print_table(table)
     return 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from examples.overhead.tables import (
 FILE = "results.json"
 
 
-class Results(msgspec.Struct, frozen=True):
+class Results(msgspec.Struct, frozen=True, dict=True):
     """Every single tick, so that all tables and figures can be made again from it.
 
     Attributes:
@@ -43,17 +44,27 @@ class Results(msgspec.Struct, frozen=True):
     windows: tuple[node_cost.Window, ...] = ()
     problems: tuple[str, ...] = ()
 
+    @functools.cached_property
+    def cells(self) -> list[table3.Cell]:
+        """The figures of table III."""
+        return table3.cells(self.table3)
+
+    @functools.cached_property
+    def points(self) -> list[growth.Point]:
+        """How it grows."""
+        return growth.points(self.growth)
+
 
 def sections(results: Results) -> dict[str, str]:
     """Markdown by the name of its section."""
-    found = table3.cells(results.table3)
+    found = results.cells
     parts: dict[str, str] = {
         "machine": f"`{results.command}`, {results.began} UTC, {results.minutes:.0f} minutes, on "
         f"{described(results.machine)}.",
         "targets": _markdown([targets(found)]),
         "table3": _markdown(beside_the_paper(found)),
         "details": _markdown(details(results.table3, found)),
-        "growth": _markdown(growth_tables(results.growth)),
+        "growth": _markdown(growth_tables(results.points)),
         "cost": _markdown([cost_table(results.windows)]) if results.windows else "Not measured.",
     }
     if results.problems:
@@ -67,8 +78,7 @@ def _markdown(tables: Sequence[Table]) -> str:
 
 def summary(results: Results) -> dict[str, Any]:
     """For machines: every figure, without the single ticks."""
-    found = table3.cells(results.table3)
-    own = growth.points(results.growth)
+    found, own = results.cells, results.points
     shown = {
         "machine": results.machine,
         "command": results.command,

@@ -52,12 +52,14 @@ class Plan(msgspec.Struct, frozen=True):
         rounds: how often each configuration has its turn.
         ticks: by rate (ticks of the tree a second; 0: saturation), how many in each block.
         warm_up: ticks before each block, not measured.
+        run_in: ticks once, before the first round, not measured.
         seed: of the order.
     """
 
     rounds: int
     ticks: dict[float, int]
     warm_up: int = 10
+    run_in: int = 200
     seed: int = 3
 
 
@@ -154,6 +156,9 @@ def measure(
             folder = generate(scratch / ("middle" if middle else "direct"), middle)
             say(f"{transport}: starting {'the nodes again, rerouted' if middle else 'the nodes'}")
             plants[middle] = stack.enter_context(Plant(where, folder, middle))
+        if plan.run_in and False in plants:
+            say(f"{transport}: {plan.run_in} ticks that do not count: everything is cold at first")
+            plants[False].run(Order(plan.run_in, 0.0, 0, rest=True))
         for number, configuration in rounds(configurations, plan.rounds, plan.seed):
             say(f"{transport}: round {number + 1} of {plan.rounds}, {configuration.label}")
             plant = plants[configuration.observation.is_in_the_middle]

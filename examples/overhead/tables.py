@@ -175,10 +175,10 @@ _TITLES = {
 }
 
 
-def growth_tables(runs: Sequence[growth.Run]) -> list[Table]:
+def growth_tables(points: Sequence[growth.Point]) -> list[Table]:
     """A table by experiment, transport and rate; below it where the knee is."""
     tables = []
-    for own in growth.series(growth.points(runs)):
+    for own in growth.series(points):
         first = own[0]
         where = "" if first.experiment == "rate" else f", {rate(first.rate_hz)}"
         bend = growth.knee(own)

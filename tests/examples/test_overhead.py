@@ -1,0 +1,304 @@
+"""The overhead comparison at work, as small as it can be: real nodes, monitors and Zenoh."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from examples.overhead import __main__ as command
+from examples.overhead import brief, growth, node_cost, table3
+from examples.overhead.children import ROOT as REPOSITORY
+from examples.overhead.children import Child, ChildError
+from examples.overhead.load import ROOT, Order
+from examples.overhead.middle import LocalOracle, ManInTheMiddle, monitored
+from examples.overhead.observers import CONFIGURATIONS
+from examples.overhead.plant import (
+    MiddlewareMissingError,
+    Plant,
+    generate,
+    middleware,
+    read_system,
+)
+from examples.overhead.routes import MONITORED, rerouted
+from m2c.model.machine import InterfaceKind
+from m2c.runtime.messages import message_class
+from transports.interface import CallOutcome, ObservationKind, Service
+from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+
+SKILL = "BatteryLevelSkill"
+
+
+def quiet(_: str) -> None:
+    """Nobody is told."""
+
+
+# -- the man in the middle --------------------------------------------------------------------------
+
+
+def tick_service(name: str) -> Service:
+    system = read_system()
+    kind = system.library.service("bt_interfaces/srv/TickCondition")
+    return Service(name, kind.name, message_class(kind.request), message_class(kind.response))
+
+
+def call_through_the_middle(serve: bool) -> tuple[list[str], CallOutcome, ManInTheMiddle]:
+    """One tick of BatteryLevelSkill by way of the monitor: what happened, in order, and its end."""
+    system = read_system()
+    world = SimulatedWorld(1, Conditions(delay_s=(0.001, 0.001)))
+    happened: list[str] = []
+    tick = tick_service(f"/{SKILL}/tick")
+    if serve:
+        skill = SimulatedTransport(world, SKILL)
+
+        def answer(request) -> None:
+            happened.append("the server was called")
+            request.respond(tick.response(status=1, is_ok=True))
+
+        skill.serve(tick, answer)
+    oracle = LocalOracle(system)
+
+    def ask(seen) -> bool:
+        happened.append(f"the oracle was asked: {seen.kind} {seen.channel} {seen.error}".strip())
+        return oracle.ask(seen)
+
+    middle = ManInTheMiddle(
+        SimulatedTransport(world, "middle"), monitored(system), system.library, ask
+    )
+    policy = SimulatedTransport(world, "policy")
+    policy_tick = tick_service(rerouted(f"/{SKILL}/tick"))
+    outcomes: list[CallOutcome] = []
+    policy.client(policy_tick).call(
+        tick.request(), lambda result: outcomes.append(result.outcome), timeout_s=8.0
+    )
+    world.run_for(10.0)
+    happened.append("the policy had its answer")
+    world.close()
+    return happened, outcomes[0], middle
+
+
+def test_the_oracle_is_asked_before_the_server_is_called_and_before_the_answer_goes_back() -> None:
+    happened, outcome, middle = call_through_the_middle(serve=True)
+    assert happened == [
+        f"the oracle was asked: request_received /{SKILL}/tick",
+        "the server was called",
+        f"the oracle was asked: response_sent /{SKILL}/tick",
+        "the policy had its answer",
+    ]
+    assert outcome is CallOutcome.RESPONSE
+    assert (middle.forwarded, middle.failed) == (1, 0)
+
+
+def test_a_call_that_fails_behind_the_monitor_fails_in_front_of_it() -> None:
+    happened, outcome, middle = call_through_the_middle(serve=False)
+    assert happened[0] == f"the oracle was asked: request_received /{SKILL}/tick"
+    assert "response_sent" in happened[1]
+    assert "unavailable" in happened[1]
+    assert outcome is CallOutcome.REMOTE_ERROR
+    assert (middle.forwarded, middle.failed) == (1, 1)
+
+
+def test_only_what_a_monitored_skill_calls_is_rerouted(tmp_path: Path) -> None:
+    direct, middle = (
+        generate(tmp_path / name, rerouted_) for name, rerouted_ in (("d", False), ("m", True))
+    )
+    changed = {
+        path.relative_to(direct).parts[0]
+        for path in direct.rglob("*.py")
+        if path.read_bytes() != (middle / path.relative_to(direct)).read_bytes()
+    }
+    assert changed == {"alarm_skill", "is_poi_done1_skill", "set_poi1_skill"}
+    calls = {
+        interface.channel
+        for machine in read_system().nodes
+        if machine.name in MONITORED
+        for interface in machine.interfaces
+        if interface.kind is InterfaceKind.CLIENT
+    }
+    text = "".join(path.read_text(encoding="utf-8") for path in middle.rglob("node.py"))
+    assert all(f'"{rerouted(channel)}"' in text for channel in calls)
+
+
+# -- the plant --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def plant(tmp_path: Path) -> Iterator[Plant]:
+    with middleware("zenoh") as where:
+        folder = generate(tmp_path / "generated", through_the_middle=False)
+        with Plant(where, folder) as running:
+            yield running
+
+
+@pytest.mark.zenoh
+def test_ticks_that_fail_are_counted_and_keep_their_time(plant: Plant) -> None:
+    good = plant.run(Order(3, 0.0, 2, rest=True))
+    assert {name: len(values) for name, values in good.micros.items()} == dict.fromkeys(
+        table3.SERIES, 3
+    )
+    assert not any(good.failures.values())
+    plant.nodes["BlackboardComponent"].stop()
+    bad = plant.run(Order(3, 0.0, 0, rest=True))
+    assert bad.failures["IsPoiDone1"] == 3
+    assert bad.failures[ROOT] == 3
+    assert bad.failures["BatteryLevel"] == 0
+    assert len(bad.micros["IsPoiDone1"]) == len(bad.micros[ROOT]) == 3
+    assert bad.reasons[0].startswith("IsPoiDone1: ")
+
+
+@pytest.mark.zenoh
+@pytest.mark.slow
+def test_the_table_is_measured_in_every_way_of_monitoring() -> None:
+    names = ("none", "both", "models-in-process", "models-websocket")
+    chosen = [item for item in CONFIGURATIONS if item.name in names]
+    plan = table3.Plan(rounds=1, ticks={20.0: 4, 0.0: 4}, warm_up=2, run_in=0)
+    measured = table3.measure("zenoh", plan, quiet, chosen)
+    assert {(b.configuration, b.rate_hz) for b in measured.blocks} == {
+        (name, rate_hz) for name in names for rate_hz in (20.0, 0.0)
+    }
+    for block in measured.blocks:
+        assert {name: len(values) for name, values in block.micros.items()} == dict.fromkeys(
+            table3.SERIES, 4
+        )
+    assert not any(cell.failures for cell in table3.cells(measured))
+    heard = {item.configuration: item.heard for item in measured.attachments}
+    # of each tick: four requests and responses of skills, three of what is behind them
+    assert all(heard[name].observations >= 12 * 14 for name in names if name != "none")
+    assert all(not heard[name].violations for name in names)
+
+
+@pytest.mark.zenoh
+@pytest.mark.slow
+def test_a_point_of_each_growth_is_measured() -> None:
+    plan = growth.GrowthPlan(
+        rounds=1, taps=(0, 1), skills=(2,), rates=(0.0,), sizes=(16,), ticks=5, seconds=0.2
+    )
+    runs = [run for measure in growth.MEASURES.values() for run in measure("zenoh", plan, quiet)]
+    points = growth.points(runs)
+    assert {point.experiment for point in points} == set(growth.EXPERIMENTS)
+    assert not any(point.failures for point in points)
+    assert all(run.heard > 0 for run in runs if run.watchers)
+
+
+@pytest.mark.zenoh
+@pytest.mark.slow
+def test_a_tapped_node_sends_more_by_the_operating_systems_account() -> None:
+    plan = node_cost.CostPlan(rounds=1, ticks=5, rates=(0.0,), idle_s=0.5)
+    try:
+        windows = node_cost.measure("zenoh", plan, quiet)
+    except MiddlewareMissingError as error:  # where namespaces are not allowed
+        windows, why = [], str(error)
+    if not windows:
+        assert "bytes cannot be counted" in why
+        return
+    untapped, tapped = node_cost.costs(windows)
+    assert (untapped.tapped, tapped.tapped) == (False, True)
+    assert 0 < untapped.sent.value < tapped.sent.value
+    assert untapped.processor_us.value > 0
+
+
+# -- the command ------------------------------------------------------------------------------------
+
+
+def overhead(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "examples.overhead", *arguments],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_results_file_that_is_none_is_one_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "results.json").write_text('{"machine": 3}', encoding="utf-8")
+    done = overhead("--from", str(tmp_path / "results.json"))
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert "Traceback" not in done.stderr
+
+
+def test_ros_2_that_is_not_installed_is_one_clear_error(monkeypatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with (
+        pytest.raises(MiddlewareMissingError, match=r"pip install '\.\[ros2\]'"),
+        middleware("ros2"),
+    ):
+        pass
+
+
+@pytest.mark.zenoh
+@pytest.mark.slow
+def test_the_command_prints_json_for_machines(tmp_path: Path, monkeypatch, capsys) -> None:
+    tiny = table3.Plan(rounds=1, ticks={0.0: 3}, warm_up=1, run_in=0)
+    monkeypatch.setattr(command, "QUICK", tiny)
+    monkeypatch.setattr(command, "QUICK_CONFIGURATIONS", ("none", "both"))
+    code = command.main(["--quick", "--only", "table3", "--json", "-o", str(tmp_path)])
+    assert code == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {cell["series"] for cell in found["table3"]} == set(table3.SERIES)
+    assert {item["transport"] for item in found["targets"]} == {"zenoh"}
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"results.json", "table3.csv", "overhead.md", "overhead-table3-zenoh.svg"} <= names
+    assert command.main(["--from", str(tmp_path / "results.json"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == found
+
+
+@pytest.mark.zenoh
+@pytest.mark.slow
+def test_the_demos_three_lines_are_measured(monkeypatch) -> None:
+    monkeypatch.setattr(brief, "PLAN", table3.Plan(1, {0.0: 3}, warm_up=1, run_in=0))
+    ours, middle, paper = brief.three_lines()
+    assert re.match(
+        r"a tick of four skills: [\d,]+ µs, with all of it monitored passively [\d,]+ µs", ours
+    )
+    assert middle.endswith("times)")
+    assert "864,467 µs with (28.9 times)" in paper
+
+
+# -- children ---------------------------------------------------------------------------------------
+
+
+def test_a_child_that_dies_is_told_with_its_last_lines() -> None:
+    with (
+        Child("the child", ["-c", "raise SystemExit('no luck')"]) as child,
+        pytest.raises(ChildError, match="the child ended by itself:\nno luck"),
+    ):
+        child.answer()
+
+
+def test_a_child_that_says_nothing_is_told_after_the_time_is_over() -> None:
+    with (
+        Child("the child", ["-c", "import sys; sys.stdin.read()"]) as child,
+        pytest.raises(ChildError, match="does not answer within"),
+    ):
+        child.answer(timeout_s=0.2)
+
+
+def test_a_child_answers_questions_and_says_its_last_word() -> None:
+    script = (
+        "import json, signal, sys\n"
+        "def end(*_): print(json.dumps({'last': 1})); sys.exit()\n"
+        "signal.signal(signal.SIGTERM, end)\n"
+        "for line in sys.stdin: print(json.dumps({'got': json.loads(line)}), flush=True)\n"
+    )
+    child = Child("the child", ["-c", script])
+    try:
+        assert child.ask({"a": 1}) == {"got": {"a": 1}}
+        assert child.processor_s() > 0
+        assert child.last_lines == '{"got": {"a": 1}}'
+    finally:
+        said = child.stop()
+    assert said == [{"last": 1}]
+
+
+def test_kinds_of_observations_are_the_machines_own_ends() -> None:
+    happened, _, _ = call_through_the_middle(serve=True)
+    kinds = [line.split()[4] for line in happened if line.startswith("the oracle")]
+    assert kinds == [str(ObservationKind.REQUEST_RECEIVED), str(ObservationKind.RESPONSE_SENT)]
