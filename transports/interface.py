@@ -244,6 +244,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         data: the message as plain maps, lists and scalars; None if contents are not known.
         source: the node that published this observation.
         sequence: counts from 0 per source and channel: a gap shows loss; -1 where not known.
+        order: counts all that the source tells, on whatever channel, in the order in which it
+            happened; -1 where not known. Without a gap, nothing older is still to come.
         client, call: for services, who calls and the number of its call.
         error: for RESPONSE_* of a call that ended otherwise: ``remote_error: …``, ``timeout: …``.
     """
@@ -256,6 +258,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     data: Any
     source: str
     sequence: int = -1
+    order: int = -1
     client: str = ""
     call: int = 0
     error: str = ""

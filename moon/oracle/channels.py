@@ -217,6 +217,16 @@ class Channels:
                 return
         ports.append(port)
 
+    @property
+    def hears_others(self) -> bool:
+        """Whether the machine takes what others publish: only its own node stamps all the rest."""
+        return any(
+            port.kind is InterfaceKind.SUBSCRIBER or port.part == "feedback"
+            for ports in self.ports.values()
+            for port in ports
+            if port.kind in (InterfaceKind.SUBSCRIBER, InterfaceKind.ACTION_CLIENT)
+        )
+
     def name_of(self, kind: InterfaceKind, interface: str) -> str:
         """The name under which the channel of ``interface`` is known: one per channel and kind."""
         return self.aliases.get((kind, interface), interface)

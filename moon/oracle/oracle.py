@@ -22,6 +22,7 @@ from moon.oracle.channels import Channels, Fact, Role
 from moon.oracle.explain import explanation_of, told
 from moon.oracle.hypothesis import Hypothesis
 from moon.oracle.lanes import Count, Lanes, Sequel
+from moon.oracle.progress import Progress
 from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
 from moon.oracle.suspicions import Losses, Suspicions
@@ -70,6 +71,8 @@ class Oracle:
         self.search = Search(machine, library, self.channels, self.bounds)
         self._lanes = Lanes(self.channels, self.node)
         self._latency = self.bounds.latency
+        self._progress = None if self.channels.hears_others else Progress()
+        """Where everything that concerns the machine is told by its own node: how far that is."""
         self._anchoring = Anchoring(self._latency)
         self.outcome = Outcome.CONFORMING
         self.violations = 0
@@ -110,6 +113,8 @@ class Oracle:
         self._window.clear()
         self._asked.clear()
         self._lanes.restart()
+        if self._progress is not None:
+            self._progress.restart()
         self._begin(stamp_ns, whole)
         self._droppable_until = 0 if whole else stamp_ns + self.bounds.latency
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
@@ -152,10 +157,18 @@ class Oracle:
         for fact in facts:
             self._take(fact, verdicts)
         settled = observation.received_ns - self._latency
+        progress, order = self._progress, observation.order
+        if progress is not None and lane.own and order >= 0:
+            if order == progress.next and not progress.ahead:
+                progress.next, progress.heard = order + 1, observation.stamp_ns
+            else:
+                progress.take(order, observation.stamp_ns, settled)
+            if settled >= self._droppable_until:  # before, not all that it did was told
+                settled = max(settled, min(progress.heard, observation.received_ns))
         if settled < self._wake:
             self._finished = max(self._finished, settled)
             return verdicts
-        return verdicts + self.advance(observation.received_ns)
+        return verdicts + self._settle(settled)
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed: what can no longer change is settled, what is overdue is said.
@@ -163,7 +176,10 @@ class Oracle:
         Args:
             now_ns: on the clock of ``Observation.received_ns``.
         """
-        settled = now_ns - self._latency
+        return self._settle(now_ns - self._latency)
+
+    def _settle(self, settled: int) -> list[Verdict]:
+        """All that happened until ``settled`` (ns) has been heard."""
         if settled <= self._finished:
             return []
         if settled < self._wake:
@@ -240,6 +256,8 @@ class Oracle:
                 text = f"observations on {observation.channel} from {observation.source} were lost"
                 verdicts += self.lose(stamp, text)
             case Sequel.ANEW if observation.source == self.node:
+                if self._progress is not None:
+                    self._progress.restart()
                 verdicts += self.lose(stamp, f"{self.node} was restarted")
         return True
 

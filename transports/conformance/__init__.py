@@ -34,6 +34,7 @@ from transports.conformance.observation import (
     a_tap_hears_how_a_call_failed,
     a_tap_hears_only_what_its_globs_name,
     a_tap_hears_the_four_events_of_every_call,
+    a_tap_knows_in_what_order_a_source_did_things,
     a_tap_that_is_closed_hears_no_more,
 )
 from transports.conformance.services import (
@@ -116,6 +117,7 @@ __all__ = [
     "a_tap_hears_how_a_call_failed",
     "a_tap_hears_only_what_its_globs_name",
     "a_tap_hears_the_four_events_of_every_call",
+    "a_tap_knows_in_what_order_a_source_did_things",
     "a_tap_that_is_closed_hears_no_more",
     "callbacks_run_one_at_a_time",
     "calls",

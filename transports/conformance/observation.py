@@ -6,6 +6,7 @@ Every public function is a check.
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from transports.conformance.stage import (
     COUNT,
@@ -96,6 +97,44 @@ def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
         assert answered == 2 * asked, f"call {number}: {asked} answered by {answered}"
         assert events[0].type_name == "conformance/srv/Double_Request"
         assert events[2].type_name == "conformance/srv/Double_Response"
+
+
+def a_tap_knows_in_what_order_a_source_did_things(network: Network) -> None:
+    """Numbers over all channels of a source have no gap and rise with its stamps; or it gives none."""
+    server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
+    heard: list[Observation] = []
+    publisher = on(network, server, lambda: server.publisher(NUMBERS))
+
+    def answer(request: Any) -> None:
+        publisher.publish(Number(request.data.value, "before"))
+        request.respond(Answer(2 * request.data.value))
+        publisher.publish(Number(request.data.value, "after"))
+
+    on(network, server, lambda: server.serve(DOUBLE, answer))
+    on(network, listener, lambda: listener.tap([], heard.append))
+    ready(network, server, client, listener)
+
+    def mine() -> list[Observation]:
+        return [o for o in heard if o.source == "server"]
+
+    for attempt in range(20):  # ends learn of a tap by and by
+        heard.clear()
+        results = calls(network, client, range(attempt, attempt + 1))
+        assert network.until(partial(bool, results)), "the call does not end"
+        network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
+        if len(mine()) == 4:
+            break
+    heard.clear()
+    results = calls(network, client, range(100, 150))
+    assert network.until(lambda: len(results) == 50), "the calls do not end"
+    assert network.until(lambda: len(mine()) >= 200), f"the tap heard {len(mine())} of 200"
+    did = sorted(mine(), key=lambda o: o.order)
+    if all(o.order == -1 for o in did):
+        return
+    first = did[0].order
+    assert [o.order for o in did] == list(range(first, first + 200)), "the order has gaps"
+    stamps = [o.stamp_ns for o in did]
+    assert stamps == sorted(stamps), "what came later in the order was stamped earlier"
 
 
 def a_tap_hears_how_a_call_failed(network: Network) -> None:

@@ -30,6 +30,7 @@ class Routes:
         """Channel → source → its last message (type, payload)."""
         self._taps: list[Tap] = []
         self._sequences: dict[tuple[str, str], int] = {}
+        """Last numbers per source and channel; of all channels together under \"\"."""
 
     def subscriptions(self, channel: str) -> list[Subscription]:
         """Who is subscribed to ``channel``."""
@@ -51,6 +52,7 @@ class Routes:
     def message(self, source: str, channel: str, type_name: str, payload: bytes) -> None:
         """Tell taps of a message."""
         sequence = self._next(source, channel)
+        order = self._next(source, "")
         if self._taps:
             self._tell(
                 channel,
@@ -62,6 +64,7 @@ class Routes:
                     "type_name": type_name,
                     "source": source,
                     "sequence": sequence,
+                    "order": order,
                 },
                 payload,
             )
@@ -90,6 +93,7 @@ class Routes:
                 "type_name": service.type_name + suffix,
                 "source": source,
                 "sequence": self._next(source, service.name + EVENT_SUFFIX),
+                "order": self._next(source, ""),
                 "client": client,
                 "call": call,
                 "error": error,

@@ -11,8 +11,9 @@ nothing is recorded at all.
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import zenoh
@@ -30,18 +31,36 @@ FLUSH_DELAY_S = 0.002
 _encode = msgspec.msgpack.Encoder().encode
 
 
+class Moment(NamedTuple):
+    """When something happened.
+
+    Attributes:
+        stamp_ns: on the session's hybrid logical clock, ns since the epoch.
+        order: its place among all that the node tells.
+    """
+
+    stamp_ns: int
+    order: int
+
+
 class ServiceEvents:
     """The events of one service as one node sees them (as its server, its client, or both)."""
 
     def __init__(
-        self, session: zenoh.Session, executor: Executor, service: Service, node: bytes
+        self,
+        session: zenoh.Session,
+        executor: Executor,
+        service: Service,
+        node: bytes,
+        order: itertools.count[int],
     ) -> None:
         self._session = session
         self._executor = executor
         self._node = node
         self._sequence = Sequence()
+        self._order = order
         self._scheduled = False
-        self._pending: deque[ServiceEvent] = deque()
+        self._pending: deque[tuple[ServiceEvent, int]] = deque()
         self._publisher = session.declare_publisher(
             key_of(service.name) + EVENT_SUFFIX,
             encoding=zenoh.Encoding(f"{MEDIA_TYPE};{service.type_name}{TYPE_SUFFIX}"),
@@ -59,14 +78,15 @@ class ServiceEvents:
     def _matching(self, status: zenoh.MatchingStatus) -> None:
         self.heard = bool(status.matching)
 
-    def stamp(self) -> int:
-        """Now, on the session's hybrid logical clock, ns since the epoch."""
-        return int(self._session.new_timestamp().get_time_as_ntp64().as_nanos())
+    def moment(self) -> Moment:
+        """Now: to be asked when something happens, on the node's executor."""
+        stamp = self._session.new_timestamp().get_time_as_ntp64().as_nanos()
+        return Moment(int(stamp), next(self._order))
 
     def record(
         self,
         event_type: int,
-        stamp_ns: int,
+        moment: Moment,
         client: str,
         call: int,
         *,
@@ -76,11 +96,14 @@ class ServiceEvents:
     ) -> None:
         """Keep an event for ``flush``; the contents are encoded messages."""
         self._pending.append(
-            ServiceEvent(
-                ServiceEventInfo(event_type, stamp_ns, client, call),
-                None if request is None else msgspec.Raw(request),
-                None if response is None else msgspec.Raw(response),
-                error,
+            (
+                ServiceEvent(
+                    ServiceEventInfo(event_type, moment.stamp_ns, client, call),
+                    None if request is None else msgspec.Raw(request),
+                    None if response is None else msgspec.Raw(response),
+                    error,
+                ),
+                moment.order,
             )
         )
 
@@ -96,8 +119,9 @@ class ServiceEvents:
         pending, sequence = self._pending, self._sequence
         with sequence.lock:
             while pending:
-                payload = _encode(pending.popleft())
-                self._publisher.put(payload, attachment=attachment(sequence.next, self._node))
+                recorded, order = pending.popleft()
+                sent_as = attachment(sequence.next, order, self._node)
+                self._publisher.put(_encode(recorded), attachment=sent_as)
                 sequence.next += 1
 
     def undeclare(self) -> None:

@@ -71,14 +71,14 @@ class Request:
         payload = server.codec.response.encode(response)
         query = self._take()
         events = server.events
-        stamp_ns = events.stamp() if events.heard else 0
+        moment = events.moment() if events.heard else None
         try:
             query.reply(server.key, payload, encoding=server.codec.response.encoding)
             query.drop()
         except zenoh.ZError as error:
             raise TransportError(f"cannot answer {server.name}: {error}") from error
-        if stamp_ns:
-            events.record(event.RESPONSE_SENT, stamp_ns, self.client, self._call, response=payload)
+        if moment is not None:
+            events.record(event.RESPONSE_SENT, moment, self.client, self._call, response=payload)
             events.flush_later()
 
     def fail(self, error: str) -> None:
@@ -86,16 +86,16 @@ class Request:
         server = self._server
         query = self._take()
         events = server.events
-        stamp_ns = events.stamp() if events.heard else 0
+        moment = events.moment() if events.heard else None
         try:
             query.reply_err(error.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
             query.drop()
         except zenoh.ZError as cause:
             raise TransportError(f"cannot answer {server.name}: {cause}") from cause
-        if stamp_ns:
+        if moment is not None:
             events.record(
                 event.RESPONSE_SENT,
-                stamp_ns,
+                moment,
                 self.client,
                 self._call,
                 error=f"{CallOutcome.REMOTE_ERROR}: {error}",
@@ -135,19 +135,19 @@ class Server:
 
     def _receive(self, query: zenoh.Query) -> None:
         events = self.events
-        stamp_ns = events.stamp() if events.heard else 0
-        call, client = read_attachment(query.attachment)
+        moment = events.moment() if events.heard else None
+        call, _, client = read_attachment(query.attachment)
         try:
             data = self.codec.request.decode(query.payload, query.encoding)
         except PayloadError as error:
             report_payload(self.name, client, error)
             Request(self, query, call, client, None).fail(f"bad request: {error}")
             return
-        if stamp_ns:
+        if moment is not None:
             payload = query.payload
             events.record(
                 event.REQUEST_RECEIVED,
-                stamp_ns,
+                moment,
                 client,
                 call,
                 request=_NO_CONTENTS if payload is None else payload.to_bytes(),
@@ -288,7 +288,7 @@ class Client:
 
     def _send(self, number: int, payload: bytes, timeout_s: float, handler: Any) -> None:
         events = self._events
-        stamp_ns = events.stamp() if events.heard else 0
+        moment = events.moment() if events.heard else None
         try:
             self._session.get(
                 self._key,
@@ -296,13 +296,13 @@ class Client:
                 timeout=timeout_s + _GRACE_S,
                 payload=payload,
                 encoding=self._codec.request.encoding,
-                attachment=attachment(number, self._node_bytes),
+                attachment=attachment(number, 0, self._node_bytes),
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as error:
             raise TransportError(f"cannot call {self._name}: {error}") from error
-        if stamp_ns:
-            events.record(event.REQUEST_SENT, stamp_ns, self._node, number, request=payload)
+        if moment is not None:
+            events.record(event.REQUEST_SENT, moment, self._node, number, request=payload)
 
     def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, bytes | None]:
         """What a reply means, and the encoded response for the service event."""
@@ -328,7 +328,7 @@ class Client:
         failed = result.outcome is not CallOutcome.RESPONSE
         events.record(
             event.RESPONSE_RECEIVED,
-            events.stamp(),
+            events.moment(),
             self._node,
             number,
             response=contents,

@@ -31,7 +31,7 @@ from transports.zenoh.names import (
     subscriptions,
 )
 from transports.zenoh.presence import Nodes, read_token, watch
-from transports.zenoh.wire import MEDIA_TYPE, UNSPECIFIED, read_attachment
+from transports.zenoh.wire import MEDIA_TYPE, UNSPECIFIED, Sent, read_attachment
 
 RING_CAPACITY = 65_536
 """Messages kept for a slow reader (more than a second at the fastest rates measured)."""
@@ -171,16 +171,15 @@ class Tap:
         channel = channel_of(key.removesuffix(EVENT_SUFFIX) if is_event else key)
         if not self._wants(channel):
             return None
-        sequence, source = read_attachment(sample.attachment)
-        if sequence >= 0:
-            self._losses.number(channel, source, sequence)
+        sent = read_attachment(sample.attachment)
+        source = sent.node
+        if sent.number >= 0:
+            self._losses.number(channel, source, sent.number)
         type_name = _type_of(str(sample.encoding))
         payload = sample.payload.to_bytes()
         try:
             if is_event:
-                return _service_observation(
-                    received_ns, channel, type_name, payload, source, sequence
-                )
+                return _service_observation(received_ns, channel, type_name, payload, sent)
             data = decode_with(_decode_any, payload)
         except PayloadError as error:
             self._losses.undecodable(channel, source, error)
@@ -194,7 +193,8 @@ class Tap:
             type_name=type_name,
             data=data,
             source=source,
-            sequence=sequence,
+            sequence=sent.number,
+            order=sent.order,
         )
 
 
@@ -205,7 +205,7 @@ def _type_of(encoding: str) -> str:
 
 
 def _service_observation(
-    received_ns: int, channel: str, type_name: str, payload: bytes, source: str, sequence: int
+    received_ns: int, channel: str, type_name: str, payload: bytes, sent: Sent
 ) -> Observation:
     event: ServiceEvent = decode_with(_decode_event, payload)
     info = event.info
@@ -220,8 +220,9 @@ def _service_observation(
         kind=kind,
         type_name=type_name.removesuffix(TYPE_SUFFIX) + ("_Request" if is_request else "_Response"),
         data=event.request if is_request else event.response,
-        source=source,
-        sequence=sequence,
+        source=sent.node,
+        sequence=sent.number,
+        order=sent.order,
         client=info.client,
         call=info.sequence_number,
         error=event.error,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -42,12 +43,18 @@ class Publisher:
     """
 
     def __init__(
-        self, session: zenoh.Session, topic: Topic, node: bytes, sequence: Sequence
+        self,
+        session: zenoh.Session,
+        topic: Topic,
+        node: bytes,
+        sequence: Sequence,
+        order: itertools.count[int],
     ) -> None:
         self._topic = topic
         self._codec = Codec(topic.type_name, topic.message)
         self._node = node
         self._sequence = sequence
+        self._order = order
         self.declared = _declare_publisher(session, topic, self._codec)
 
     def publish(self, message: Message) -> None:
@@ -58,7 +65,9 @@ class Publisher:
             with sequence.lock:
                 number = sequence.next
                 sequence.next = number + 1
-                self.declared.put(payload, attachment=attachment(number, self._node))
+                self.declared.put(
+                    payload, attachment=attachment(number, next(self._order), self._node)
+                )
         except zenoh.ZError as error:
             raise TransportError(f"cannot publish on {self._topic.name}: {error}") from error
 
@@ -98,7 +107,7 @@ def subscribe(
         try:
             message = codec.decode(sample.payload, sample.encoding)
         except PayloadError as error:
-            report_payload(topic.name, read_attachment(sample.attachment)[1], error)
+            report_payload(topic.name, read_attachment(sample.attachment).node, error)
             return
         handler(message)
 

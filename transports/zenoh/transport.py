@@ -51,6 +51,7 @@ class ZenohTransport(OnExecutor):
         self._node_bytes = node.encode()
         self._session = session
         self._calls = itertools.count(1)
+        self._order = itertools.count()
         self._sequences: dict[str, topics.Sequence] = {}
         self._events: dict[str, ServiceEvents] = {}
         self._servers: set[str] = set()
@@ -67,7 +68,7 @@ class ZenohTransport(OnExecutor):
     def publisher(self, topic: Topic) -> topics.Publisher:
         """Declare a publisher."""
         sequence = self._sequences.setdefault(topic.name, topics.Sequence())
-        publisher = topics.Publisher(self._session, topic, self._node_bytes, sequence)
+        publisher = topics.Publisher(self._session, topic, self._node_bytes, sequence, self._order)
         self._declared.append(publisher.declared)
         return publisher
 
@@ -133,6 +134,8 @@ class ZenohTransport(OnExecutor):
     def _events_of(self, service: Service) -> ServiceEvents:
         events = self._events.get(service.name)
         if events is None:
-            events = ServiceEvents(self._session, self._executor, service, self._node_bytes)
+            events = ServiceEvents(
+                self._session, self._executor, service, self._node_bytes, self._order
+            )
             self._events[service.name] = events
         return events

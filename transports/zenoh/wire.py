@@ -2,15 +2,15 @@
 
 Payload: the struct as a MessagePack map. Encoding: ``application/msgpack;<type name>``, so that
 the type can be checked before decoding and any tool can read the contents without it. Attachment:
-an 8-byte little-endian number (the sequence of a publication, the number of a call), then the
-name of the sending node in UTF-8.
+two 8-byte little-endian numbers (of a publication: its sequence on its channel, and its order among
+all that the node tells; of a call: its number, and 0), then the name of the sending node in UTF-8.
 """
 
 from __future__ import annotations
 
 import logging
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -25,7 +25,7 @@ MEDIA_TYPE = "application/msgpack"
 UNSPECIFIED = "zenoh/bytes"
 """What Zenoh says of a payload whose sender named no encoding: then only decoding can tell."""
 
-_NUMBER = struct.Struct("<Q")
+_NUMBERS = struct.Struct("<QQ")
 
 
 class Codec(TypedCodec):
@@ -46,22 +46,35 @@ class Codec(TypedCodec):
         return self.decode_bytes(b"\x80" if payload is None else payload.to_bytes())
 
 
-def attachment(number: int, node: bytes) -> bytes:
+class Sent(NamedTuple):
+    """What an attachment tells; see the module's text."""
+
+    number: int
+    order: int
+    node: str
+
+
+UNKNOWN = Sent(-1, -1, "")
+"""Of what another tool sent."""
+
+
+def attachment(number: int, order: int, node: bytes) -> bytes:
     """The attachment of publication or call ``number`` of ``node`` (its name in UTF-8)."""
-    return _NUMBER.pack(number) + node
+    return _NUMBERS.pack(number, order) + node
 
 
-def read_attachment(data: zenoh.ZBytes | None) -> tuple[int, str]:
-    """``(number, node)``; ``(-1, "")`` for what another tool sent."""
+def read_attachment(data: zenoh.ZBytes | None) -> Sent:
+    """What an attachment tells; ``UNKNOWN`` if it is none of ours."""
     if data is None:
-        return -1, ""
+        return UNKNOWN
     raw = data.to_bytes()
-    if len(raw) < _NUMBER.size:
-        return -1, ""
+    if len(raw) < _NUMBERS.size:
+        return UNKNOWN
     try:
-        return _NUMBER.unpack_from(raw)[0], raw[_NUMBER.size :].decode()
+        number, order = _NUMBERS.unpack_from(raw)
+        return Sent(number, order, raw[_NUMBERS.size :].decode())
     except UnicodeDecodeError:
-        return -1, ""
+        return UNKNOWN
 
 
 def report_payload(channel: str, source: str, error: PayloadError) -> None:

@@ -1,0 +1,60 @@
+"""Up to when all that a machine's own node did has been heard (decision 13)."""
+
+from __future__ import annotations
+
+KEPT_AHEAD = 1024
+"""Observations ahead of a gap that are remembered."""
+
+
+class Progress:
+    """Follows the order numbers of one node.
+
+    Attributes:
+        heard: all that the node did until this stamp (ns) has been heard.
+        next: the number that follows.
+        ahead: number and stamp of what came after a gap.
+    """
+
+    __slots__ = ("ahead", "heard", "next")
+
+    def __init__(self) -> None:
+        self.ahead: dict[int, int] = {}
+        self.next = 0
+        self.heard = 0
+
+    def restart(self) -> None:
+        """The node counts anew, or nothing is known any more."""
+        self.ahead.clear()
+        self.next = 0
+        self.heard = 0
+
+    def take(self, order: int, stamp: int, settled: int) -> None:
+        """The node did something.
+
+        Args:
+            order: its number.
+            stamp: when (ns).
+            settled: all that happened until then has been heard or is lost (ns).
+        """
+        if order == self.next:
+            self._go_on(stamp)
+        elif order > self.next:
+            ahead = self.ahead
+            ahead[order] = stamp
+            if len(ahead) > KEPT_AHEAD:
+                del ahead[next(iter(ahead))]
+            # what is missing before something that happened so long ago does not come any more
+            passed = [number for number, when in ahead.items() if when <= settled]
+            if passed:
+                self.next = max(passed)
+                for number in [number for number in ahead if number < self.next]:
+                    del ahead[number]
+                self._go_on(ahead.pop(self.next))
+
+    def _go_on(self, stamp: int) -> None:
+        ahead = self.ahead
+        self.next += 1
+        self.heard = stamp
+        while ahead and self.next in ahead:
+            self.heard = ahead.pop(self.next)
+            self.next += 1
