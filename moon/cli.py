@@ -9,6 +9,8 @@ from m2c.lazy_group import LazyGroup
 _COMMANDS = {
     "tap": ("moon.tap.command:tap", "Watch everything that happens, live and decoded."),
     "monitor": ("moon.monitor.command:monitor", "Check a running system against its models."),
+    "record": ("moon.recording.command:record", "Record everything that happens to an MCAP file."),
+    "check": ("moon.offline.command:check", "Check recorded runs as `moon monitor` does live."),
     "explain": ("moon.explain.command:explain", "Say what a monitor would check of a model."),
     "replay": ("moon.replay.command:replay", "Play the nodes of a recording once more."),
     "check-properties": (

@@ -3,57 +3,31 @@
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import interface_folders
 from moon.connection import Network, Watching, connected, fail, finite, network_options, say
+from moon.monitor.subject_options import SECONDS, Choice, read_or_fail, subject_options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from m2c.model.machine import Machine
-    from m2c.model.system import System
-    from moon.monitor.properties import PropertyWatch
-    from moon.monitor.watch import Sink
-    from moon.oracle.bounds import Bounds
+    from moon.monitor.subject import Monitored
+    from moon.monitor.watch import Connection, Sink
+    from moon.recording.writer import RecordingWriter
     from transports.interface import Transport
 
-_SECONDS = click.FloatRange(min=0, min_open=True, max=86_400 * 365)
+FLUSH_S = 0.5
+"""How often what was recorded is handed to the system: no more is lost with the process."""
 
 
 @click.command()
 @click.argument("models", nargs=-1, type=click.Path(path_type=Path), metavar="MODEL...|SYSTEM")
-@click.option(
-    "--properties",
-    "property_files",
-    multiple=True,
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="Monitor the properties in it, .yaml or .xml (repeatable).",
-)
 @network_options
-@interface_folders
-@click.option("--only", multiple=True, metavar="NODE", help="Monitor only this node (repeatable).")
-@click.option("--without", multiple=True, metavar="NODE", help="Do not monitor it (repeatable).")
-@click.option(
-    "--deadline",
-    type=_SECONDS,
-    callback=finite,
-    default=1.0,
-    show_default=True,
-    help="Seconds in which a node must send what it owes.",
-)
-@click.option(
-    "--latency-bound",
-    type=_SECONDS,
-    callback=finite,
-    default=0.2,
-    show_default=True,
-    help="Seconds in which a message is taken, and an event heard here.",
-)
+@subject_options
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line, for pipes.")
 @click.option(
     "--log",
@@ -61,21 +35,24 @@ _SECONDS = click.FloatRange(min=0, min_open=True, max=86_400 * 365)
     type=click.Path(path_type=Path, dir_okay=False),
     help="Append every verdict to this file, a JSON object a line.",
 )
+@click.option(
+    "--record",
+    "record_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Record the run, verdicts included, to this MCAP file.",
+)
 @click.option("--exit-on-violation", is_flag=True, help="Stop at the first one.")
 @click.option(
-    "--for", "seconds", type=_SECONDS, callback=finite, help="Stop after this many seconds."
+    "--for", "seconds", type=SECONDS, callback=finite, help="Stop after this many seconds."
 )
 def monitor(
     models: tuple[Path, ...],
-    property_files: tuple[Path, ...],
     network: Network,
-    interfaces: tuple[Path, ...],
-    only: tuple[str, ...],
-    without: tuple[str, ...],
-    deadline: float,
-    latency_bound: float,
+    choice: Choice,
     as_json: bool,
     log_file: Path | None,
+    record_file: Path | None,
     exit_on_violation: bool,
     seconds: float | None,
 ) -> None:
@@ -88,75 +65,61 @@ def monitor(
 
     Example: moon monitor examples/lab_tour/system.xml --for 60
     """
-    from m2c.model import ModelError
-    from moon.monitor.properties import PropertyWatch, unknown_channels
-    from moon.monitor.reading import (
-        SelectionError,
-        judgeable,
-        no_system,
-        read_checked,
-        say_why,
-        select,
-    )
-    from moon.oracle.bounds import Bounds
-    from moon.properties.files import load_properties
-
-    if not models and not property_files:
-        raise click.UsageError("Missing argument 'MODEL...|SYSTEM' (or --properties FILE)")
-    if not models and (only or without):
-        raise click.UsageError("--only and --without choose nodes of models, and there are none")
-    try:
-        properties = load_properties(*property_files)
-        system = read_checked(models, interfaces) if models else no_system()
-        machines = select(system, only, without) if models else ()
-    except ModelError as error:
-        say_why(error)
-        sys.exit(2)
-    except SelectionError as error:
-        fail(str(error))
+    monitored = read_or_fail(choice.subject(models))
     if network.transport == "simulated":
         fail("--transport simulated: that world is in one process; watch it there (SystemWatch)")
-    machines, unjudged = judgeable(machines)
-    for sentence in unjudged:
-        say(sentence)
-    if unjudged and system.policy is not None:
-        say("the policy is not judged: that needs all of its nodes")
-    if models and not machines:
-        fail(f"{system.name}: no node is left that can be judged")
-    for sentence in unknown_channels(properties, system) if models else ():
-        say(f"warning: {sentence}")
-    bounds = Bounds(latency=round(latency_bound * 1e9), deadline=round(deadline * 1e9))
-    with connected(network, "moon_monitor", writing="verdicts") as connection:
+    with (
+        connected(network, "moon_monitor", writing="verdicts") as connection,
+        _recorder(record_file, monitored) as recorder,
+    ):
         violations = _monitor(
             connection,
-            system,
-            machines,
-            bounds,
-            PropertyWatch(properties, bounds.latency),
+            network.transport,
+            monitored,
+            recorder,
             as_json,
             log_file,
             exit_on_violation,
             seconds,
-            has_diagnostics=network.transport == "ros2",
         )
     sys.exit(1 if violations else 0)
 
 
+@contextmanager
+def _recorder(path: Path | None, monitored: Monitored) -> Iterator[RecordingWriter | None]:
+    """What writes the recording, if one is wanted."""
+    if path is None:
+        yield None
+        return
+    from moon.recording.definitions import Definitions
+    from moon.recording.writer import RecordingWriter
+
+    try:
+        writer = RecordingWriter(path, Definitions(monitored.system.library))
+    except FileExistsError:
+        fail(f"{path}: is there already; a recording is not written over")
+    try:
+        yield writer
+    finally:
+        writer.close()
+    for sentence in writer.unknown_types():
+        say(f"note: {sentence}")
+
+
 def _monitor(
     connection: Transport,
-    system: System,
-    machines: Sequence[Machine],
-    bounds: Bounds,
-    properties: PropertyWatch,
+    transport: str,
+    monitored: Monitored,
+    recorder: RecordingWriter | None,
     as_json: bool,
     log_file: Path | None,
     exit_on_violation: bool,
     seconds: float | None,
-    has_diagnostics: bool,
 ) -> int:
     """Monitor until it is to end; how many violations there were."""
     from moon.monitor.screen import screen_for
     from moon.monitor.watch import SystemWatch
+    from moon.recording.recorded import RecordedConnection, RecordedRun
     from moon.sinks.file import VerdictFile
     from moon.sinks.topic import VerdictTopic
     from moon.tap.notices import Notices
@@ -164,9 +127,27 @@ def _monitor(
     file = VerdictFile(log_file) if log_file is not None else None
     screen = screen_for(as_json)
     sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection), screen]
-    if has_diagnostics:
+    if transport == "ros2":
         sinks += _diagnostics(connection)
-    watch = SystemWatch(connection, system, machines, bounds, sinks, say, properties)
+    told: Connection = connection
+    clock = time.monotonic_ns
+    run: RecordedRun | None = None
+    if recorder is not None:
+        told = recorded = RecordedConnection(connection, recorder.add, transport)
+        clock = recorded.monotonic_ns
+        run = RecordedRun(recorded, recorder)
+        sinks.insert(0, run)
+        connection.every(FLUSH_S, run.flush)
+    watch = SystemWatch(
+        told,
+        monitored.system,
+        monitored.machines,
+        monitored.bounds,
+        sinks,
+        say,
+        monitored.property_watch(),
+        monotonic_ns=clock,
+    )
     notices = Notices(say)
     try:
         watch.start()
@@ -177,12 +158,16 @@ def _monitor(
             screen.refresh(watch.statuses())
             notices.links(listener.peers())
             notices.problems(watch.problems())
+            if run is not None:
+                run.note_problems(listener.problems())
 
         def is_over() -> bool:
             return exit_on_violation and watch.violations > 0
 
         Watching(connection).run(look_around, seconds, is_over)
         notices.last_problems(watch.problems())
+        if run is not None:
+            run.end(listener.problems())
         screen.finish(watch.summary())
         return watch.violations
     finally:

@@ -12,7 +12,9 @@ from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
 
-from moon.recording.entries import Began, Entry, NodeChange, Pulse, Turn
+from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Said, Turn
+from moon.recording.writer import RecordingWriter
+from moon.verdict import Verdict
 from transports.interface import Observation, Publisher, Tap, Timer, Topic, Transport
 
 _UNUSUAL_NS = 100_000_000
@@ -118,3 +120,37 @@ class RecordedConnection:
             if since_ns != before_ns:
                 self._since[name] = since_ns
                 self._record(NodeChange(self._now_ns, name, True, since_ns, told=False))
+
+
+class RecordedRun:
+    """What else is recorded of a monitor's run: its verdicts, what its tap missed, its end.
+
+    Args:
+        connection: the monitor's.
+        writer: of the recording.
+    """
+
+    def __init__(self, connection: RecordedConnection, writer: RecordingWriter) -> None:
+        self._connection = connection
+        self._writer = writer
+        self._problems: frozenset[str] = frozenset()
+
+    def take(self, verdict: Verdict) -> None:
+        """The monitor says ``verdict``."""
+        self._writer.add(Said(self._connection.now_ns(), verdict))
+
+    def note_problems(self, problems: Sequence[str]) -> None:
+        """The tap says what it could not hear."""
+        for text in problems:
+            if text not in self._problems:
+                self._writer.add(Missed(self._connection.now_ns(), text))
+        self._problems = frozenset(problems)
+
+    def flush(self) -> None:
+        """Hand what was recorded to the system; OSError if it could not be written."""
+        self._writer.flush()
+
+    def end(self, problems: Sequence[str]) -> None:
+        """The monitor stops in good order."""
+        self.note_problems(problems)
+        self._writer.add(Ended(self._connection.now_ns()))

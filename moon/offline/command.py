@@ -1,0 +1,160 @@
+"""The ``moon check`` command."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from moon.connection import fail, say
+from moon.monitor.subject_options import Choice, read_or_fail, subject_options
+
+if TYPE_CHECKING:
+    from moon.offline.result import CheckResult
+
+_MODEL_SUFFIXES = (".scxml", ".ascxml", ".xml")
+_BAG_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+_BAG_METADATA = "metadata.yaml"
+
+
+@click.command()
+@click.argument(
+    "paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN... [MODEL...]"
+)
+@subject_options
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line, for pipes.")
+@click.option(
+    "--log",
+    "log_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Append every verdict to this file, as `moon monitor --log` does.",
+)
+@click.option(
+    "--junit",
+    "junit_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write JUnit XML, for continuous integration.",
+)
+@click.option(
+    "--report",
+    "report_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.html",
+    help="Write a page with timelines and diagrams.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Recordings checked at once; by default as many as there are processors.",
+)
+def check(
+    paths: tuple[Path, ...],
+    choice: Choice,
+    as_json: bool,
+    log_file: Path | None,
+    junit_file: Path | None,
+    report_file: Path | None,
+    jobs: int | None,
+) -> None:
+    """Check recorded runs against models, or properties, or both, as `moon monitor` does live.
+
+    RUN is what `moon record` or `ros2 bag record` wrote (a file or a folder), or a log of JSON lines;
+    MODEL is a model (.scxml, .ascxml), a folder of them, or one system file. Verdicts and explanations
+    are those of a monitor that was there. Exit code 0: nothing was violated; 1: something was; 2: a
+    recording or a model could not be read.
+
+    Example: moon check run.mcap examples/lab_tour/system.xml --report run.html
+    """
+    from moon.offline.batch import check_all
+    from moon.offline.result import CheckResult
+
+    runs, models = _told_apart(paths)
+    if not runs:
+        raise click.UsageError("Missing argument 'RUN': all that is named are models")
+    subject = choice.subject(models)
+    monitored = read_or_fail(subject)
+    results: list[CheckResult] = []
+    failures: list[tuple[str, str]] = []
+    try:
+        outcomes = check_all(
+            runs, subject, monitored, jobs or os.cpu_count() or 1, report_file is not None
+        )
+        for path, outcome in outcomes:
+            if isinstance(outcome, CheckResult):
+                results.append(outcome)
+                _show(outcome, as_json)
+            else:
+                failures.append((str(path), outcome))
+                say(f"error: {outcome}")
+        _write_files(results, failures, log_file, junit_file, report_file)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        fail(f"cannot write {error.filename or 'the result'}: {error.strerror}")
+    if failures:
+        sys.exit(2)
+    sys.exit(1 if any(result.violations for result in results) else 0)
+
+
+def _told_apart(paths: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """The recordings among ``paths``, and the models."""
+    models = tuple(path for path in paths if _is_model(path))
+    return tuple(path for path in paths if path not in models), models
+
+
+def _is_model(path: Path) -> bool:
+    if not path.is_dir():
+        return path.suffix.lower() in _MODEL_SUFFIXES
+    return not any(
+        found.name == _BAG_METADATA or found.name.endswith(_BAG_SUFFIXES)
+        for found in path.iterdir()
+    )
+
+
+def _show(result: CheckResult, as_json: bool) -> None:
+    from moon.offline.output import json_lines, lines_of
+
+    out = sys.stdout.buffer
+    if as_json:
+        for line in json_lines(result):
+            out.write(line + b"\n")
+    else:
+        encoding = sys.stdout.encoding or "utf-8"
+        for text in lines_of(result, sys.stdout.isatty()):
+            out.write(text.encode(encoding, "backslashreplace") + b"\n")
+    out.flush()
+
+
+def _write_files(
+    results: Sequence[CheckResult],
+    failures: Sequence[tuple[str, str]],
+    log_file: Path | None,
+    junit_file: Path | None,
+    report_file: Path | None,
+) -> None:
+    if log_file is not None:
+        from moon.sinks.file import VerdictFile
+
+        log = VerdictFile(log_file)
+        for result in results:
+            for said in result.verdicts:
+                log.take(said.verdict)
+        log.close()
+    if junit_file is not None:
+        from moon.offline.junit import junit
+
+        junit_file.write_bytes(junit(results, failures))
+    if report_file is not None:
+        from moon.report.page import write_report
+
+        for number, result in enumerate(results, 1):
+            path = report_file
+            if len(results) > 1:
+                path = path.with_name(f"{path.stem}-{number}{path.suffix}")
+            write_report(result, path)
+            say(f"wrote {path}")

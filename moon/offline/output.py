@@ -1,0 +1,50 @@
+"""What ``moon check`` prints of a result: the lines of ``moon monitor``, and what recordings add."""
+
+from __future__ import annotations
+
+import time
+
+import msgspec
+
+from moon.monitor.report import closing, table, verdict_lines
+from moon.monitor.status import Summary
+from moon.offline.result import CheckResult
+from moon.tap.render import printable
+
+
+def lines_of(result: CheckResult, colour: bool = False) -> list[str]:
+    """What a person reads."""
+    recording = result.recording
+    began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(recording.first_ns // 10**9))
+    lines = [f"{printable(recording.path)}: {recording.form}, {began}, {recording.seconds:.1f} s"]
+    for said in result.verdicts:
+        lines += verdict_lines(said.verdict, colour)
+    lines += table(result.machines)
+    lines += closing(Summary(recording.seconds, result.machines, result.counts, result.problems))
+    if not recording.complete:
+        lines.append(
+            "not all of the recording could be read; this is what the readable part shows:"
+        )
+        lines += [f"  {printable(fault)}" for fault in recording.faults]
+    lines += [f"limit: {printable(limit)}" for limit in recording.limits]
+    lines += [f"warning: {printable(problem)}" for problem in result.problems]
+    speed = recording.seconds / max(result.seconds, 1e-3)
+    lines.append(f"checked in {result.seconds:.1f} s, {speed:,.0f} times as fast as it happened")
+    return lines
+
+
+def json_lines(result: CheckResult) -> list[bytes]:
+    """An object a line: ``recording``, each ``verdict`` as ``moon monitor --json`` has it, ``summary``."""
+    recording = result.recording
+    summary = Summary(recording.seconds, result.machines, result.counts, result.problems)
+    events = [
+        ("recording", recording),
+        *(("verdict", said.verdict) for said in result.verdicts),
+        ("summary", summary),
+    ]
+    return [msgspec.json.encode({"event": name, **_fields(item)}) for name, item in events]
+
+
+def _fields(item: object) -> dict[str, object]:
+    found: dict[str, object] = msgspec.to_builtins(item)
+    return found

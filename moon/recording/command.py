@@ -1,0 +1,186 @@
+"""The ``moon record`` command."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from m2c.inputs import interface_folders
+from moon.connection import Network, Watching, connected, fail, finite, network_options, say
+
+if TYPE_CHECKING:
+    from moon.recording.definitions import Definitions
+    from moon.recording.writer import RecordingWriter, Split
+
+_SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_TIMES = {"s": 1, "min": 60, "h": 3600}
+_AMOUNT = re.compile(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)")
+_LEAST_BYTES = 1_000_000
+"""Smaller files would hold less than a chunk."""
+
+
+@click.command()
+@click.argument("channels", nargs=-1)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="RUN.mcap",
+    help="The file (with --split: the folder) to write.",
+)
+@network_options
+@interface_folders
+@click.option(
+    "--split",
+    metavar="SIZE|DURATION",
+    help="Go on in a new file after so much: 500MB, 2GB, 90s, 10min, 1h.",
+)
+@click.option(
+    "--compression",
+    type=click.Choice(["none", "zstd", "lz4"]),
+    default="zstd",
+    show_default=True,
+    help="How to compress the file.",
+)
+@click.option(
+    "--for",
+    "seconds",
+    type=click.FloatRange(min=0, min_open=True),
+    callback=finite,
+    help="Stop after this many seconds.",
+)
+def record(
+    channels: tuple[str, ...],
+    output: Path,
+    network: Network,
+    interfaces: tuple[Path, ...],
+    split: str | None,
+    compression: str,
+    seconds: float | None,
+) -> None:
+    """Record everything that happens to an MCAP file, as `ros2 bag record` would, and more.
+
+    CHANNELS are globs such as '/BatteryLevelSkill/*' (`**` crosses parts of a name; an action stands
+    for all its parts); without any, everything is recorded. Topics, service calls and actions are
+    there for ROS 2's tools; who sent what and in which order is there for `moon check`. Types come from
+    --interfaces, on ROS 2 from the sourced installation too. Exit code 0, or 2 if it could not record.
+
+    Example: moon record -o run.mcap --interfaces examples/lab_tour/interfaces --for 60
+    """
+    from moon.recording.mcap_writing import Compression
+    from moon.recording.recorder import Recorder
+    from moon.recording.writer import RecordingWriter
+    from moon.tap.notices import Notices
+    from moon.tap.selection import GlobError, check
+
+    try:
+        for glob in channels:
+            check(glob)
+    except GlobError as error:
+        raise click.BadParameter(str(error), param_hint="CHANNELS") from error
+    limit = _split(split) if split is not None else None
+    definitions = _definitions(interfaces, network.transport)
+    with connected(network, "moon_record", writing="the recording") as connection:
+        try:
+            writer = RecordingWriter(output, definitions, Compression(compression), limit)
+        except FileExistsError:
+            fail(f"{output}: is there already; a recording is not written over")
+        try:
+            recorder = Recorder(connection, network.transport, writer, channels)
+            start_ns = connection.now_ns()
+            recorder.start()
+            listener = recorder.listener
+            assert listener is not None
+            notices = Notices(say)
+            line = _Line(writer)
+
+            def look_around() -> None:
+                recorder.look_around()
+                notices.links(listener.peers())
+                notices.problems(listener.problems())
+                line.show((connection.now_ns() - start_ns) / 1e9)
+
+            Watching(connection).run(look_around, seconds)
+            recorder.finish()
+            notices.last_problems(listener.problems())
+            line.finish((connection.now_ns() - start_ns) / 1e9)
+        finally:
+            writer.close()
+    for sentence in writer.unknown_types():
+        say(f"note: {sentence}")
+
+
+class _Line:
+    """One line on standard error, on a terminal: rate and size."""
+
+    def __init__(self, writer: RecordingWriter) -> None:
+        self._writer = writer
+        self._live = sys.stderr.isatty()
+        self._before = (0.0, 0)
+
+    def show(self, seconds: float) -> None:
+        """How it stands after ``seconds``."""
+        if not self._live:
+            return
+        before_s, before = self._before
+        count = self._writer.observations
+        rate = (count - before) / max(seconds - before_s, 1e-3)
+        self._before = (seconds, count)
+        text = f"{seconds:.0f} s  {count:,} observations ({rate:,.0f}/s)  {self._size()}"
+        print(f"\r\x1b[2K{text}", end="", file=sys.stderr, flush=True)
+
+    def finish(self, seconds: float) -> None:
+        """The end."""
+        if self._live:
+            print("\r\x1b[2K", end="", file=sys.stderr)
+        count = self._writer.observations
+        say(
+            f"recorded {count:,} observation{'s' * (count != 1)} in {seconds:.1f} s to "
+            f"{self._writer.path} ({self._size()})"
+        )
+
+    def _size(self) -> str:
+        return size_text(self._writer.bytes_written)
+
+
+def size_text(count: int) -> str:
+    """``count`` bytes in words: ``1.5 MB``."""
+    for unit, size in reversed(_SIZES.items()):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{count} bytes"
+
+
+def _split(text: str) -> Split:
+    from moon.recording.writer import Split
+
+    found = _AMOUNT.fullmatch(text)
+    if found is not None:
+        number, unit = float(found[1]), found[2]
+        if unit in _TIMES and number > 0:
+            return Split(seconds=number * _TIMES[unit])
+        if unit in _SIZES and number * _SIZES[unit] >= _LEAST_BYTES:
+            return Split(size=round(number * _SIZES[unit]))
+    raise click.BadParameter(
+        f"{text!r} is neither a size of 1MB or more nor a duration; write 500MB, 2GB, 90s, 10min or 1h",
+        param_hint="--split",
+    )
+
+
+def _definitions(interfaces: tuple[Path, ...], transport: str) -> Definitions:
+    """The types in ``interfaces``, and those of a sourced ROS 2."""
+    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.model.interfaces import InterfaceLibrary
+    from moon.recording.definitions import Definitions
+
+    folders = list(interfaces)
+    if transport == "ros2":
+        prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        folders += [Path(prefix, "share") for prefix in prefixes if prefix]
+    return Definitions(InterfaceLibrary.load([f for f in folders if f.is_dir()], DiagnosticLog()))

@@ -1,0 +1,85 @@
+"""A recorder at work: from a tap to a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from moon.recording.entries import Began, Ended, Missed, NodeChange
+from moon.recording.writer import RecordingWriter
+from moon.tap.selection import Selection, check, matches
+from transports.interface import Observation, Tap, Transport
+
+MAX_KNOWN = 100_000
+"""Channels of which it is kept whether they are wanted; names come from the wire, and never end."""
+
+
+class Recorder:
+    """Records what is heard over ``connection``.
+
+    Args:
+        connection: where to listen.
+        transport: its middleware.
+        writer: where to.
+        globs: channels to be recorded (``moon.tap.selection.matches``; an action stands for all its
+            parts); empty: all.
+
+    Raises:
+        GlobError: no channel can match one of ``globs``.
+    """
+
+    def __init__(
+        self, connection: Transport, transport: str, writer: RecordingWriter, globs: Sequence[str]
+    ) -> None:
+        for glob in globs:
+            check(glob)
+        self._connection = connection
+        self._transport = transport
+        self._writer = writer
+        self._globs = tuple(globs)
+        self._wanted: dict[str, bool] = {}
+        self._problems: frozenset[str] = frozenset()
+        self.listener: Tap | None = None
+
+    def start(self) -> None:
+        """Begin to listen (on the executor, or before it spins)."""
+        connection, writer = self._connection, self._writer
+        writer.add(Began(connection.now_ns(), connection.node, self._transport))
+        observe = self._observe if self._globs else writer.add
+        self.listener = connection.tap(Selection(self._globs).to_hear(), observe)
+        connection.watch_nodes(self._node_changed)
+
+    def look_around(self) -> None:
+        """Hand what was recorded to the system, and record what the tap could not hear.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        assert self.listener is not None
+        problems = self.listener.problems()
+        for text in problems:
+            if text not in self._problems:
+                self._writer.add(Missed(self._connection.now_ns(), text))
+        self._problems = frozenset(problems)
+        self._writer.flush()
+
+    def finish(self) -> None:
+        """The end, in good order; OSError if the file cannot be written."""
+        self.look_around()
+        self._writer.add(Ended(self._connection.now_ns()))
+        self._writer.close()
+
+    def _observe(self, seen: Observation) -> None:
+        channel = seen.channel
+        wanted = self._wanted.get(channel)
+        if wanted is None:
+            names = (channel, channel.partition("/_action/")[0])
+            wanted = any(matches(name, glob) for name in names for glob in self._globs)
+            if len(self._wanted) < MAX_KNOWN:
+                self._wanted[channel] = wanted
+        if wanted:
+            self._writer.add(seen)
+
+    def _node_changed(self, name: str, up: bool) -> None:
+        connection = self._connection
+        since_ns = connection.up_since(name) if up else 0
+        self._writer.add(NodeChange(connection.now_ns(), name, up, since_ns))
