@@ -43,7 +43,7 @@ class LazyGroup(click.Group):
         if name not in self._lazy and not name.startswith("-"):
             from m2c.model.typing import nearest
 
-            ctx.fail(f"there is no command '{name}'; {nearest(name, self._lazy)}")
+            ctx.fail(f"No such command '{name}'; {nearest(name, self._lazy)}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -36,9 +36,9 @@ def test_every_help_has_an_example_of_its_own_command(words: tuple[str, ...]) ->
 @pytest.mark.parametrize(
     ("group", "name", "right"),
     [
-        (m2c, "chek", "there is no command 'chek'; did you mean check?"),
-        (moon, "moniter", "there is no command 'moniter'; did you mean monitor?"),
-        (moon, "watch", "there is no command 'watch'; known: "),
+        (m2c, "chek", "No such command 'chek'; did you mean check?"),
+        (moon, "moniter", "No such command 'moniter'; did you mean monitor?"),
+        (moon, "watch", "No such command 'watch'; known: "),
     ],
 )
 def test_a_wrong_command_is_refused_with_the_right_one(
