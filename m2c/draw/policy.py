@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import msgspec
 
 from m2c.draw import svg
@@ -43,6 +45,7 @@ class Node(msgspec.Struct):
         name: what the policy calls it.
         negated: an inverter stands before it.
         children: in the order in which they are ticked.
+        place: ``file:line:column`` in the policy.
         y: its middle, once it has a place.
     """
 
@@ -50,6 +53,7 @@ class Node(msgspec.Struct):
     name: str
     negated: bool
     children: list[Node]
+    place: str = ""
     y: float = 0
 
     @property
@@ -78,12 +82,13 @@ def tree_of(policy: PolicyFile) -> Node:
             case BuiltinNode(tag="Inverter", children=(inner,)):
                 return read(inner, name, not negated)
             case LeafNode(kind=kind) if kind is not None and not node.children:
-                return Node(_leaf_kind(node, kind), node.name, negated, [])
+                return Node(_leaf_kind(node, kind), node.name, negated, [], str(node.position))
             case LeafNode():
                 children = [read(child, "", False) for child in node.children]
-                return Node(node.id, name or node.name, negated, children)
+                return Node(node.id, name or node.name, negated, children, str(node.position))
         children = [read(child, "", False) for child in node.children]
-        return Node(node.tag + _ports(node), name or node.name, negated, children)
+        sort = node.tag + _ports(node)
+        return Node(sort, name or node.name, negated, children, str(node.position))
 
     return read(trees[policy.main], policy.main, False)
 
@@ -100,8 +105,30 @@ def _ports(node: BuiltinNode) -> str:
     return svg.shortened("".join(told), _COLUMNS)
 
 
-def draw_policy(root: Node) -> svg.Picture:
-    """The tree from left to right; what is ticked first stands at the top. Leaves are in one column."""
+def leaf_keys(root: Node) -> dict[str, str]:
+    """``file:line:column`` of each leaf → its keys in the picture, joined by blanks."""
+    found: dict[str, list[str]] = {}
+    for index, leaf in enumerate(_leaves(root)):
+        found.setdefault(leaf.place, []).append(f"l{index}")
+    return {place: " ".join(keys) for place, keys in found.items()}
+
+
+def _leaves(node: Node) -> Iterator[Node]:
+    if node.is_leaf:
+        yield node
+    for child in node.children:
+        yield from _leaves(child)
+
+
+def draw_policy(root: Node, prefix: str = "") -> svg.Picture:
+    """The tree from left to right; what is ticked first stands at the top. Leaves are in one column.
+
+    Args:
+        root: of the tree.
+        prefix: of every id. A leaf's group has the class ``leaf`` and the id ``<prefix><key>``, as
+            :func:`leaf_keys` has it.
+    """
+    leaves = 0
     widths: dict[int, float] = {}
     negated: dict[int, bool] = {}
     leaf_width, rows, any_negated_leaf = 120.0, 0, False
@@ -135,11 +162,16 @@ def draw_policy(root: Node) -> svg.Picture:
     parts: list[str] = [svg.text(_MARGIN, 18, LEGEND, "small")]
 
     def draw(node: Node, depth: int) -> None:
+        nonlocal leaves
         if node.is_leaf:
             rounded = node.kind == LeafKind.CONDITION
             kind, corner = ("box", 16) if rounded else ("tool", 4)
-            parts.append(svg.box(leaves_at, node.y - 16, leaf_width, 32, kind, corner))
-            parts.append(svg.text(leaves_at + 14, node.y + 5, _leaf_words(node)))
+            shapes = [
+                svg.box(leaves_at, node.y - 16, leaf_width, 32, kind, corner),
+                svg.text(leaves_at + 14, node.y + 5, _leaf_words(node)),
+            ]
+            parts.append(svg.group(shapes, "leaf", f"{prefix}l{leaves}"))
+            leaves += 1
             return
         x, width = columns[depth], widths[depth]
         name, kind = _control_words(node)

@@ -1,0 +1,128 @@
+"""What the timeline is drawn from, as compact JSON that can stand inside a page."""
+
+from __future__ import annotations
+
+import msgspec
+
+from moon.offline.result import CheckResult, Timeline
+from moon.report.observations import Channel, Shelf
+from moon.tap.render import printable
+
+VERDICTS = ("conforming", "violated", "inconclusive", "unseen")
+
+
+class ChannelRow(msgspec.Struct, frozen=True):
+    """A channel: ``t`` are microseconds, each from the one before; ``k`` a sign for each."""
+
+    name: str
+    type: str
+    heard: int
+    t: list[int]
+    k: str
+    s: list[int]
+    f: list[int]
+
+
+class MachineRow(msgspec.Struct, frozen=True):
+    """A machine's or property's bands: start and end (microseconds), text, index of the verdict."""
+
+    name: str
+    kind: str
+    bands: list[tuple[int, int, str, int]]
+
+
+class Mark(msgspec.Struct, frozen=True):
+    """A violation: when (microseconds), on which row of ``machines``."""
+
+    t: int
+    row: int
+
+
+class TimelineData(msgspec.Struct, frozen=True):
+    """Everything; times count from ``start_ms`` (since the epoch)."""
+
+    start_ms: float
+    end: int
+    machines: list[MachineRow]
+    channels: list[ChannelRow]
+    violations: list[Mark]
+    texts: list[str]
+    sources: list[str]
+
+
+def timeline_data(
+    result: CheckResult, shelf: Shelf, violations: list[tuple[int, str]]
+) -> TimelineData:
+    """The data of ``result`` and its observations.
+
+    Args:
+        result: of the check.
+        shelf: the observations.
+        violations: those that the page shows: (when in ns, name of the machine or property).
+    """
+    channels = shelf.channels()
+    moments = [
+        *(
+            one.received_ns
+            for channel in channels
+            for one in (*channel.shown[:1], *channel.shown[-1:])
+        ),
+        *(band.start_ns for timeline in result.timelines for band in timeline.bands[:1]),
+        *(band.end_ns for timeline in result.timelines for band in timeline.bands[-1:]),
+        *(when for when, _ in violations),
+    ]
+    facts = result.recording
+    moments += [moment for moment in (facts.first_ns, facts.last_ns) if moment]
+    start, end = min(moments, default=0), max(moments, default=0)
+    rows = {timeline.name: row for row, timeline in enumerate(result.timelines)}
+    return TimelineData(
+        start / 1e6,
+        (end - start) // 1000,
+        [_machine(timeline, start) for timeline in result.timelines],
+        [_channel(channel, start) for channel in channels],
+        [Mark((when - start) // 1000, rows.get(name, -1)) for when, name in violations],
+        list(shelf.texts()),
+        list(shelf.sources()),
+    )
+
+
+def as_json(data: TimelineData) -> str:
+    """``data`` for a ``<script type="application/json">``.
+
+    Nothing in it can end the element or open a comment (HTML, section 13.1.2.3): every ``<`` is
+    written as an escape, as are the two line ends that JSON has and JavaScript had not.
+    """
+    text = msgspec.json.encode(data).decode()
+    for character in "<\N{LINE SEPARATOR}\N{PARAGRAPH SEPARATOR}":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def _machine(timeline: Timeline, start: int) -> MachineRow:
+    bands = [
+        (
+            (band.start_ns - start) // 1000,
+            (band.end_ns - start) // 1000,
+            printable(" or ".join(band.states)),
+            VERDICTS.index(band.verdict) if band.verdict in VERDICTS else len(VERDICTS) - 1,
+        )
+        for band in timeline.bands
+    ]
+    return MachineRow(printable(timeline.name), timeline.kind, bands)
+
+
+def _channel(channel: Channel, start: int) -> ChannelRow:
+    steps, last = [], 0
+    for one in channel.shown:
+        at = (one.received_ns - start) // 1000
+        steps.append(at - last)
+        last = at
+    return ChannelRow(
+        channel.name,
+        channel.type_name,
+        channel.heard,
+        steps,
+        "".join(one.sign for one in channel.shown),
+        [one.text for one in channel.shown],
+        [one.source for one in channel.shown],
+    )
