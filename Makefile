@@ -6,7 +6,7 @@ DEMO_VENV ?= .venv-demo
 # Twice: errors are shown, but no warning for every place that a user's pip configuration names in vain.
 QUIETLY := --quiet --quiet
 
-.PHONY: demo test lint types imports unit interfaces benchmarks overhead mutants soak clean
+.PHONY: demo test lint types imports unit interfaces browser benchmarks overhead mutants soak clean
 
 # The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions.
 demo: $(DEMO_VENV)/.installed
@@ -24,7 +24,7 @@ $(VENV)/.installed: pyproject.toml
 	@$(BIN)/python -m pip install $(QUIETLY) --disable-pip-version-check -e '.[dev,ros2]'
 	@touch $@
 
-test: lint types imports interfaces unit
+test: lint types imports interfaces browser unit
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -40,6 +40,14 @@ imports: $(VENV)/.installed
 interfaces: $(VENV)/.installed
 	$(BIN)/m2c interfaces build examples/lab_tour/interfaces -o build/interfaces
 	$(BIN)/m2c interfaces build tests/transports/ros2_interfaces -o build/test-interfaces
+
+# Chromium, in which the report's page is tested. Where it cannot be installed, its tests say so.
+browser:
+	@command -v chromedriver > /dev/null && { command -v chromium || command -v chromium-browser; } > /dev/null \
+	  || { [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null \
+	       && echo "Installing chromium for the report's tests ..." \
+	       && apt-get update -q > /dev/null && apt-get install -y -q chromium chromium-driver > /dev/null; } \
+	  || echo "No browser: install chromium and chromedriver, or the report's tests fail."
 
 unit: $(VENV)/.installed
 	$(BIN)/pytest -n 2 --dist loadfile
