@@ -29,6 +29,8 @@ _WHEEL_NUMPY_INCLUDE = re.compile(r"/opt/python/[^;\" ]*/numpy/_?core/include")
 SETUP_SCRIPT = "setup.sh"
 """What colcon's own would be, which needs more of ROS 2 than the wheels have."""
 _STAMP = "content.sha256"
+_BEGUN_AGAIN = "M2C_INTERFACES_BUILT"
+"""Set where ``begin_again_with`` has begun a process again: once is enough."""
 
 
 class InterfaceBuildError(Exception):
@@ -67,6 +69,33 @@ class InterfaceInstall(msgspec.Struct, frozen=True):
             for variable, value in self.environment({}).items()
         ]
         return "\n".join(["# Source it: processes started here find the packages.", *lines, ""])
+
+
+def begin_again_with(directories: Sequence[Path], output: Path) -> None:
+    """Make interface packages importable in this process: build them, and start it anew with them.
+
+    The folders that libraries are loaded from are read when a process begins; so this one begins again,
+    with its arguments. Nothing is done where the packages are importable (a sourced workspace). For
+    programs; a library has no business to restart its process.
+
+    Args:
+        directories: as for ``build_interfaces``.
+        output: as for ``build_interfaces``.
+
+    Raises:
+        InterfaceBuildError: they cannot be built, or are not importable when they are.
+    """
+    names = [path.name for path in find_packages(directories)]
+    missing = [name for name in names if importlib.util.find_spec(name) is None]
+    if not missing:
+        return
+    if os.environ.get(_BEGUN_AGAIN):
+        raise InterfaceBuildError(f"{output}: built, and not importable: {', '.join(missing)}")
+    environment = build_interfaces(directories, output).environment()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    again = [sys.executable, *sys.orig_argv[1:]]
+    os.execve(sys.executable, again, {**environment, _BEGUN_AGAIN: "yes"})
 
 
 def find_packages(directories: Sequence[Path]) -> tuple[Path, ...]:

@@ -89,6 +89,23 @@ def test_a_built_package_serves_a_real_ros_2_call_and_is_then_cached(
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
+def test_a_program_begins_again_with_packages_that_it_builds(
+    packages: Path, tmp_path: Path
+) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import sys\nfrom pathlib import Path\nfrom m2c.rosidl.build import begin_again_with\n"
+        f"begin_again_with([Path({str(packages)!r})], Path({str(tmp_path / 'out')!r}))\n"
+        "from door_interfaces.srv import Tick\nfrom rclpy.type_support import "
+        "check_for_type_support\ncheck_for_type_support(Tick)\nprint(sys.argv[1:])\n"
+    )
+    command = [sys.executable, "-W", "error", str(program), "a b", "c"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout == "['a b', 'c']\n", done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
 def test_a_package_that_does_not_build_is_reported_with_the_compilers_words(
     packages: Path, tmp_path: Path
 ) -> None:

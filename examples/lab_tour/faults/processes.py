@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
 import signal
 import socket
@@ -29,7 +28,6 @@ TICK_S = 0.01
 STOP_S = 100.0
 """How long ``m2c run`` may take to stop its nodes: it gives each of them five seconds."""
 ROOT = SYSTEM.parents[2]
-_EXECUTED = "LAB_TOUR_INTERFACES_BUILT"
 
 
 class RunError(Exception):
@@ -161,29 +159,14 @@ def own_domain() -> Iterator[int]:
 
 
 def find_interfaces() -> None:
-    """Make the tour's interface packages importable: build them if need be, and start anew with them.
-
-    The folders that libraries are loaded from are read when a process begins; so this one begins again,
-    with the arguments that it had. Where the packages are importable (a sourced workspace), nothing is
-    done.
+    """Make the tour's interface packages importable: call it when the process begins.
 
     Raises:
-        RunError: they cannot be built, or cannot be imported when they are.
+        RunError: they cannot be built.
     """
-    from m2c.rosidl.build import InterfaceBuildError, build_interfaces
+    from m2c.rosidl.build import InterfaceBuildError, begin_again_with
 
-    if importlib.util.find_spec("tour_interfaces") is not None:
-        return
-    if os.environ.get(_EXECUTED):
-        raise RunError("the interface packages are built, and tour_interfaces is not found")
     try:
-        built = build_interfaces([SYSTEM.parent / "interfaces"], ROOT / "build" / "interfaces")
+        begin_again_with([SYSTEM.parent / "interfaces"], ROOT / "build" / "interfaces")
     except InterfaceBuildError as error:
         raise RunError(str(error)) from error
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os.execve(
-        sys.executable,
-        [sys.executable, *sys.orig_argv[1:]],
-        {**built.environment(), _EXECUTED: "yes"},
-    )
