@@ -64,11 +64,12 @@ overhead: $(VENV)/.installed
 mutants: $(VENV)/.installed
 	$(BIN)/python -m tests.mutation.run
 
-# Hours: the oracle against a brute-force checker, and the nominal tour under every condition and on a
-# busy machine.
+# Hours: the oracle against a brute-force checker, properties against Reelay and their readers against
+# damaged files, and the nominal tour under every condition and on a busy machine.
 soak: $(VENV)/.installed
 	$(BIN)/python -m tests.oracle.test_against_reference 0 100000
 	$(BIN)/python -m tests.oracle.test_no_false_alarm 10000
+	$(BIN)/python -m tests.properties.soak --pairs 100000 --seconds 600
 	$(BIN)/python examples/lab_tour/faults/run.py --nominal 1800 --busy 2
 
 clean:

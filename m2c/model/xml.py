@@ -67,6 +67,9 @@ class Element:
         return next(self.all(tag), None)
 
 
+_INVALID_TOKEN = expat.errors.codes[expat.errors.XML_ERROR_INVALID_TOKEN]
+
+
 class _Refused(Exception):
     """Parsing stops: the document is hostile."""
 
@@ -125,7 +128,10 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
         position = Position(file, error.lineno + offset_lines, error.offset + 1)
         reason = expat.errors.messages[error.code]
         open_tag = f"; <{parser.open_tag}> is open" if parser.open_tag else ""
-        log.error("malformed-xml", position, "", f"malformed XML: {reason}{open_tag}")
+        lines = stripped.split(b"\n", error.lineno)
+        at = lines[error.lineno - 1][error.offset : error.offset + 1]
+        hint = "write &lt; for <" if at == b"<" and error.code == _INVALID_TOKEN else ""
+        log.error("malformed-xml", position, "", f"malformed XML: {reason}{open_tag}", hint)
         return None
     except LookupError as error:  # the encoding of the XML declaration
         log.error("malformed-xml", Position(file, 1, 1), "", f"{error}", "write the file in UTF-8")

@@ -10,11 +10,13 @@ from typing import Any
 import msgspec
 
 from moon.properties.binding import ANY_CHANNEL, Group, bind, handler_source, value_of
-from moon.properties.compiler import BEGINNING, NEVER, Program, compile_network, mode
+from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.doubt import Doubt, read_state, state_form, write_state
 from moon.properties.network import Network, build_network
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
 from moon.properties.property import Port, Property
+from moon.properties.rules import NEVER, stays_false
+from moon.properties.snapshot import Snapshot
 from moon.properties.verdict import Status, Verdict
 from moon.properties.witness import Change, explain
 from transports.interface import Observation
@@ -31,28 +33,6 @@ class TimeOrderError(ValueError):
 
 class UnknownAtom(Exception):
     """A handler met a predicate without a value; nothing has changed yet."""
-
-
-class Snapshot(msgspec.Struct, frozen=True):
-    """A cell at some instant. Snapshots with equal ``future`` go on alike."""
-
-    networks: tuple[tuple[dict[str, Any], list[tuple[int, int]]], ...]
-    doubt: Doubt | None
-    unknown: dict[str, str]
-    scalars: tuple[int, int, int, int, str]
-    values: dict[str, Any]
-    waiting: frozenset[str]
-    verdicts: tuple[Verdict, ...]
-    logs: dict[str, tuple[Change, ...]]
-
-    forms: tuple[tuple[Any, ...], ...]
-    """Per network, what decides how it goes on, without what no later instant can see."""
-
-    @property
-    def future(self) -> tuple[Any, ...]:
-        """What decides how the cell goes on."""
-        statuses = tuple(verdict.status for verdict in self.verdicts)
-        return self.forms, self.unknown, self.scalars[:3], self.values, self.waiting, statuses
 
 
 class Cell:
@@ -90,7 +70,7 @@ class Cell:
                 self._waiting.add(port.name)
             elif not port.event:
                 self._set_value(port.name, port.initial)
-        self.final = [_final_when_false(self._network, root) for root in self._network.roots]
+        self.final = [stays_false(self._network, root) for root in self._network.roots]
         waiting = ", ".join(sorted(self._waiting))
         first = Verdict(
             Status.INCONCLUSIVE,
@@ -466,16 +446,3 @@ class Cell:
         witness = explain(self._formulas[number], self._logs, self.started, now, self._reported)
         at = witness.at_ns
         return Verdict(status, at, final=self.final[number], witness=witness)
-
-
-def _final_when_false(network: Network, root: int) -> bool:
-    """Whether the root, once false, stays false: it says that something has never happened."""
-    node = network.nodes[root]
-    if node.kind == "constant":
-        return True
-    if node.kind == "and":
-        return all(_final_when_false(network, item) for item in node.inputs)
-    if node.kind != "not":
-        return False
-    inner = network.nodes[node.inputs[0]]
-    return inner.kind == "once" and mode(inner) in ("ever", "lower")

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from moon.properties.property import Property
 
 
 @click.command("check-properties")
@@ -23,7 +27,6 @@ def check_properties(paths: tuple[Path, ...], as_json: bool) -> None:
     """
     from m2c.model.diagnostics import DiagnosticLog
     from moon.properties.files import read_properties
-    from moon.properties.property import Property
 
     log = DiagnosticLog()
     found: list[Property] = []
@@ -45,7 +48,7 @@ def check_properties(paths: tuple[Path, ...], as_json: bool) -> None:
     sys.exit(2 if errors else 0)
 
 
-def _as_text(item) -> str:  # type: ignore[no-untyped-def]
+def _as_text(item: Property) -> str:
     from moon.properties.formula import text
     from moon.properties.meaning import duration
 
@@ -61,7 +64,7 @@ def _as_text(item) -> str:  # type: ignore[no-untyped-def]
     return "\n".join(lines)
 
 
-def _as_json(item) -> str:  # type: ignore[no-untyped-def]
+def _as_json(item: Property) -> str:
     import msgspec
 
     from moon.properties.formula import text

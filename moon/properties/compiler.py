@@ -18,31 +18,13 @@ from typing import Any
 
 import msgspec
 
-from moon.properties.network import IN_STEPS, Network, Node
+from moon.properties.network import Network, Node
+from moon.properties.rules import INITIAL, NEVER, UPDATES, mode, state_names
 
-NEVER = 1 << 70
-"""Later than every stamp; sums with bounds stay later."""
 BEGINNING = -1
 """The cause, on the heap, of the first step."""
 CONES_FROM = 60
 """Networks with more nodes get a function per cause of change, smaller ones one for all."""
-
-_STATE = {
-    "ever": ("l",),
-    "lower": ("l",),
-    "upper": ("c", "l", "e"),
-    "both": ("c", "l", "s", "q"),
-    "since": ("s",),
-    "since_lower": ("l", "z"),
-    "since_upper": ("c", "z", "l", "e"),
-    "since_both": ("c", "z", "l", "s", "q"),
-}
-_STATE |= {f"{name}_steps": _STATE[name] for name in _STATE if name.startswith("since")}
-_INITIAL = {
-    **{"c": "False", "z": "False", "v": "False", "e": "-1", "q": "deque()"},
-    "l": str(NEVER),
-    "s": "False",
-}
 
 
 class Program(msgspec.Struct, frozen=True):
@@ -97,24 +79,6 @@ class Program(msgspec.Struct, frozen=True):
         )
         self.heap[:] = heap
         self.changed.clear()
-
-
-def mode(node: Node) -> str:
-    """Which of the update rules a remembering node follows."""
-    lower, upper = node.interval.lower, node.interval.upper
-    if node.kind == "once":
-        if upper is None:
-            return "lower" if lower else "ever"
-        return "both" if lower else "upper"
-    steps = "_steps" if node.text == IN_STEPS else ""
-    if upper is None:
-        return ("since_lower" if lower else "since") + steps
-    return ("since_both" if lower else "since_upper") + steps
-
-
-def state_names(index: int, node: Node) -> tuple[str, ...]:
-    """The variables of a remembering node."""
-    return tuple(f"{letter}{index}" for letter in _STATE[mode(node)])
 
 
 def compile_network(
@@ -179,7 +143,7 @@ class _Writer:
                 variables[f"p{index}"] = "False"
             elif node.kind in ("once", "since"):
                 for name in state_names(index, node):
-                    variables[name] = _INITIAL[name[0]]
+                    variables[name] = INITIAL[name[0]]
                 if mode(node) != "ever":
                     variables[f"v{index}"] = "False"
         for number in range(len(self._network.roots)):
@@ -305,7 +269,7 @@ class _Writer:
     def _update(self, index: int, node: Node, available: set[int]) -> list[str]:
         inputs = [self._value(item, available) for item in node.inputs]
         lower, upper = node.interval.lower, node.interval.upper
-        template = _UPDATES[mode(node)]
+        template = UPDATES[mode(node)]
         text = (
             template.replace("#", str(index)).replace("<A>", str(lower)).replace("<B>", str(upper))
         )
@@ -340,153 +304,3 @@ _TIME = """    def due(t):
             due(t)
             return True
         return False"""
-
-_UPDATES = {
-    "ever": """
-if l# == <NEVER> and <P>:
-    l# = t
-""",
-    "lower": """
-if l# == <NEVER> and <P>:
-    l# = t
-    heappush(heap, (t + <A>, #))
-v# = t >= l# + <A>
-""",
-    "upper": """
-if <P>:
-    if not c#:
-        c# = True
-        l# = t
-    v# = True
-else:
-    if c#:
-        c# = False
-        e# = (t if t > l# else t + 1) + <B>
-        if e# > t:
-            heappush(heap, (e#, #))
-    v# = t < e#
-""",
-    "both": """
-if <P>:
-    if not c#:
-        c# = True
-        l# = t
-        if q# and q#[-1][1] >= t + <A>:
-            s# = q#.pop()[0]
-        else:
-            s# = t + <A>
-            heappush(heap, (s#, #))
-elif c#:
-    c# = False
-    q#.append((s#, (t if t > l# else t + 1) + <B>))
-    heappush(heap, (q#[-1][1], #))
-while q# and q#[0][1] <= t:
-    q#.popleft()
-v# = q#[0][0] <= t if q# else c# and s# <= t
-""",
-    "since": """
-h = <P>
-s# = <Q> or (h and s#)
-v# = h and s#
-""",
-    "since_lower": """
-if <P>:
-    if l# == <NEVER> and (z# or <Q>):
-        l# = t
-        heappush(heap, (t + <A>, #))
-    z# = False
-    v# = t >= l# + <A>
-else:
-    l# = <NEVER>
-    z# = <Q>
-    v# = False
-""",
-    "since_upper": """
-if <P>:
-    if <Q>:
-        if not c#:
-            c# = True
-            l# = t
-        v# = True
-    else:
-        if c#:
-            c# = False
-            e# = (t if t > l# else t + 1) + <B>
-            if e# > t:
-                heappush(heap, (e#, #))
-        elif z#:
-            e# = t + <B>
-            if e# > t:
-                heappush(heap, (e#, #))
-        v# = t < e#
-    z# = False
-else:
-    c# = False
-    z# = <Q>
-    e# = -1
-    v# = False
-""",
-    "since_both": """
-if <P>:
-    if <Q>:
-        if not c#:
-            c# = True
-            l# = t
-            if q# and q#[-1][1] >= t + <A>:
-                s# = q#.pop()[0]
-            else:
-                s# = t + <A>
-                heappush(heap, (s#, #))
-    elif c#:
-        c# = False
-        q#.append((s#, (t if t > l# else t + 1) + <B>))
-        heappush(heap, (q#[-1][1], #))
-    elif z# and <A> < <B>:
-        q#.append((t + <A>, t + <B>))
-        heappush(heap, (t + <A>, #))
-        heappush(heap, (t + <B>, #))
-    z# = False
-    while q# and q#[0][1] <= t:
-        q#.popleft()
-    v# = q#[0][0] <= t if q# else c# and s# <= t
-else:
-    q#.clear()
-    c# = False
-    z# = <Q>
-    v# = False
-""",
-}
-
-# In discrete time ``since`` has its usual meaning: an instant of the right side counts itself, whether
-# or not the left side holds there.
-_UPDATES |= {
-    "since_steps": _UPDATES["since"].replace("v# = h and s#", "v# = s#"),
-    "since_lower_steps": """
-if <P>:
-    if l# == <NEVER> and (z# or <Q>):
-        l# = t - 1 if z# else t
-        heappush(heap, (l# + <A>, #))
-    z# = False
-    v# = t >= l# + <A>
-else:
-    l# = <NEVER>
-    z# = <Q>
-    v# = False
-""",
-    "since_upper_steps": _UPDATES["since_upper"].replace("v# = False", "v# = z#"),
-    "since_both_steps": _UPDATES["since_both"]
-    .replace(
-        """            else:
-                s# = t + <A>
-""",
-        """            else:
-                s# = t - 1 + <A> if z# else t + <A>
-""",
-    )
-    .replace("z# and <A> < <B>", "z#")
-    .replace("q#.append((t + <A>, t + <B>))", "q#.append((t - 1 + <A>, t + <B>))")
-    .replace(
-        "heappush(heap, (t + <A>, #))\n        heappush(heap, (t + <B>",
-        "heappush(heap, (t - 1 + <A>, #))\n        heappush(heap, (t + <B>",
-    ),
-}

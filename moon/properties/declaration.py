@@ -8,12 +8,13 @@ from collections.abc import Callable, Mapping
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.walk import variables_of
 from moon.properties.binding import bind
-from moon.properties.formula import Formula, Interval, predicates
+from moon.properties.formula import Formula, Historically, Interval, predicates
 from moon.properties.meaning import (
     formula_deadline,
     formula_sentence,
     pattern_sentence,
 )
+from moon.properties.network import build_network
 from moon.properties.patterns import Pattern, PatternError, deadline, pattern_formula
 from moon.properties.predicates import PredicateError
 from moon.properties.property import Port, Property, PropertySeverity, Role
@@ -30,6 +31,8 @@ class Names:
     def __init__(self) -> None:
         self.ports: dict[str, Port] = {}
         self.predicates: dict[str, Formula] = {}
+        self.faulty: set[str] = set()
+        """Declared with an error, which was reported: who uses them is not to blame."""
 
     def resolve(self, text: str, _offset: int) -> Formula | None:
         """The named predicate ``text``, if it is one."""
@@ -86,7 +89,9 @@ def names_known(
     good = True
     for atom in predicates(formula).values():
         for name in variables_of(atom.expression):
-            if name not in names.ports:
+            if name in names.faulty:
+                good = False
+            elif name not in names.ports:
                 what = f"`{name}` is not declared"
                 log.error("unknown-name", position, element, what, names.closest(name))
                 good = False
@@ -139,6 +144,9 @@ def finish(
         meaning, limit = pattern_sentence(what), deadline(what)
     else:
         formula, meaning, limit = what, formula_sentence(what), formula_deadline(what)
+    if never_false(formula):
+        what_for = "a time, or a scope with an end" if isinstance(what, Pattern) else ""
+        log.warning("never-false", position, "property", f"`{name}` is never false", what_for)
     used = {
         variable
         for atom in predicates(formula).values()
@@ -146,6 +154,14 @@ def finish(
     }
     ports = tuple(port for port in names.ports.values() if port.name in used)
     return Property(name, formula, ports, text, severity, role, meaning, limit, position)
+
+
+def never_false(formula: Formula) -> bool:
+    """Whether ``formula`` is true whatever happens, as far as that can be seen from its form."""
+    while isinstance(formula, Historically):
+        formula = formula.operand
+    network = build_network([formula])
+    return network.nodes[network.roots[0]].text == "true"
 
 
 def interval(lower: int | None, upper: int | None) -> Interval:

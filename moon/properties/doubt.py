@@ -14,9 +14,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from heapq import heapify, heappush
 from typing import Any
 
-from moon.properties.compiler import NEVER, Program, compile_network, mode, state_names
+from moon.properties.compiler import Program, compile_network
 from moon.properties.formula import Formula
 from moon.properties.network import Network, NetworkBuilder, Node, build_network
+from moon.properties.rules import NEVER, mode, state_names
 
 State = dict[int, tuple[Any, ...]]
 """Per remembering node, its variables in a normal form (see :func:`normal`)."""

@@ -16,11 +16,12 @@ import msgspec
 
 from m2c.model.walk import variables_of
 from moon.properties.binding import ANY_CHANNEL, Group
-from moon.properties.cell import Cell, Snapshot, TimeOrderError, UnknownAtom
-from moon.properties.compiler import NEVER
+from moon.properties.cell import Cell, TimeOrderError, UnknownAtom
 from moon.properties.formula import Formula, predicates
 from moon.properties.predicates import PredicateError
 from moon.properties.property import Port, Property
+from moon.properties.rules import NEVER
+from moon.properties.snapshot import Snapshot
 from moon.properties.syntax import parse_formula
 from moon.properties.verdict import Verdict
 from transports.interface import Observation, ObservationKind

@@ -13,10 +13,10 @@ import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from moon.properties.binding import ANY_CHANNEL
-from moon.properties.cell import Snapshot
 from moon.properties.foresight import Foresight
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.property import Property
+from moon.properties.snapshot import Snapshot
 from moon.properties.verdict import Status, Verdict
 from transports.interface import Observation
 

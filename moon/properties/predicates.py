@@ -223,11 +223,9 @@ def arithmetic(operator: str, left: Any, right: Any) -> Any:
     kind = _alike(left, right, operator)
     if kind != "number" and not (kind == "string" and operator == "+"):
         raise UnknownValue(f"`{operator}` of a {kind}")
-    found = evaluate(
-        Binary(operator=operator, left=Literal(value=left), right=Literal(value=right)),  # type: ignore[arg-type]
-        {},
-        {},
-    )
+    # the operator is one that the parser knows
+    both = Binary(operator=operator, left=Literal(value=left), right=Literal(value=right))  # type: ignore[arg-type]
+    found = evaluate(both, {}, {})
     _kind(found)
     return found
 
@@ -236,6 +234,7 @@ def unary(operator: str, value: Any) -> Any:
     """``-``, ``+`` of a number; ``typeof``."""
     if operator != "typeof" and _kind(value) != "number":
         raise UnknownValue(f"`{operator}` of a {_kind(value)}")
+    # the operator is one that the parser knows
     return evaluate(Unary(operator=operator, operand=Literal(value=value)), {}, {})  # type: ignore[arg-type]
 
 
@@ -250,11 +249,10 @@ def mathematics(function: str, arguments: tuple[Any, ...]) -> Any:
     return found
 
 
-def length(value: Any) -> int:
+def length(value: Any) -> Any:
     """``value.length``."""
     if isinstance(value, dict):
-        found = value["length"]
-        return found  # type: ignore[no-any-return]
+        return value["length"]
     return len(value)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from typing import TypeVar
 
 import msgspec
 
@@ -35,6 +36,8 @@ from moon.properties.formula import (
     Since,
 )
 from moon.properties.wording import expression_text
+
+_Part = TypeVar("_Part", bound=Node)
 
 MAX_LENGTH = 20_000
 """Characters; the longest published formula has 90."""
@@ -171,17 +174,15 @@ def predicate(expression: Expression) -> Predicate:
     return Predicate(expression_text(plain), plain)
 
 
-def _unplaced(expression: Expression) -> Expression:
+def _unplaced(expression: _Part) -> _Part:
     changes: dict[str, object] = {"position": Position("")}
     for name in expression.__struct_fields__:
         value = getattr(expression, name)
         if isinstance(value, Node):
-            changes[name] = _unplaced(value)  # type: ignore[arg-type]
+            changes[name] = _unplaced(value)
         elif isinstance(value, tuple):
             changes[name] = tuple(
-                _unplaced(item)  # type: ignore[arg-type]
-                if isinstance(item, Node)
-                else (item[0], _unplaced(item[1]))
+                _unplaced(item) if isinstance(item, Node) else (item[0], _unplaced(item[1]))
                 for item in value
             )
     return msgspec.structs.replace(expression, **changes)

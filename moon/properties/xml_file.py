@@ -17,6 +17,7 @@ from m2c.model.expressions import Expression
 from m2c.model.xml import Element, parse_xml, read_xml
 from moon.properties import channels
 from moon.properties.declaration import (
+    TIME_UNITS,
     Names,
     finish,
     interval,
@@ -41,6 +42,8 @@ _PORT_NAMES = {
     "ros_service": "service_name",
     "ros_action": "action_name",
 }
+_MODEL_PORTS = ("scxml_event_send", "port")
+"""What the model checkers' property files have instead."""
 _TYPES = {
     "bool": bool,
     "boolean": bool,
@@ -93,9 +96,18 @@ class _File:
             if child.tag == "ports":
                 for port in child.children:
                     self._port(port)
+                    names = {variable.get("id") for variable in (port, *port.children)}
+                    self._names.faulty |= names - self._names.ports.keys()
             elif child.tag in ("assumes", "guarantees"):
                 role = Role.ASSUMPTION if child.tag == "assumes" else Role.GUARANTEE
                 found += self._properties(child, role, {item.name for item in found})
+            elif child.tag == "predicates":
+                self._error(
+                    child.position,
+                    child,
+                    "predicates of their own are not part of MOON's form",
+                    "write the expression where it is used: <event>battery &lt; 30</event>",
+                )
             else:
                 self._error(
                     child.position,
@@ -116,6 +128,14 @@ class _File:
                 port.position,
                 "clock",
                 "not needed: time comes from the stamps and timers",
+            )
+            return
+        if port.tag in _MODEL_PORTS:
+            self._error(
+                port.position,
+                port,
+                "this names an event between models, for a model checker; nothing on a robot sends it",
+                "name the channel: <ros_topic topic_name=…>, <ros_service …> or <ros_action …>",
             )
             return
         if port.tag not in _PORT_NAMES:
@@ -241,7 +261,12 @@ class _File:
         found = []
         for element in parent.children:
             if element.tag != "property":
-                self._error(element.position, element, "only <property> stands here")
+                self._error(
+                    element.position,
+                    element,
+                    "only <property> stands here",
+                    '<property id="…" pattern="…"> or <property id="…" expr="formula"/>',
+                )
                 continue
             name = element.get("id")
             if not name or name in taken:
@@ -363,6 +388,12 @@ class _File:
             {"time", "after", "within", "time_unit"}, "time_interval", self._log,
         )  # fmt: skip
         unit = element.get("time_unit")
+        if unit not in TIME_UNITS:
+            what = f"`{unit}` is not a unit of time" if unit else "the unit of time is not said"
+            self._log.error(
+                "bad-time", element.at("time_unit"), element.tag, what, "s, ms, us or ns"
+            )
+            return None
         times: dict[str, int | None] = {}
         for key in ("time", "after", "within"):
             if key in element.attributes:
@@ -395,6 +426,13 @@ class _File:
 
 
 def _after(element: Element, lead: str) -> Position:
-    """Where an element's text begins, as exactly as the reader knows: on its own line."""
-    lines = lead.count("\n")
-    return Position(element.position.file, element.position.line + lines, element.position.column)
+    """Where an element's text begins, ``lead`` (white space) after its start tag.
+
+    Exactly, if the tag has no attributes or ends its line; else the tag's own column.
+    """
+    at = element.position
+    if "\n" in lead:
+        column = len(lead) - lead.rfind("\n")
+        return Position(at.file, at.line + lead.count("\n"), column)
+    inside = len(f"<{element.tag}>") + len(lead) if not element.attributes else 0
+    return Position(at.file, at.line, at.column + inside)

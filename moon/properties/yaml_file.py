@@ -83,11 +83,15 @@ class _File:
             return []
         unknown_keys(root.keys, {"ports", "predicates", "properties"}, "", self._log)
         ports = self._mapping(root.entries.get("ports"), "`ports`")
-        for name, node in ports.entries.items() if ports is not None else ():
-            self._port(name, ports.keys[name], node)  # type: ignore[union-attr]
+        for name, position, node in ports.members() if ports is not None else ():
+            self._port(name, position, node)
+            if name not in self._names.ports:
+                self._names.faulty.add(name)
         named = self._mapping(root.entries.get("predicates"), "`predicates`")
-        for name, node in named.entries.items() if named is not None else ():
-            self._predicate(name, named.keys[name], node)  # type: ignore[union-attr]
+        for name, position, node in named.members() if named is not None else ():
+            self._predicate(name, position, node)
+            if not self._names.known(name):
+                self._names.faulty.add(name)
         properties = root.entries.get("properties")
         if not isinstance(properties, Sequence):
             at = properties.position if properties is not None else root.position

@@ -39,6 +39,10 @@ class Mapping:
         self.position = position
         self.pending: Scalar | None = None
 
+    def members(self) -> list[tuple[str, Position, YamlNode]]:
+        """Each key, where it stands, and what it leads to."""
+        return [(name, self.keys[name], node) for name, node in self.entries.items()]
+
 
 YamlNode = Scalar | Sequence | Mapping
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from moon.properties.formula import text
-from moon.properties.monitor import PropertyMonitor, TimeOrderError
+from moon.properties.monitor import PropertyMonitor, PropertySet, TimeOrderError
 from moon.properties.property import Port, Property
 from moon.properties.syntax import parse_formula
 from moon.properties.verdict import Status
@@ -153,6 +153,21 @@ def test_time_that_runs_backwards_is_refused_and_changes_nothing():
     assert monitor.verdict.status is Status.TRUE
     with pytest.raises(TimeOrderError):
         monitor.advance(4)
+
+
+def test_time_that_runs_backwards_for_one_property_changes_nothing_of_the_others():
+    ports = tuple(Port(name, f"/{name}", path=("v",)) for name in "pq")
+    monitors = PropertySet(
+        [
+            Property("f", parse_formula("historically {p}"), ports),
+            Property("g", parse_formula("historically ({q} and {p})"), ports),
+        ]
+    )
+    monitors.observe(seen(5, "/p", v=True))
+    monitors.observe(seen(9, "/q", v=True))
+    with pytest.raises(TimeOrderError, match="an observation of 7 ns is too late at 9 ns"):
+        monitors.observe(seen(7, "/p", v=False))
+    assert {verdict.status for verdict in monitors.verdicts().values()} == {Status.TRUE}
 
 
 def test_an_observation_after_its_instant_was_closed_is_refused():

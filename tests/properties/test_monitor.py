@@ -116,6 +116,40 @@ def test_a_response_that_is_an_error_is_no_response():
     assert monitor.observe(type(failed)(**fields)).status is Status.TRUE
 
 
+def test_what_is_false_between_two_observations_is_said():
+    source = "{alarm} -> once[:2]{level > 30}"
+    monitors = PropertySet([Property("f", parse_formula(source), (ALARM, LEVEL))])
+    monitors.observe(seen(0, "/battery", data=10))
+    said = monitors.observe(seen(SECOND, "/Alarm/tick", ObservationKind.REQUEST_SENT))
+    assert [(verdict.status, verdict.since_ns) for _, verdict in said] == [(Status.FALSE, SECOND)]
+    said = monitors.observe(seen(2 * SECOND, "/battery", data=20))
+    assert [(v.status, v.since_ns) for _, v in said] == [(Status.TRUE, SECOND + 1)]
+
+
+def test_a_lapse_of_time_that_another_mends_is_said_though_nobody_asked_in_between():
+    source = "(once[:1]{level > 30}) or (once[2:]{level > 30})"
+    monitors = PropertySet([Property("f", parse_formula(source), (LEVEL,))])
+    monitors.observe(seen(0, "/battery", data=40))
+    monitors.observe(seen(1, "/battery", data=10))
+    said = monitors.advance(10 * SECOND)
+    assert [(v.status, v.since_ns) for _, v in said] == [
+        (Status.FALSE, SECOND + 1),
+        (Status.TRUE, 2 * SECOND),
+    ]
+
+
+@pytest.mark.parametrize(
+    "source", ["{alarm} or not {alarm}", "{level > 3} and not {level > 3}", "{alarm} -> {alarm}"]
+)
+def test_what_a_formula_does_not_depend_on_may_be_observed(source):
+    monitor = PropertyMonitor(Property("f", parse_formula(source), (ALARM, LEVEL)))
+    monitor.observe(seen(0, "/battery", data=10))
+    monitor.observe(seen(1, "/Alarm/tick", ObservationKind.REQUEST_SENT))
+    monitor.observe(seen(2, "/battery", data="?"))
+    expected = Status.FALSE if "and" in source else Status.TRUE
+    assert monitor.verdict.status is expected
+
+
 def test_an_event_holds_for_its_instant_only():
     monitor = PropertyMonitor(Property("x", parse_formula("not {alarm}"), (ALARM,)))
     assert monitor.advance(0).status is Status.TRUE

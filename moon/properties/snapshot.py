@@ -1,0 +1,33 @@
+"""Where a cell stands at some instant: what it takes to go back there, or to go on from there elsewhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from moon.properties.doubt import Doubt
+from moon.properties.verdict import Verdict
+from moon.properties.witness import Change
+
+
+class Snapshot(msgspec.Struct, frozen=True):
+    """A cell at some instant. Snapshots with equal ``future`` go on alike."""
+
+    networks: tuple[tuple[dict[str, Any], list[tuple[int, int]]], ...]
+    doubt: Doubt | None
+    unknown: dict[str, str]
+    scalars: tuple[int, int, int, int, str]
+    values: dict[str, Any]
+    waiting: frozenset[str]
+    verdicts: tuple[Verdict, ...]
+    logs: dict[str, tuple[Change, ...]]
+
+    forms: tuple[tuple[Any, ...], ...]
+    """Per network, what decides how it goes on, without what no later instant can see."""
+
+    @property
+    def future(self) -> tuple[Any, ...]:
+        """What decides how the cell goes on."""
+        statuses = tuple(verdict.status for verdict in self.verdicts)
+        return self.forms, self.unknown, self.scalars[:3], self.values, self.waiting, statuses
