@@ -67,7 +67,7 @@ mutants: $(VENV)/.installed
 # Hours: the oracle against a brute-force checker, properties against Reelay and their readers against
 # damaged files, and the nominal tour under every condition and on a busy machine.
 soak: $(VENV)/.installed
-	$(BIN)/python -m tests.oracle.test_against_reference 0 100000
+	$(BIN)/python -m tests.oracle.agreement --pairs 100000
 	$(BIN)/python -m tests.oracle.test_no_false_alarm 10000
 	$(BIN)/python -m tests.properties.soak --pairs 100000 --seconds 600
 	$(BIN)/python examples/lab_tour/faults/run.py --nominal 1800 --busy 2

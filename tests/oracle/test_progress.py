@@ -108,7 +108,9 @@ class Asked:
         return self.hear(ObservationKind.REQUEST_RECEIVED, {"value": 1}, call, **changes)
 
     def answer(self, call: int, total: int, **changes: Any) -> list[Outcome]:
-        return self.hear(ObservationKind.RESPONSE_SENT, {"value": total, "ok": False}, call, **changes)
+        return self.hear(
+            ObservationKind.RESPONSE_SENT, {"value": total, "ok": False}, call, **changes
+        )
 
 
 def test_a_wrong_answer_is_said_when_it_is_heard():
