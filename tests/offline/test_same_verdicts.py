@@ -1,0 +1,99 @@
+"""A recording says what the monitor said that was there: the same verdicts, byte by byte."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from moon.monitor.watch import AWAY
+from moon.offline.engine import check_recording
+from moon.offline.result import CheckResult
+from moon.recording.entries import Said
+from moon.recording.reader import open_recording
+from moon.verdict import Outcome, Verdict
+from tests.offline.live import SUBJECT, LiveRun, faulty_program, live_run, monitored, program
+from transports.simulated import Conditions
+
+UNEVEN = Conditions(delay_s=(0.0, 0.004), tap_delay_s=(0.0, 0.006), busy_s=(0.0, 0.001))
+DEAD = "BatteryLevelSkill"
+ROUGH = Conditions(delay_s=(0.0, 0.004), tap_delay_s=(0.0, 0.3), tap_loss=0.01, duplication=0.02)
+
+
+def lines(verdicts: Sequence[Verdict]) -> list[bytes]:
+    """What ``moon monitor --log`` writes."""
+    return [msgspec.json.encode(verdict) for verdict in verdicts]
+
+
+def checked(path: Path) -> CheckResult:
+    return check_recording(path, SUBJECT, monitored())
+
+
+def assert_same(path: Path, live: Sequence[Verdict]) -> CheckResult:
+    result = checked(path)
+    assert lines([said.verdict for said in result.verdicts]) == lines(live)
+    assert result.recording.complete, result.recording.faults
+    return result
+
+
+@pytest.mark.parametrize("name", ["T1", "T2", "T3", "T4", "T5", "T6"])
+def test_a_fault_is_explained_by_its_recording_as_it_was_live(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    live = live_run(path, faulty_program(name), 1, 25.0, UNEVEN)
+    assert Outcome.VIOLATED in {verdict.outcome for verdict in live}
+    result = assert_same(path, live)
+    assert result.violations > 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nominal_runs_are_as_nominal_when_they_are_checked(seed: int, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    live = live_run(path, program(), seed, 8.0, UNEVEN)
+    assert {verdict.outcome for verdict in live} == {Outcome.CONFORMING}
+    assert assert_same(path, live).violations == 0
+
+
+def test_what_was_lost_late_or_doubled_is_judged_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    live = live_run(path, program(), 5, 10.0, ROUGH)
+    assert Outcome.INCONCLUSIVE in {verdict.outcome for verdict in live}
+    result = assert_same(path, live)
+    assert any(problem.startswith("missed ") for problem in result.problems)
+
+
+def test_a_node_that_dies_and_a_clock_that_is_set_are_told_the_same(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.mcap"
+    run = LiveRun(path, program(), 7, UNEVEN)
+    run.run(3.0)
+    run.world.crash(DEAD)
+    run.run(2.0)
+    run.clock_is_ahead_ns = 2_000_000_000
+    run.run(1.0)
+    run.clock_is_ahead_ns = 0
+    run.run(2.0)
+    live = run.end()
+    reasons = {verdict.reason for verdict in live}
+    assert any("the clock was set forward by 2.0 s" in reason for reason in reasons)
+    result = assert_same(path, live)
+    assert AWAY in result.machines[[item.machine for item in result.machines].index(DEAD)].states
+    assert result.counts.stalls == run.watch.counts.stalls > 0
+
+
+def test_the_verdicts_in_the_recording_are_those_that_were_said(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    live = live_run(path, faulty_program("T3"), 1, 10.0, UNEVEN)
+    stored = [entry.verdict for entry in open_recording(path).entries() if isinstance(entry, Said)]
+    assert stored == live
+    assert checked(path).recorded
+
+
+def test_another_order_or_time_would_not_be_the_same(tmp_path: Path) -> None:
+    """The comparison can fail: a recording of another seed has other verdicts."""
+    one, other = tmp_path / "one.mcap", tmp_path / "other.mcap"
+    live = live_run(one, faulty_program("T3"), 1, 10.0, UNEVEN)
+    live_run(other, faulty_program("T3"), 2, 10.0, UNEVEN)
+    assert lines([said.verdict for said in checked(other).verdicts]) != lines(live)
