@@ -52,9 +52,9 @@ browser:
 unit: $(VENV)/.installed
 	$(BIN)/pytest -n 2 --dist loadfile
 
-# Every figure of docs/performance.md.
+# Every figure of docs/performance.md, which is rewritten.
 benchmarks: $(VENV)/.installed
-	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+	$(BIN)/python -m benchmarks
 
 # What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (three quarters of an hour).
 overhead: $(VENV)/.installed

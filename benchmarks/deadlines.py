@@ -17,6 +17,7 @@ import sys
 from collections.abc import Sequence
 
 import msgspec
+from row import Row, publish
 
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import no_system
@@ -145,6 +146,22 @@ def report(judge: Judge, busy: int) -> None:
     print(
         f"  answers in time, down to {tightest:.1f} ms before the deadline: "
         f"{len(wrong)} accused (target: 0)"
+    )
+    where = f", {busy} processes busy" if busy else ""
+    median = statistics.median(delays)
+    publish(
+        [
+            Row(
+                f"a missing answer, from its deadline to the verdict, median{where}",
+                median,
+                "ms",
+                "longest lag of a message",
+                max(judge.lags) / MS,
+                most=None if busy else 50.0,
+            ),
+            Row(f"the same, longest{where}", max(delays), "ms"),
+            Row(f"answers in time that were accused{where}", len(wrong), "", most=0.0),
+        ]
     )
 
 

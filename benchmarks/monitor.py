@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 
 import msgspec
+from row import publish, slower
 
 from m2c.codegen.package import system_files
 from m2c.codegen.writer import write_files
@@ -137,6 +138,19 @@ def main() -> None:
             f"p99 {ordered[int(len(ordered) * 0.99)]:7.0f} µs"
         )
     print(f"ratio         {ratio:.2f}  (95 % {low:.2f} to {high:.2f}; target ≤ {TARGET:.2f})")
+    publish(
+        [
+            slower(
+                f"a tick at {options.rate:g} ticks/s, all models monitored, p50 "
+                f"(95 % of the ratio: {low:.2f} to {high:.2f})",
+                statistics.median(within),
+                "µs",
+                "no monitor",
+                statistics.median(without),
+                TARGET,
+            )
+        ]
+    )
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 from machine import BatteryLevelChart
 from msgspec.structs import replace
+from row import Row, publish, slower
 
 from m2c.launch.in_process import Program, SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
@@ -314,6 +315,31 @@ def main() -> None:
     print(f"  oracle               {ours / steps * 1e6:10.1f} µs per input, its answer judged")
     print(f"  python-statemachine  {theirs / steps * 1e6:10.1f} µs per input, only stepped")
     print(f"  peer / oracle        {theirs / ours:10.2f}")
+    publish(
+        [
+            slower(
+                "BatteryLevelSkill's oracle, an input and its answer judged",
+                ours / steps * 1e6,
+                "µs",
+                "python-statemachine, only stepped",
+                theirs / steps * 1e6,
+            ),
+            Row(f"{len(system.nodes)} machines", speed, "observations/s", least=100_000.0),
+            Row("one observation, p50", fed.p50, "µs"),
+            Row("one observation, p99", fed.p99, "µs", most=40.0),
+            Row("10 ms have passed for all, p50", advanced.p50, "µs"),
+            Row("hypotheses at once", most, "", most=16.0),
+            Row("memory of a machine", per_machine, "KB", most=100.0),
+            slower(
+                f"an observation among {sizes[-1] * len(system.nodes):,} machines",
+                1e6 / speeds[-1],
+                "µs",
+                f"among {sizes[0] * len(system.nodes)}",
+                1e6 / speeds[0],
+            ),
+            Row(f"growth over {arguments.observations:,} observations", grown, "bytes each"),
+        ]
+    )
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from typing import Any
 
 import reelay
 import rtamt
+from row import Row, faster, publish
 
 from moon.properties.formula import Formula
 from moon.properties.monitor import PropertyMonitor, PropertySet
@@ -149,7 +150,8 @@ def feed_rtamt(formula: str, names: Sequence[str], steps: list[dict[str, Any]]) 
         specification.update(*([name, [[t, float(before[name])] for t in span]] for name in names))
 
 
-def paper(count: int) -> None:
+def paper(count: int) -> list[Row]:
+    rows = []
     observations = paper_observations(count)
     steps = as_reelay(observations)
     print(f"The paper's properties, {count} observations, updates/s (best of {ROUNDS}):")
@@ -161,17 +163,21 @@ def paper(count: int) -> None:
         theirs = count / min(
             seconds(lambda n=name: feed_reelay(PAPER[n], steps)) for _ in range(ROUNDS)
         )
+        rows.append(Row(name, ours, "updates/s", least=500_000.0))
+        rows.append(faster(name, ours, "updates/s", "Reelay 25", theirs))
         line = f"  {name}  ours {ours:>11,.0f}  reelay {theirs:>11,.0f}  ratio {ours / theirs:5.2f}"
         if name in PAPER_RTAMT:
             short = steps[: max(count // 200, 100)]
             took = seconds(lambda n=name, s=short: feed_rtamt(PAPER_RTAMT[n], RTAMT_USES[n], s))
             rate = len(short) / took
+            rows.append(faster(name, ours, "updates/s", "rtamt", rate))
             line += f"  rtamt {rate:>9,.0f}  ratio {ours / rate:7.1f}"
         print(line)
     print(
         "  (target: at least 500 000 each; rtamt on fewer updates, P2 and P3 there without their"
         " deadlines)"
     )
+    return rows
 
 
 def timescales_steps(name: str, bound: int, count: int) -> list[dict[str, Any]]:
@@ -190,7 +196,7 @@ def timescales_steps(name: str, bound: int, count: int) -> list[dict[str, Any]]:
     return steps
 
 
-def timescales(count: int) -> None:
+def timescales(count: int) -> list[Row]:
     print(f"Reelay's dense benchmark formulas, {count} updates, updates/s (best of {ROUNDS}):")
     ratios, slower = [], []
     for name, template in TIMESCALES.items():
@@ -220,9 +226,21 @@ def timescales(count: int) -> None:
     print(
         f"  ratios: least {min(ratios):.2f}, median {statistics.median(ratios):.2f} (target: at least 1.0)"
     )
+    return [
+        Row(
+            f"Reelay's own formulas, times as fast as Reelay 25: {what} of {len(ratios)}",
+            value,
+            "",
+            least=1.0,
+        )
+        for what, value in (("the least", min(ratios)), ("the median", statistics.median(ratios)))
+    ] + [
+        Row("a bound of 1,000", statistics.median(slower), "times the time of a bound of 10"),
+    ]
 
 
-def memory() -> None:
+def memory() -> list[Row]:
+    rows = []
     print("What a monitor of once[a:b] keeps, one change a second, bytes after so many times b:")
     for bound in (100, 1000, 10_000):
         source = f"historically(once[{bound // 2}:{bound}]{{p}})"
@@ -236,11 +254,21 @@ def memory() -> None:
                 gc.collect()
                 kept.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
+        rows.append(
+            Row(
+                f"once[{bound // 2}:{bound}], kept after {16 * bound:,} s",
+                kept[-1] / 1e3,
+                "kB",
+                f"after {2 * bound:,} s",
+                kept[0] / 1e3,
+            )
+        )
         print(f"  b = {bound:>6}: " + ", ".join(f"{size:>10,}" for size in kept))
     print("  (2, 4, 8 and 16 times; the last 1024 changes are kept to explain a violation)")
+    return rows
 
 
-def thousand(count: int) -> None:
+def thousand(count: int) -> Row:
     ports = tuple(Port(name, f"/{name}", path=("v",), initial=0) for name in "xyz")
     properties = []
     for number in range(1000):
@@ -275,16 +303,25 @@ def thousand(count: int) -> None:
         f"  together {once:.2f} s, a thousand monitors {all_alone:.2f} s, "
         f"ratio {once / all_alone:.2f} (target: at most 0.35)"
     )
+    return Row(
+        "1,000 properties that share half, together",
+        once,
+        "s",
+        "each alone",
+        all_alone,
+        once / all_alone,
+        most=0.35,
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--updates", type=int, default=50_000)
     arguments = parser.parse_args()
-    paper(arguments.updates)
-    timescales(arguments.updates // 4)
-    memory()
-    thousand(min(arguments.updates // 50, 1000))
+    rows = paper(arguments.updates)
+    rows += timescales(arguments.updates // 4)
+    rows += memory()
+    publish([*rows, thousand(min(arguments.updates // 50, 1000))])
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ import argparse
 import time
 from pathlib import Path
 
+from row import Row, publish
+
 from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
 from transports.conformance import NUMBERS, Number
@@ -45,6 +47,7 @@ def main() -> None:
     system = load([SYSTEM], DiagnosticLog())
     assert system is not None
     program = compile_system(system)
+    rows: list[Row] = []
     for name, tapped in (("untapped", False), ("tapped", True)):
         world = SimulatedWorld(1, Conditions(delay_s=(0.0, 0.002)))
         heard: list[object] = []
@@ -58,7 +61,20 @@ def main() -> None:
             f"lab tour, {name:<9}{seconds / spent:8.0f} simulated s/s   "
             f"{world.events / spent:9.0f} events/s   {len(heard)} observations"
         )
-    print(f"bare messages      {messages(100_000):8.0f} messages/s")
+        base = rows[0].value if rows else None
+        rows.append(
+            Row(
+                f"lab tour, {name}",
+                seconds / spent,
+                "simulated s/s",
+                "untapped" if rows else "",
+                base,
+                None if base is None else seconds / spent / base,
+            )
+        )
+    bare = messages(100_000)
+    print(f"bare messages      {bare:8.0f} messages/s")
+    publish([*rows, Row("bare messages", bare, "messages/s")])
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import msgspec
+from row import Row, publish, slower
 
 from transports.interface import Observation, Topic
 from transports.zenoh import connect
@@ -45,7 +46,7 @@ TOPICS = [
 ]
 
 
-def publish(endpoint: str, pipe: Connection) -> None:
+def run_robot(endpoint: str, pipe: Connection) -> None:
     transport = connect("robot", {"endpoint": endpoint})
     publishers = [transport.publisher(topic) for topic in TOPICS]
     transport.announce()
@@ -93,7 +94,7 @@ def main() -> None:
     spinner.start()
     context = multiprocessing.get_context("spawn")
     pipe, there = context.Pipe()
-    robot = context.Process(target=publish, args=(endpoint, there), daemon=True)
+    robot = context.Process(target=run_robot, args=(endpoint, there), daemon=True)
     robot.start()
     pipe.recv()
 
@@ -105,9 +106,12 @@ def main() -> None:
         count[0] += 1
 
     subscriber = bare.declare_subscriber("**", count_one)
+    bare_processor = time.process_time()
     pipe.send(job)
     sent, took = pipe.recv()
     settled(count, sent)
+    bare_processor = (time.process_time() - bare_processor) / sent * 1e6
+    rows: list[Row] = []
     print(f"bare subscriber: sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), heard {count[0]}")
     subscriber.undeclare()
     bare.close()
@@ -135,18 +139,21 @@ def main() -> None:
             problems = list(tap.problems())
             tap.close()
         lines = path.read_bytes().count(b"\n")
-        report("transport's tap", sent, took, lines, processor)
+        rows += report("transport's tap", sent, took, lines, processor, bare_processor)
         for problem in problems:
             print(f"  {problem}")
-        by_command(endpoint, pipe, job, Path(folder))
+        rows += by_command(endpoint, pipe, job, Path(folder), bare_processor)
     transport.close()
     spinner.join()
     pipe.send(None)
     robot.join(5)
     robot.terminate()
+    publish(rows)
 
 
-def by_command(endpoint: str, pipe: Connection, job: tuple[int, float], folder: Path) -> None:
+def by_command(
+    endpoint: str, pipe: Connection, job: tuple[int, float], folder: Path, bare_us: float
+) -> list[Row]:
     """The same by ``moon tap --json``, a process of its own that is ended by a signal."""
     path, said = folder / "command.jsonl", folder / "command.err"
     moon = [sys.executable, "-m", "moon.cli", "tap", "--json", "--endpoint", endpoint]
@@ -163,15 +170,30 @@ def by_command(endpoint: str, pipe: Connection, job: tuple[int, float], folder: 
         _, status, usage = os.wait4(command.pid, 0)
         command.returncode = os.waitstatus_to_exitcode(status)
     lines = path.read_bytes().count(b"\n")
-    report("moon tap --json", sent, took, lines, usage.ru_utime + usage.ru_stime)
+    processor = usage.ru_utime + usage.ru_stime
+    rows = report("moon tap --json", sent, took, lines, processor, bare_us)
     for text in said.read_text(encoding="utf-8").splitlines():
         print(f"  {text}")
+    return rows
 
 
-def report(name: str, sent: int, took: float, lines: int, processor: float) -> None:
+def report(
+    name: str, sent: int, took: float, lines: int, processor: float, bare_us: float
+) -> list[Row]:
     print(f"{name}: sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), in the file {lines}")
     print(f"  {sent / took:,.0f} observations/s (target ≥ 50 000), lost {sent - lines} (target 0)")
     print(f"  processor time {processor:.2f} s: {processor / sent * 1e6:.1f} µs per observation")
+    return [
+        slower(
+            f"{name}, processor time of an observation, decoded and in a file",
+            processor / sent * 1e6,
+            "µs",
+            "a bare Zenoh subscriber that counts",
+            bare_us,
+        ),
+        Row(f"{name}, written", sent / took, "observations/s", least=50_000.0),
+        Row(f"{name}, lost", sent - lines, f"of {sent:,}", most=0.0),
+    ]
 
 
 if __name__ == "__main__":

@@ -1,0 +1,83 @@
+"""The page of all benchmarks: rows beside a peer's, tables between markers, failures said."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = """
+from row import Row, faster, publish, slower
+publish([
+    slower("a tick", 120.0, "µs", "bare", 100.0, 1.1),
+    faster("speed", 1_234_567.0, "events/s", "peer", 1_000_000.0, 1.0),
+    Row("lost", 0, "", most=0.0),
+    Row("a command", 0.25, "s", "click", 0.1, 2.5, most=0.7, is_of_value=True),
+])
+"""
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch):
+    """``benchmarks.__main__`` over a folder with one script of our own."""
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    module = importlib.import_module("benchmarks.__main__")
+    folder = tmp_path / "benchmarks"
+    folder.mkdir()
+    (folder / "row.py").write_bytes((ROOT / "benchmarks/row.py").read_bytes())
+    (folder / "one.py").write_text(SCRIPT, encoding="utf-8")
+    (tmp_path / "page.md").write_text(
+        "# Page\n<!-- begin one -->\nold\n<!-- end one -->\nthe end\n", encoding="utf-8"
+    )
+    monkeypatch.setattr(module, "HERE", folder)
+    return module
+
+
+def test_figures_are_put_between_the_pages_markers(page, tmp_path: Path) -> None:
+    file = tmp_path / "page.md"
+    assert page.main(["--page", str(file)]) == 0
+    text = file.read_text(encoding="utf-8")
+    assert text.startswith("# Page\n<!-- begin one -->\n|")
+    assert text.endswith("<!-- end one -->\nthe end\n")
+    assert "old" not in text
+    assert "| a tick | 120 µs | bare 100 µs | 1.20 | ≤ 1.10 | **not reached** |" in text
+    assert (
+        "| speed | 1,234,567 events/s | peer 1,000,000 events/s | 1.23 | ≥ 1.00 | reached |" in text
+    )
+    assert "| lost | 0 |  |  | ≤ 0 | reached |" in text
+    assert "| a command | 0.25 s | click 0.10 s | 2.50 | ≤ 0.70 s | reached |" in text
+
+
+def test_a_benchmark_that_fails_is_said_and_the_page_stays(page, tmp_path, capfd) -> None:
+    (tmp_path / "benchmarks/one.py").write_text("raise SystemExit(3)", encoding="utf-8")
+    file = tmp_path / "page.md"
+    before = file.read_text(encoding="utf-8")
+    assert page.main(["--page", str(file)]) == 1
+    assert "error: one did not go to its end" in capfd.readouterr().err
+    assert file.read_text(encoding="utf-8") == before
+
+
+def test_a_page_without_the_markers_is_said(page, tmp_path: Path, capfd) -> None:
+    file = tmp_path / "page.md"
+    file.write_text("# Page\n", encoding="utf-8")
+    assert page.main(["--page", str(file)]) == 1
+    assert "one: the page has no <!-- begin one -->" in capfd.readouterr().err
+
+
+def test_an_unknown_benchmark_is_exit_code_2(page, capfd) -> None:
+    assert page.main(["two"]) == 2
+    assert "no benchmark two; there are one" in capfd.readouterr().err
+
+
+def test_every_benchmark_that_tells_figures_has_its_place_on_the_page() -> None:
+    text = (ROOT / "docs/performance.md").read_text(encoding="utf-8")
+    telling = [
+        path.stem
+        for path in (ROOT / "benchmarks").glob("[a-z]*.py")
+        if "publish(" in path.read_text(encoding="utf-8") and path.stem != "row"
+    ]
+    assert len(telling) >= 10
+    assert [name for name in telling if f"<!-- begin {name} -->" not in text] == []
