@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 
 from moon.offline.result import CheckResult, Timeline
+from moon.recording.entries import Said
 from moon.report.observations import Channel, Shelf
 from moon.tap.render import printable
 
@@ -32,9 +35,10 @@ class MachineRow(msgspec.Struct, frozen=True):
 
 
 class Mark(msgspec.Struct, frozen=True):
-    """A violation: when (microseconds), on which row of ``machines``."""
+    """A violation: when (microseconds), since when it came about, on which row of ``machines``."""
 
     t: int
+    since: int
     row: int
 
 
@@ -50,15 +54,13 @@ class TimelineData(msgspec.Struct, frozen=True):
     sources: list[str]
 
 
-def timeline_data(
-    result: CheckResult, shelf: Shelf, violations: list[tuple[int, str]]
-) -> TimelineData:
+def timeline_data(result: CheckResult, shelf: Shelf, violations: Sequence[Said]) -> TimelineData:
     """The data of ``result`` and its observations.
 
     Args:
         result: of the check.
         shelf: the observations.
-        violations: those that the page shows: (when in ns, name of the machine or property).
+        violations: those that the page shows.
     """
     channels = shelf.channels()
     moments = [
@@ -69,7 +71,7 @@ def timeline_data(
         ),
         *(band.start_ns for timeline in result.timelines for band in timeline.bands[:1]),
         *(band.end_ns for timeline in result.timelines for band in timeline.bands[-1:]),
-        *(when for when, _ in violations),
+        *(said.received_ns for said in violations),
     ]
     facts = result.recording
     moments += [moment for moment in (facts.first_ns, facts.last_ns) if moment]
@@ -80,7 +82,7 @@ def timeline_data(
         (end - start) // 1000,
         [_machine(timeline, start) for timeline in result.timelines],
         [_channel(channel, start) for channel in channels],
-        [Mark((when - start) // 1000, rows.get(name, -1)) for when, name in violations],
+        [_mark(said, start, rows.get(said.verdict.node, -1)) for said in violations],
         list(shelf.texts()),
         list(shelf.sources()),
     )
@@ -96,6 +98,13 @@ def as_json(data: TimelineData) -> str:
     for character in "<\N{LINE SEPARATOR}\N{PARAGRAPH SEPARATOR}":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text
+
+
+def _mark(said: Said, start: int, row: int) -> Mark:
+    why = said.verdict.explanation
+    stamps = [item.stamp_ns for item in why.evidence] if why is not None else []
+    since = min([said.received_ns, *stamps])
+    return Mark((said.received_ns - start) // 1000, max(since - start, 0) // 1000, row)
 
 
 def _machine(timeline: Timeline, start: int) -> MachineRow:

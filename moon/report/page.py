@@ -75,8 +75,7 @@ def _page(
     missing: Sequence[str],
 ) -> str:
     name = Path(result.recording.path).name
-    marks = [(said.received_ns, said.verdict.node) for said in violations]
-    data = timeline_data(result, shelf, marks)
+    data = timeline_data(result, shelf, violations)
     parts = [
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_RULES}">',
@@ -277,7 +276,7 @@ def _why(verdict: Verdict) -> str:
     if why is None:
         return f"<p>{_text(verdict.reason)}</p>"
     told = f"<p>{_text(verdict.reason)}</p>" if verdict.kind == PROPERTY else ""
-    evidence = [f"{_clock(item.stamp_ns)}  {item.text}" for item in why.evidence]
+    evidence = [f"{_clock(item.stamp_ns, with_date=False)}  {item.text}" for item in why.evidence]
     pairs: Iterable[tuple[str, Sequence[str]]] = (
         ("expected", why.expected),
         ("observed", [why.observed] if why.observed else []),
@@ -296,10 +295,11 @@ def _why(verdict: Verdict) -> str:
     )
 
 
-def _clock(stamp_ns: int) -> str:
+def _clock(stamp_ns: int, with_date: bool = True) -> str:
     """A stamp as date and time of day in UTC: a report is read elsewhere, too."""
-    moment = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(stamp_ns // 10**9))
-    return f"{moment}.{stamp_ns % 10**9 // 1000:06d} UTC"
+    form = "%Y-%m-%d %H:%M:%S" if with_date else "%H:%M:%S"
+    moment = time.strftime(form, time.gmtime(stamp_ns // 10**9))
+    return f"{moment}.{stamp_ns % 10**9 // 1000:06d}{' UTC' if with_date else ''}"
 
 
 def _text(words: str) -> str:

@@ -49,8 +49,14 @@ class Timeline {
     this.later();
   }
 
-  zoom(factor, at = (this.from + this.to) / 2) {
+  // Where nothing is pointed at, the selected violation stays in its place.
+  zoom(factor, at = this.fixed()) {
     this.show(at - (at - this.from) * factor, at + (this.to - at) * factor);
+  }
+
+  fixed() {
+    const mark = this.marks[this.selected];
+    return mark && mark.t >= this.from && mark.t <= this.to ? mark.t : (this.from + this.to) / 2;
   }
 
   move(part) {
@@ -228,6 +234,11 @@ class Timeline {
       if (drawn.has(place) && !chosen) continue;
       drawn.add(place);
       if (chosen) {
+        pen.globalAlpha = 0.22; // what led there
+        pen.fillStyle = this.colour("mark");
+        const since = Math.max(this.x(mark.since), this.left);
+        pen.fillRect(since, this.axis, Math.max(x - since, 0), this.height);
+        pen.globalAlpha = 1;
         pen.strokeStyle = this.colour("bad");
         line(pen, x + 0.5, this.axis, x + 0.5, this.height);
       }
