@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import msgspec
 
 from m2c.model.machine import Interface, InterfaceKind, Machine
-from moon.recording.contents import ChannelContents, Contents
+from moon.recording.contents import ChannelContents, Contents, is_made_up
 from moon.recording.reader import Recording
 from moon.recording.stored import plural
 from transports.interface import ObservationKind as Kind
@@ -150,15 +150,11 @@ def _gaps(
         )
     elif machine.name not in sources and "" in sources:
         yield Gap(channel, "who sent what was recorded is not known")
-    elif machine.name not in sources and _is_unnamed(sources):
+    elif machine.name not in sources and all(map(is_made_up, sources)):
         yield Gap(channel, "its callers were recorded without their names")
     elif machine.name not in sources:
         others = ", ".join(sorted(sources))
         yield Gap(channel, f"was recorded of others only ({others}), not of {machine.name}")
-
-
-def _is_unnamed(sources: set[str]) -> bool:
-    return all(name.startswith("client-") for name in sources)
 
 
 def lines_of_overview(found: Overview) -> list[str]:

@@ -10,6 +10,8 @@ from moon.recording.stored import plural
 from transports.interface import Observation, ObservationKind
 
 _MAX_CHANNELS = 10_000
+MADE_UP = "client-"
+"""How clients in a bag are called, with a number."""
 _MAX_SOURCES = 1_000
 _NAMED = 6
 """So many channels are named in a sentence; of more, how many."""
@@ -81,15 +83,17 @@ class Contents:
         calls = {n: c for n, c in self.channels.items() if n not in topics}
         if unnamed := [name for name, found in topics.items() if found.unnamed == found.count]:
             said.append(
-                f"messages on {named(unnamed)} do not say who published them: a node is judged by "
-                "them only where the models leave no other"
+                f"messages on {named(unnamed)} do not say who published them: no node is judged by "
+                "what it published there"
             )
-        if unnamed := [
-            name
-            for name, found in calls.items()
-            if found.unnamed and found.kinds & _SERVER_END and found.unnamed == found.count
-        ]:
-            said.append(f"calls of {named(unnamed)} do not say who asked or answered")
+        for kinds, who, done in (
+            (_SERVER_END, "who served", "answered"),
+            (_CLIENT_END, "who called", "asked"),
+        ):
+            if unnamed := [name for name, found in calls.items() if _is_unnamed(found, kinds)]:
+                said.append(
+                    f"{who} {named(unnamed)} is not named: no node is judged by what it {done}"
+                )
         if lost := [name for name, found in self.channels.items() if found.unnumbered]:
             said.append(
                 f"events on {named(lost)} have no number: if any of them were lost cannot be known"
@@ -107,6 +111,17 @@ class Contents:
         if hollow := [name for name, found in self.channels.items() if found.hollow]:
             said.append(f"events of {named(hollow)} have no contents: nothing can be said of those")
         return said
+
+
+def _is_unnamed(found: ChannelContents, kinds: frozenset[ObservationKind]) -> bool:
+    """Whether nothing of ``kinds`` says who did it."""
+    names = {source for kind, source in found.sources if kind in kinds}
+    return bool(names) and all(is_made_up(name) for name in names)
+
+
+def is_made_up(name: str) -> bool:
+    """Whether a node's name is none: that of a client in a bag, where they are only told apart."""
+    return not name or name.startswith(MADE_UP)
 
 
 def named(channels: Iterable[str]) -> str:

@@ -13,6 +13,7 @@ import msgspec
 
 from moon.recording import own_entries
 from moon.recording.cdr import CdrError, Decoder
+from moon.recording.contents import MADE_UP
 from moon.recording.definitions import Definitions, UnknownTypeError
 from moon.recording.entries import Entry
 from moon.recording.format import form_of
@@ -149,7 +150,7 @@ class Conversion:
 
     def _client(self, gid: bytes) -> str:
         participant = gid[:_PREFIX_BYTES]
-        return self._clients.setdefault(participant, f"client-{len(self._clients) + 1}")
+        return self._clients.setdefault(participant, f"{MADE_UP}{len(self._clients) + 1}")
 
 
 def _message(message: StoredMessage, decode: Decoder) -> Observation:

@@ -100,6 +100,7 @@ class McapFile:
         self._offset = 0
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._channels: dict[int, StoredChannel] = {}
+        self._wanted: dict[int, StoredChannel] = {}
         self._unwanted: set[int] = set()
 
     def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
@@ -211,6 +212,7 @@ class McapFile:
         if known is None or astuple(known) != astuple(made):
             self._channels[number] = made
             self._unwanted.discard(number)
+            self._wanted.pop(number, None)
 
     def _message(
         self, data: bytes, wanted: Callable[[StoredChannel], bool]
@@ -218,14 +220,17 @@ class McapFile:
         if len(data) < _MESSAGE_BYTES:
             raise _DamagedError("a message that is too short")
         number, sequence, received_ns, published_ns = _message_at(data, 0)
-        if number in self._unwanted:
-            return None
-        channel = self._channels.get(number)
+        channel = self._wanted.get(number)
         if channel is None:
-            raise _DamagedError(f"a message of channel {number}, which is not declared")
-        if not wanted(channel):
-            self._unwanted.add(number)
-            return None
+            if number in self._unwanted:
+                return None
+            channel = self._channels.get(number)
+            if channel is None:
+                raise _DamagedError(f"a message of channel {number}, which is not declared")
+            if not wanted(channel):
+                self._unwanted.add(number)
+                return None
+            self._wanted[number] = channel
         return StoredMessage(channel, received_ns, published_ns, sequence, data[_MESSAGE_BYTES:])
 
     def _chunk(
