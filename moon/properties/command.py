@@ -44,7 +44,10 @@ def check_properties(paths: tuple[Path, ...], as_json: bool) -> None:
         click.echo(str(finding), err=True)
     errors = sum(finding.severity == "error" for finding in diagnostics)
     if not as_json:
-        click.echo(f"{len(found)} properties, {errors} errors")
+        click.echo(
+            f"{len(found)} propert{'y' if len(found) == 1 else 'ies'}, "
+            f"{errors} error{'s' * (errors != 1)}"
+        )
     sys.exit(2 if errors else 0)
 
 

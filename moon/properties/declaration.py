@@ -143,7 +143,9 @@ def finish(
             return None
         meaning, limit = pattern_sentence(what), deadline(what)
     else:
-        formula, meaning, limit = what, formula_sentence(what), formula_deadline(what)
+        events = {port.name for port in names.ports.values() if port.event}
+        formula, meaning = what, formula_sentence(what)
+        limit = formula_deadline(what, events)
     if never_false(formula):
         what_for = "a time, or a scope with an end" if isinstance(what, Pattern) else ""
         log.warning("never-false", position, "property", f"`{name}` is never false", what_for)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 from moon.properties.formula import (
     EVER,
     TICKS_PER_SECOND,
@@ -17,7 +19,6 @@ from moon.properties.formula import (
     Predicate,
     Since,
     number,
-    operands,
 )
 from moon.properties.patterns import Pattern, PatternName, ScopeName
 
@@ -85,18 +86,52 @@ def formula_sentence(formula: Formula) -> str:
     return f"At this moment, {words}."
 
 
-def formula_deadline(formula: Formula) -> int | None:
-    """The shortest time after which waiting alone changes something; None if there is none."""
-    found = []
-    pending = [formula]
-    while pending:
-        here = pending.pop()
-        if isinstance(here, Since | Once) and here.interval.upper is None and here.interval.lower:
-            found.append(here.interval.lower)
-        elif isinstance(here, Once) and here.interval.upper:
-            found.append(here.interval.upper)
-        pending.extend(operands(here))
-    return min(found, default=None)
+def formula_deadline(formula: Formula, events: Container[str] = ()) -> int | None:
+    """The shortest time after which waiting alone can make ``formula`` false; None: it cannot.
+
+    ``events`` are the predicates that hold for an instant only: nobody waits while one does.
+    """
+    return min(_lapses(formula, False, events), default=None)
+
+
+def _lapses(formula: Formula, to: bool, events: Container[str]) -> set[int]:
+    """The times after which waiting alone can turn ``formula`` into ``to``."""
+    match formula:
+        case Constant() | Predicate():
+            return set()
+        case Not(operand=inner):
+            return _lapses(inner, not to, events)
+        case Implies(left=left, right=right):
+            return _lapses(Or((Not(left), right)), to, events)
+        case And(operands=parts) | Or(operands=parts):
+            # each part has to be ``to`` at once; an event is, for no time at all
+            together = isinstance(formula, And) is to
+            if together and any(_is_instant(part, to, events) for part in parts):
+                return set()
+            return set().union(*(_lapses(part, to, events) for part in parts))
+        case Once(operand=inner, interval=interval):
+            return _limits(interval, to) | (
+                set() if interval.upper is None and not to else _lapses(inner, to, events)
+            )
+        case Historically(operand=inner, interval=interval):
+            return _lapses(Once(Not(inner), interval), not to, events)
+        case Since(left=left, right=right, interval=interval):
+            found = _limits(interval, to) | _lapses(left, to, events)
+            return found | _lapses(right, to, events) if to else found
+
+
+def _limits(interval: Interval, to: bool) -> set[int]:
+    """When the window of an operator begins (``to`` true) or ends."""
+    limit = interval.lower if to else interval.upper
+    return {limit} if limit else set()
+
+
+def _is_instant(formula: Formula, to: bool, events: Container[str]) -> bool:
+    while isinstance(formula, Not):
+        formula, to = formula.operand, not to
+    if isinstance(formula, And) and to:
+        return any(_is_instant(part, True, events) for part in formula.operands)
+    return isinstance(formula, Predicate) and to and formula.text in events
 
 
 def pattern_sentence(pattern: Pattern) -> str:

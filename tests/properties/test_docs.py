@@ -5,7 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from click.testing import CliRunner
+
 from m2c.model.diagnostics import DiagnosticLog
+from moon.cli import main
 from moon.properties.patterns import PatternName, ScopeName
 from moon.properties.yaml_file import parse_property_yaml
 from tests.properties.catalogue import page
@@ -41,3 +44,20 @@ def test_every_pattern_and_scope_is_drawn():
     for name in PatternName:
         for scope in ScopeName:
             assert f"### {name}, {scope}\n" in text
+
+
+def test_the_page_of_check_properties_shows_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "commands" / "moon-check-properties.md").read_text()
+    (source,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    runs = re.findall(r"```\n\$ moon (check-properties .*?)\n(.*?)```", text, re.DOTALL)
+    corrected = source.replace("allarm", "alarm").replace("fortnights", "s")
+    corrected = corrected.replace('30)"', '30})"')
+    corrected = corrected.replace("existence, of: alarm", "existence, of: alarm, within: 60 s")
+    codes = []
+    for (command, output), content in zip(runs, (source, corrected, corrected), strict=True):
+        (tmp_path / "tour.yaml").write_text(content)
+        result = CliRunner().invoke(main, command.split())
+        assert result.output == output
+        codes.append(result.exit_code)
+    assert codes == [2, 0, 0]

@@ -9,7 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from moon.properties.compiler import compile_network
-from moon.properties.formula import Interval, Once, Since, text
+from moon.properties.formula import TICKS_PER_SECOND, Interval, Once, Since, text
+from moon.properties.meaning import formula_deadline
 from moon.properties.monitor import PropertyMonitor
 from moon.properties.network import build_network
 from moon.properties.predicates import PredicateError
@@ -168,3 +169,24 @@ def test_dual_formulas_share_their_nodes():
         ]
     )
     assert sum(node.kind == "once" for node in network.nodes) == 1
+
+
+@pytest.mark.parametrize(
+    ("source", "seconds"),
+    [
+        ("historically(not((not {alarm}) since[5:] {low}))", 5),
+        ("historically(({alarm} -> once{low}) and not((not {alarm}) since[5:] {low}))", 5),
+        ("historically({alarm} -> once[:5]{low})", None),
+        ("historically(({alarm} and {low}) -> once[:5]{low})", None),
+        ("historically({high} -> once[:5]{low})", 5),
+        ("historically((once[3:] true) -> once[:3]{alarm})", 3),
+        ("historically(not {alarm})", None),
+        ("once[:2]({low} or historically[:7]{low})", 2),
+        ("not historically[1:4]{low}", 4),
+        ("{low} since[2:9] {high}", 9),
+        ("not ({low} since[2:9] {high})", 2),
+    ],
+)
+def test_a_deadline_is_what_waiting_alone_can_miss(source, seconds):
+    expected = None if seconds is None else seconds * TICKS_PER_SECOND
+    assert formula_deadline(parse_formula(source), {"alarm"}) == expected
