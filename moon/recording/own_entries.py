@@ -12,6 +12,7 @@ from moon.recording.entries import Entry, Event, Pulse, Said, Turn
 from moon.recording.format import Form
 from moon.recording.numbers import Numbering, Numbers
 from moon.recording.stored import StoredChannel, StoredMessage
+from moon.recording.whole import unpack_whole
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, RESPONSE_SENT, TYPE_SUFFIX
@@ -26,7 +27,6 @@ _decode_string = Decoder(layout.STRING_TYPE)
 _decode_int64 = Decoder(layout.INT64_TYPE)
 _decode_verdict = Decoder(layout.VERDICT_TYPE)
 _PACKED_AT = 8
-_unpack = msgspec.msgpack.Decoder(Observation).decode
 _decode_event = msgspec.json.Decoder(Event).decode
 
 
@@ -140,7 +140,7 @@ def _event_reader(
 
 def _read_packed(message: StoredMessage, numbers: Numbers) -> Observation:
     # one sequence of bytes, after the header and its length
-    seen = _unpack(memoryview(message.data)[_PACKED_AT:])
+    seen = unpack_whole(memoryview(message.data)[_PACKED_AT:])
     numbers.note(seen)
     return seen
 

@@ -19,6 +19,7 @@ from moon.recording.format import Form, NumberError
 from moon.recording.lanes import Lane, Lanes, Types
 from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import Numbering, Numbers
+from moon.recording.whole import pack_whole
 from moon.sinks.topic import message_of
 from transports.interface import Observation
 
@@ -201,7 +202,7 @@ class RecordingWriter:
         channel = self._channel(
             Form.PACKED, layout.PACKED_TOPIC, layout.PACKED_TYPE, {layout.FORM: Form.PACKED}
         )
-        packed = msgspec.msgpack.encode(seen)
+        packed = pack_whole(seen)
         data = HEADER + _length(len(packed)) + packed
         self._file.add(channel, _fitting(seen.received_ns), _fitting(seen.stamp_ns), 0, data)
 

@@ -1,0 +1,45 @@
+"""Observations kept whole: MessagePack, and integers of any size, which it does not have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from transports.interface import Observation
+
+_LARGE = 1
+"""The code of the extension type of an integer of more than 64 bits, as decimal digits."""
+_MAX_DIGITS = 5_000
+_RANGE = range(-(2**63), 2**64)
+
+
+def pack_whole(seen: Observation) -> bytes:
+    """``seen`` as bytes."""
+    try:
+        return msgspec.msgpack.encode(seen)
+    except OverflowError:
+        return msgspec.msgpack.encode(msgspec.structs.replace(seen, data=_packable(seen.data)))
+
+
+def _packable(value: Any) -> Any:
+    match value:
+        case int() if value not in _RANGE:
+            return msgspec.msgpack.Ext(_LARGE, str(value).encode())
+        case dict():
+            return {key: _packable(item) for key, item in value.items()}
+        case list():
+            return [_packable(item) for item in value]
+        case _:
+            return value
+
+
+def _extension(code: int, data: memoryview) -> Any:
+    text = bytes(data[:_MAX_DIGITS])
+    if code == _LARGE and text.removeprefix(b"-").isdigit() and text.isascii():
+        return int(text)
+    return msgspec.msgpack.Ext(code, bytes(data))
+
+
+unpack_whole = msgspec.msgpack.Decoder(Observation, ext_hook=_extension).decode
+"""The observation in bytes; msgspec.DecodeError if there is none."""
