@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import datetime
 import secrets
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -30,7 +31,10 @@ SLOW_CONFIGURATIONS = ("none", "control", "both")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line. Exit code 0: measured; 1: a target is missed in a full run; 2: it could not."""
+    """The command line.
+
+    Exit code 0: measured; 1: a target is missed in a full run; 2: nothing could be measured.
+    """
     parser = argparse.ArgumentParser(
         prog="python -m examples.overhead",
         description="What monitoring costs: passive, and in the middle as in the paper's table III.",
@@ -62,6 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found = results.read(chosen.source) if chosen.source is not None else measure(chosen)
     except (MiddlewareMissingError, ChildError, OSError, msgspec.MsgspecError) as error:
         print(f"error: {error}", file=sys.stderr)
+        return 2
+    if found.problems and not (found.cells or found.growth or found.windows):
+        print(f"error: {found.problems[0]}", file=sys.stderr)
         return 2
     if chosen.output is not None:
         results.save(found, chosen.output)
@@ -100,9 +107,10 @@ def measure(chosen: argparse.Namespace) -> results.Results:
         if "table3" in parts:
             for plan, names in plans(chosen):
                 configurations = [item for item in CONFIGURATIONS if item.name in names]
-                part = table3.measure(transport, plan, say, configurations)
-                blocks += part.blocks
-                attachments += part.attachments
+                with tolerated(problems, f"table III on {transport}"):
+                    part = table3.measure(transport, plan, say, configurations)
+                    blocks += part.blocks
+                    attachments += part.attachments
         if "growth" in parts:
             plan_of_growth = growth.GrowthPlan() if chosen.full else growth.QUICK
             plan_of_growth = msgspec.structs.replace(plan_of_growth, seed=chosen.seed)
@@ -110,15 +118,14 @@ def measure(chosen: argparse.Namespace) -> results.Results:
                 plan_of_growth = msgspec.structs.replace(plan_of_growth, rounds=chosen.rounds)
             experiments = growth.EXPERIMENTS if chosen.full else ("taps",)
             for experiment in experiments:
-                runs += growth.MEASURES[experiment](transport, plan_of_growth, say)
+                with tolerated(problems, f"{experiment} on {transport}"):
+                    for run in growth.MEASURES[experiment](transport, plan_of_growth, say):
+                        runs.append(run)
         if "cost" in parts:
             plan_of_cost = node_cost.CostPlan() if chosen.full else node_cost.QUICK
             plan_of_cost = msgspec.structs.replace(plan_of_cost, seed=chosen.seed)
-            try:
+            with tolerated(problems, f"the node's own cost on {transport}"):
                 windows += node_cost.measure(transport, plan_of_cost, say)
-            except MiddlewareMissingError as error:
-                problems.append(str(error))
-                say(str(error))
     return results.Results(
         machine,
         command_of(chosen),
@@ -129,6 +136,16 @@ def measure(chosen: argparse.Namespace) -> results.Results:
         tuple(windows),
         tuple(problems),
     )
+
+
+@contextlib.contextmanager
+def tolerated(problems: list[str], what: str) -> Iterator[None]:
+    """What goes wrong is noted and said; an hour's other figures are not lost for it."""
+    try:
+        yield
+    except (ChildError, MiddlewareMissingError) as error:
+        problems.append(f"{what}: {error}")
+        say(problems[-1])
 
 
 def plans(chosen: argparse.Namespace) -> list[tuple[table3.Plan, Sequence[str]]]:

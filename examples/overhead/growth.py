@@ -159,7 +159,11 @@ def points(runs: Sequence[Run]) -> list[Point]:
             and (run.experiment, run.transport, _rate_of(run)) == (experiment, transport, rate_hz)
         ]
         alone.sort(key=lambda run: run.round)
-        found.append(_point(experiment, transport, rate_hz, x, alone, watched))
+        both = {run.round for run in alone} & {run.round for run in watched}
+        alone = [run for run in alone if run.round in both]
+        watched = [run for run in watched if run.round in both]
+        if both:
+            found.append(_point(experiment, transport, rate_hz, x, alone, watched))
     return found
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 import msgspec
 
 from examples.overhead import accounts, sample
+from examples.overhead.children import ChildError
 from examples.overhead.load import ROOT, Order
 from examples.overhead.observers import (
     CONFIGURATIONS,
@@ -143,7 +144,7 @@ def measure(
 
     Raises:
         MiddlewareMissingError: ROS 2 is not installed.
-        ChildError: a process does not come up or dies.
+        ChildError: the nodes do not come up.
     """
     blocks: list[Block] = []
     attachments: list[Attachment] = []
@@ -162,18 +163,25 @@ def measure(
         for number, configuration in rounds(configurations, plan.rounds, plan.seed):
             say(f"{transport}: round {number + 1} of {plan.rounds}, {configuration.label}")
             plant = plants[configuration.observation.is_in_the_middle]
-            with observed(configuration, plant) as observers:
-                for rate_hz in draw.sample(list(plan.ticks), len(plan.ticks)):
-                    blocks.append(
-                        _block(plant, observers.processor_s, configuration, number, rate_hz, plan)
-                    )
-            ticks = sum(plan.ticks.values()) + plan.warm_up * len(plan.ticks)
-            why = deaf(configuration, observers.heard, ticks)
+            turn: list[Block] = []
+            heard = Heard()
+            try:
+                with observed(configuration, plant) as observers:
+                    for rate_hz in draw.sample(list(plan.ticks), len(plan.ticks)):
+                        turn.append(
+                            _block(
+                                plant, observers.processor_s, configuration, number, rate_hz, plan
+                            )
+                        )
+                blocks += turn
+                heard = observers.heard
+                ticks = sum(plan.ticks.values()) + plan.warm_up * len(plan.ticks)
+                why = deaf(configuration, heard, ticks)
+            except ChildError as error:  # one turn less is better than none of the others
+                why = f"not measured: {error}"
             if why:
                 say(f"{transport}: {configuration.label}: {why}")
-            attachments.append(
-                Attachment(transport, configuration.name, number, observers.heard, why)
-            )
+            attachments.append(Attachment(transport, configuration.name, number, heard, why))
     return Measured(tuple(blocks), tuple(attachments))
 
 
@@ -214,17 +222,22 @@ def cells(measured: Measured) -> list[Cell]:
         places, key=lambda p: (p[0] != "zenoh", p[1] == 0, p[1], order.index(p[2]))
     ):
         own = _blocks_of(measured, transport, rate_hz, name)
-        base = _blocks_of(measured, transport, rate_hz, "none")
+        base = {b.round: b for b in _blocks_of(measured, transport, rate_hz, "none")}
         for series in SERIES:
-            values = [block.micros[series] for block in own]
+            pairs = [(block, base[block.round]) for block in own if block.round in base]
+            if not pairs:
+                continue
             found.append(
                 Cell(
                     transport,
                     rate_hz,
                     name,
                     series,
-                    sample.distribution(values),
-                    sample.ratio(values, [block.micros[series] for block in base]),
+                    sample.distribution([block.micros[series] for block in own]),
+                    sample.ratio(
+                        [block.micros[series] for block, _ in pairs],
+                        [block.micros[series] for _, block in pairs],
+                    ),
                     sum(block.failures[series] for block in own),
                     sum(block.processor for block in own) / len(own),
                 )

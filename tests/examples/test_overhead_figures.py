@@ -312,3 +312,16 @@ def test_growth_has_a_table_and_a_note_on_its_knee() -> None:
     (table,) = growth_tables(made_up().points)
     assert table.rows[1][:3] == ("1", "100", "120")
     assert table.note.startswith("Knee: no knee")
+
+
+def test_a_turn_that_could_not_be_measured_leaves_the_other_rounds() -> None:
+    made = made_up()
+    blocks = tuple(
+        block
+        for block in made.table3.blocks
+        if (block.configuration, block.round) not in (("both", 0), ("none", 1))
+    )
+    cells = table3.cells(table3.Measured(blocks, made.table3.attachments))
+    assert {cell.configuration for cell in cells} == {"none", "control", "both-websocket"}
+    root = next(c for c in cells if (c.configuration, c.series) == ("both-websocket", "ROOT"))
+    assert (root.micros.count, root.ratio.value) == (6, 3.0)
