@@ -142,7 +142,7 @@ class PropertyWatch:
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
         """Whatever was sent in ``[start_ns, end_ns)`` may have been missed."""
-        for channel in self.channels:
+        for channel in sorted(self.channels):  # what is said must not depend on a hash
             self.lose(channel, start_ns, end_ns)
 
     def begin_anew(self, now_ns: int, why: str) -> list[Verdict]:
@@ -177,7 +177,7 @@ class PropertyWatch:
             # losing something brings the properties to the end of the loss: other channels first
             between = sorted({stamp for stamp in self._held if start <= stamp < end})
             for stamp in (*between, end):
-                for channel in {loss.channel for loss in group}:
+                for channel in sorted({loss.channel for loss in group}):
                     found += self._changes(self._ordered.lose(channel, start, stamp))
                 found += self._pass_to(stamp, even_if_idle=True)
             self._losses = [loss for loss in self._losses if loss not in group]
