@@ -50,6 +50,7 @@ class Contents:
         first_ns: the stamp of the first observation; 0 before there is one.
         last_ns: the last one's.
         count: how many there were.
+        on_arrival: whether every message was stamped when it was received.
     """
 
     def __init__(self) -> None:
@@ -57,6 +58,7 @@ class Contents:
         self.first_ns = 0
         self.last_ns = 0
         self.count = 0
+        self.on_arrival = True
 
     def note(self, seen: Observation) -> None:
         """Take note of one."""
@@ -70,6 +72,8 @@ class Contents:
             found = self.channels[seen.channel] = ChannelContents(seen.type_name)
         found.count += 1
         found.kinds.add(seen.kind)
+        if seen.stamp_ns != seen.received_ns and seen.kind is ObservationKind.MESSAGE:
+            self.on_arrival = False
         if len(found.sources) < _MAX_SOURCES:
             found.sources.add((seen.kind, seen.source))
         found.unnamed += not seen.source
@@ -82,10 +86,7 @@ class Contents:
         topics = {n: c for n, c in self.channels.items() if ObservationKind.MESSAGE in c.kinds}
         calls = {n: c for n, c in self.channels.items() if n not in topics}
         if unnamed := [name for name, found in topics.items() if found.unnamed == found.count]:
-            said.append(
-                f"messages on {named(unnamed)} do not say who published them: no node is judged by "
-                "what it published there"
-            )
+            said.append(f"who published the messages on {named(unnamed)} is not recorded")
         for kinds, who, done in (
             (_SERVER_END, "who served", "answered"),
             (_CLIENT_END, "who called", "asked"),

@@ -138,11 +138,11 @@ class Types:
         definitions: the types.
 
     Attributes:
-        unknown: why messages of a type are kept whole, by type.
+        unknown: the types whose messages are kept whole; "" for those that name none.
     """
 
     def __init__(self, definitions: Definitions) -> None:
-        self.unknown: dict[str, str] = {}
+        self.unknown: set[str] = set()
         self._definitions = definitions
         self._writers: dict[str, tuple[Structure, Write] | None] = {}
 
@@ -174,9 +174,9 @@ class Types:
                 self.structure(name.rpartition("_")[0] + TYPE_SUFFIX)
             structure = self.structure(name)
             return structure, encoder(structure)
-        except (UnknownTypeError, CdrError) as error:
+        except (UnknownTypeError, CdrError):
             if len(self.unknown) < MAX_LANES:
-                self.unknown[name] = str(error)
+                self.unknown.add(name)
             return None
 
 

@@ -93,6 +93,7 @@ class McapFile:
     def __init__(self, opened: IO[bytes], name: str) -> None:
         self.faults: list[str] = []
         self.metadata: dict[str, Mapping[str, str]] = {}
+        self.topics: set[str] = set()
         self.complete = False
         """Whether the file was read to its very end."""
         self._file = opened
@@ -207,6 +208,7 @@ class McapFile:
         number, schema = fields.number(2), fields.number(2)
         topic, encoding, metadata = fields.text(), fields.text(), fields.texts()
         name, schema_encoding, text = self._schemas.get(schema, ("", "", ""))
+        self.topics.add(topic)
         made = StoredChannel(topic, name, encoding, schema_encoding, text, metadata)
         known = self._channels.get(number)
         if known is None or astuple(known) != astuple(made):

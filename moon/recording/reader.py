@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from msgspec.structs import replace
 
 from m2c.model.datatypes import Structure
 from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import Machine
 from moon.recording import mcap_file, sqlite_file
+from moon.recording.attribution import Attribution
 from moon.recording.contents import Contents, named
 from moon.recording.conversion import Conversion
 from moon.recording.definitions import Definitions
@@ -91,7 +93,7 @@ class Recording:
     def limits(self) -> list[str]:
         """What cannot be concluded from what was read so far, one sentence each."""
         said = self.contents.limits()
-        if self._bag is not None and self._bag.stamped_on_arrival:
+        if self.form == ROSBAG and self.contents.on_arrival and self.contents.count:
             said.append(
                 "messages on topics are stamped when they were recorded, not when they were published: "
                 "their order against other channels is known to the latency bound"
@@ -107,6 +109,11 @@ class Recording:
                 "may be whole seconds"
             )
         return said
+
+    def attribution(self, nodes: Iterable[Machine], machines: Iterable[Machine]) -> Attribution:
+        """Who did what, if this is a bag and was read to its end; see :class:`Attribution`."""
+        topics = self._bag.topics if self._bag is not None else ()
+        return Attribution(self.contents, topics, nodes, machines, self.contents.on_arrival)
 
     def structure(self, type_name: str) -> Structure:
         """The type ``type_name``, of which something was read; UnknownTypeError if it is not defined."""

@@ -51,12 +51,12 @@ class BagFiles:
     Attributes:
         files: those that there are, in order.
         faults: what could not be read so far.
-        stamped_on_arrival: whether no message says when it was published.
+        topics: those that the files declare, as far as they were read.
     """
 
     def __init__(self, path: Path) -> None:
         self.faults: list[str] = []
-        self.stamped_on_arrival = False
+        self.topics: set[str] = set()
         self.files = self._in_folder(path) if path.is_dir() else [path]
         self._sorting: Sorting | None = Sorting()
 
@@ -170,13 +170,12 @@ class BagFiles:
             self.faults.append(f"{path}: {file.fault}: what comes before was read")
 
     def _mcap(self, file: McapFile, wanted: Wanted) -> Iterator[StoredMessage]:
-        file.faults = self.faults  # told as they are met
+        file.faults, file.topics = self.faults, self.topics  # told as they are met
         found = file.messages(wanted)
         yield from found if self._sorting is None else self._sorting(found)
 
     def _sqlite(self, file: SqliteFile, wanted: Wanted) -> Iterator[StoredMessage]:
-        self.stamped_on_arrival = True
-        file.faults = self.faults
+        file.faults, file.topics = self.faults, self.topics
         yield from file.messages(wanted)
 
 

@@ -27,6 +27,7 @@ class SqliteFile:
     def __init__(self, path: Path, name: str = "") -> None:
         self.faults: list[str] = []
         self.metadata: dict[str, Mapping[str, str]] = {}
+        self.topics: set[str] = set()
         self._path = path
         self._name = name or str(path)
 
@@ -42,6 +43,7 @@ class SqliteFile:
             if channels is None:
                 self._fault("it is an SQLite file, but no rosbag2 one: no topics and messages")
                 return
+            self.topics.update(channel.topic for channel in channels.values())
             kept = {number: channel for number, channel in channels.items() if wanted(channel)}
             yield from self._read(connection, kept)
         except (sqlite3.Error, UnicodeDecodeError) as error:

@@ -67,10 +67,12 @@ class Storage(Protocol):
     Attributes:
         faults: what could not be read so far, one sentence each, with its place.
         metadata: named maps that the writer left in the file, as far as it was read.
+        topics: those that it declares, as far as it was read.
     """
 
     faults: list[str]
     metadata: dict[str, Mapping[str, str]]
+    topics: set[str]
 
     def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
         """The messages of the channels that are ``wanted``, in order; once."""

@@ -21,6 +21,7 @@ from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import Numbering, Numbers
 from moon.recording.whole import pack_whole
 from moon.sinks.topic import message_of
+from transports.ros_forms import OWN_PACKAGES
 from transports.interface import Observation
 
 FLUSH_S = 0.5
@@ -133,7 +134,12 @@ class RecordingWriter:
 
     def unknown_types(self) -> list[str]:
         """Of which types nothing is known, one sentence each: other tools cannot read those."""
-        return [f"{why} (kept for moon only)" for _, why in sorted(self._types.unknown.items())]
+        return [
+            f"messages of type {name or '(none)'} can be read from the recording by moon only: "
+            f"{'it is not defined' if name else 'they do not name it'} (--interfaces FOLDER)"
+            for name in sorted(self._types.unknown)
+            if not name.startswith(OWN_PACKAGES)
+        ]
 
     # --- files -------------------------------------------------------------------------------------
 
