@@ -26,8 +26,9 @@ SUFFIXES = (".svg", ".mmd", ".dot")
     type=click.Path(path_type=Path, dir_okay=False),
     help="Where the picture goes; it ends in .svg, .mmd (Mermaid) or .dot (Graphviz).",
 )
+@click.option("--node", metavar="NODE", help="Draw this machine of a system, not the wiring.")
 @interface_folders
-def draw(path: Path, output: Path, interfaces: tuple[Path, ...]) -> None:
+def draw(path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...]) -> None:
     """Draw a state machine, a system's wiring or a policy.
 
     A model (.scxml, .ascxml) gives its states and transitions; a system file or a folder of models
@@ -37,22 +38,21 @@ def draw(path: Path, output: Path, interfaces: tuple[Path, ...]) -> None:
     Example: m2c draw examples/lab_tour/skills/GoToPoiSkill.scxml -o go_to_poi.svg
     """
     from m2c.check.report import print_findings
-    from m2c.draw.policy import MAX_NODES, TooLargeError
+    from m2c.draw.bounds import TooLargeError
     from m2c.draw.reading import read
     from m2c.model import DiagnosticLog
 
     if output.suffix not in SUFFIXES:
         raise click.UsageError(f"{output} names no format; it ends in {', '.join(SUFFIXES)}")
     log = DiagnosticLog()
-    drawable = read(path, interfaces, log)
+    drawable = read(path, interfaces, log, node)
     if drawable is None:
         print_findings(log.diagnostics)
         sys.exit(2)
     try:
         content = _drawn(drawable, output.suffix)
-    except TooLargeError:
-        what = f"the tree has more than {MAX_NODES} nodes, sub-trees counted wherever they stand"
-        click.echo(f"error: {path}: {what}; draw its sub-trees instead", err=True)
+    except TooLargeError as error:
+        click.echo(f"error: {path}: {error}", err=True)
         sys.exit(2)
     try:
         output.write_text(content, encoding="utf-8")

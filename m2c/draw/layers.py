@@ -16,7 +16,9 @@ from itertools import pairwise
 
 import msgspec
 
-_SWEEPS = 24
+from m2c.draw.bounds import ALL_EFFORT, MAX_ITEMS, TooLargeError
+
+_SWEEPS, _FEWER_SWEEPS = 24, 8
 _TRANSPOSED_UP_TO = 1_500
 """Larger drawings are left as the sweeps have them: exchanging neighbours is quadratic there."""
 
@@ -84,6 +86,9 @@ def arrange(sizes: Sequence[tuple[float, float]], links: Sequence[Link], sideway
         sizes: of the boxes; the first box comes first.
         links: the lines between them.
         sideways: the layers are columns, from left to right; else rows, from top to bottom.
+
+    Raises:
+        TooLargeError: the links pass too many layers.
     """
     turned = _against(len(sizes), links)
     arcs = [
@@ -92,6 +97,9 @@ def arrange(sizes: Sequence[tuple[float, float]], links: Sequence[Link], sideway
     ]
     ranks = _ranks(len(sizes), arcs)
     step = 2 if any(link.label is not None for link in links) else 1
+    if len(sizes) + sum(step * (ranks[high] - ranks[low]) for low, high in arcs) > MAX_ITEMS:
+        what = f"{len(sizes):,} boxes with {len(links):,} links make no readable picture"
+        raise TooLargeError(f"{what}; draw them as .dot or .mmd, or draw a part")
     items = [
         Item(Kind.BOX, step * rank, *(size if sideways else size[::-1]))
         for rank, size in zip(ranks, sizes, strict=True)
@@ -226,7 +234,7 @@ def _uncross(layers: Layers) -> None:
     for layer in order:
         number(layer)
     best, fewest = [list(layer) for layer in order], _crossings(order, items, place)
-    for sweep in range(_SWEEPS):
+    for sweep in range(_SWEEPS if len(items) <= ALL_EFFORT else _FEWER_SWEEPS):
         if not fewest:
             break
         downwards = sweep % 2 == 0

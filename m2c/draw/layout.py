@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import msgspec
 
+from m2c.draw.bounds import ALL_EFFORT
 from m2c.draw.layers import Item, Kind, Layers, Link, arrange
 
 _ROOM = {
@@ -23,7 +24,7 @@ _ROOM = {
 _ROOM_BETWEEN_KINDS = 16.0
 _STIFFNESS = {0: 1.0, 1: 3.0, 2: 9.0}
 """How much a piece of a link wants to be straight, by how many of its ends are no boxes."""
-_SWEEPS = 24
+_SWEEPS, _FEWER_SWEEPS = 24, 9
 _ANYWHERE = (-1e9, 1e9)
 _PORT_ROOM = 11.0
 _PORT_MARGIN = 12.0
@@ -45,13 +46,17 @@ class Route(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """A drawing's size, the upper left corner of each box, and a route for each link."""
+    """A drawing's size, the upper left corner of each box, and a route for each link.
+
+    ``large`` says that it took long, and that little effort was made for it.
+    """
 
     width: float
     height: float
     corners: tuple[Point, ...]
     routes: tuple[Route, ...]
     sideways: bool
+    large: bool
 
 
 def lay_out(sizes: Sequence[tuple[float, float]], links: Sequence[Link], sideways: bool) -> Layout:
@@ -61,6 +66,9 @@ def lay_out(sizes: Sequence[tuple[float, float]], links: Sequence[Link], sideway
         sizes: of the boxes; the drawing begins with the first.
         links: without any from a box to itself.
         sideways: from left to right; else from top to bottom.
+
+    Raises:
+        TooLargeError: there is too much of it.
     """
     return _Placement(arrange(sizes, links, sideways), links, sideways).layout(len(sizes))
 
@@ -115,11 +123,7 @@ class _Placement:
         self._straighten()
         self._slide_ports()
         start, end = self._along()
-        least = min(
-            (self._at[i] for i, item in enumerate(self._items) if item.kind != Kind.PASSAGE),
-            default=0.0,
-        )
-        least = min([least, *self._at])
+        least = min(self._at, default=0.0)
         self._at = [value - least for value in self._at]
         across = max((self._at[i] + item.across for i, item in enumerate(self._items)), default=0.0)
         corners = [
@@ -130,8 +134,9 @@ class _Placement:
         ]
         routes = [self._route(index, start, end) for index in range(len(self._links))]
         along = end[-1] if end else 0.0
+        large = len(self._items) > ALL_EFFORT
         size = (along, across) if self._sideways else (across, along)
-        return Layout(*size, tuple(corners), tuple(routes), self._sideways)
+        return Layout(*size, tuple(corners), tuple(routes), self._sideways, large)
 
     def _point(self, along: float, across: float) -> Point:
         return (along, across) if self._sideways else (across, along)
@@ -206,9 +211,10 @@ class _Placement:
                 at += self._room(layer[number - 1], item) if number else 0.0
                 self._at[item] = at
                 at += self._items[item].across
-        for sweep in range(_SWEEPS):
+        sweeps = _SWEEPS if len(self._items) <= ALL_EFFORT else _FEWER_SWEEPS
+        for sweep in range(sweeps):
             downwards = sweep % 2 == 0
-            both = sweep >= _SWEEPS // 3
+            both = sweep >= sweeps // 3
             for layer in self._layers.order if downwards else reversed(self._layers.order):
                 wanted = []
                 for item in layer:

@@ -65,6 +65,9 @@ def draw_machine(machine: Machine, prefix: str = "") -> svg.Picture:
             the class ``transition`` and the id ``<prefix><key>``, as :func:`transition_keys` has it (a
             transition with several targets: ``<prefix><key>-1`` for the second, and so on). Its
             arrow has the class ``arrow`` and the keys of all that share it in ``data-keys``.
+
+    Raises:
+        TooLargeError: it has more states and transitions than can be shown.
     """
     parts: list[str] = []
     width, top = 0.0, _MARGIN
@@ -132,7 +135,9 @@ class _Drawing:
 
     def _layout(self) -> Layout:
         """Sideways or downwards, whichever can be shown larger."""
-        found = [self._laid_out(sideways) for sideways in (True, False)]
+        found = [self._laid_out(sideways=False)]
+        if not found[0][0].large:
+            found.insert(0, self._laid_out(sideways=True))
         scales = [min(_WANTED[0] / one.width, _WANTED[1] / one.height, 1.0) for one, _ in found]
         layout, self._sizes = found[scales.index(max(scales))]
         return layout

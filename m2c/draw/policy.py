@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import msgspec
 
 from m2c.draw import svg
+from m2c.draw.bounds import MAX_NODES, TooLargeError
 from m2c.policy.tree import BuiltinNode, LeafKind, LeafNode, PolicyFile, SubTreeNode, TreeNode
 
 _MARGIN = 16.0
@@ -18,8 +19,6 @@ _NOT = 42.0
 """And for the sign of an inverter."""
 _COLUMNS = 44
 """Characters of a name; longer ones are shortened."""
-MAX_NODES = 2_000
-"""Sub-trees in sub-trees can make a tree grow exponentially; more nodes than this make no picture."""
 
 LEGEND = (
     "→ Sequence: one after the other, until one fails · ? Fallback: until one succeeds · "
@@ -31,10 +30,6 @@ _SIGNS = {
     "Parallel": "⇉",
     "ParallelAll": "⇉",
 }
-
-
-class TooLargeError(Exception):
-    """The tree has more nodes than a picture can show."""
 
 
 class Node(msgspec.Struct):
@@ -66,7 +61,7 @@ def tree_of(policy: PolicyFile) -> Node:
     """The main tree of ``policy``, with every sub-tree in its place.
 
     Raises:
-        TooLargeError: it has more than :data:`MAX_NODES` nodes.
+        TooLargeError: it has too many nodes.
     """
     trees = {tree.id: tree.root for tree in policy.trees}
     count = 0
@@ -75,7 +70,10 @@ def tree_of(policy: PolicyFile) -> Node:
         nonlocal count
         count += 1
         if count > MAX_NODES:
-            raise TooLargeError
+            what = (
+                f"the tree has more than {MAX_NODES:,} nodes, sub-trees counted wherever they stand"
+            )
+            raise TooLargeError(f"{what}; draw its sub-trees instead")
         match node:
             case SubTreeNode(id=called):
                 return read(trees[called], called, negated)

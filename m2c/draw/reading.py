@@ -8,9 +8,10 @@ from pathlib import Path
 import msgspec
 
 from m2c.draw.wiring import Wiring, wiring_of
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Machine
-from m2c.model.system import MODEL_SUFFIXES, load
+from m2c.model.system import MODEL_SUFFIXES, System
+from m2c.model.typing import nearest
 from m2c.model.xml import read_xml
 from m2c.policy.tree import PolicyFile
 
@@ -22,38 +23,53 @@ class Drawable(msgspec.Struct, frozen=True):
     content: Machine | PolicyFile | Wiring
 
 
-def read(path: Path, interfaces: Sequence[Path], log: DiagnosticLog) -> Drawable | None:
+def read(
+    path: Path, interfaces: Sequence[Path], log: DiagnosticLog, node: str | None = None
+) -> Drawable | None:
     """Read what ``path`` names; None after errors, which go to ``log``.
 
     Args:
         path: a model, a policy (root ``<root>``), a system file, or a folder of models.
         interfaces: folders of interface packages, besides those near the models.
         log: gets what ``m2c check`` finds in it.
+        node: the machine of a system that is to be drawn, instead of the wiring.
     """
-    if not path.is_dir() and path.suffix not in MODEL_SUFFIXES and _is_policy(path):
+    if node is None and path.is_file() and path.suffix not in MODEL_SUFFIXES and _is_policy(path):
         from m2c.policy.reader import read_policy_file
 
         policy = read_policy_file(path, log)
         return None if policy is None or log.has_errors else Drawable(path.stem, policy)
-    system = load([path], log, interfaces)
+    from m2c.check.reading import read_and_check
+
+    system = read_and_check([path], interfaces, log)
     if system is None or log.has_errors:
         return None
-    from m2c.check import check_system
-
-    check_system(system, log)
-    calls: tuple[str, ...] = ()
-    if system.policy is not None and not log.has_errors:
-        from m2c.policy.program import read_policy
-
-        program = read_policy(system.policy, system, log)
-        if program is not None:
-            found = (name for leaf in program.leaves for name in (leaf.tick, leaf.halt) if name)
-            calls = tuple(dict.fromkeys(found))
-    if log.has_errors:
-        return None
+    if node is not None:
+        return _one_of(system, node, log)
     if path.suffix in MODEL_SUFFIXES and len(system.nodes) == 1:
         return Drawable(system.nodes[0].name, system.nodes[0])
-    return Drawable(system.name, wiring_of(system, calls))
+    return Drawable(system.name, wiring_of(system, _calls(system)))
+
+
+def _one_of(system: System, node: str, log: DiagnosticLog) -> Drawable | None:
+    machines = {machine.name: machine for machine in (*system.plugins, *system.nodes)}
+    if node not in machines:
+        what = f"{system.name} has no machine {node}"
+        log.error("unknown-node", Position(str(system.path)), "", what, nearest(node, machines))
+        return None
+    return Drawable(node, machines[node])
+
+
+def _calls(system: System) -> tuple[str, ...]:
+    """The channels that the policy's leaves call; none without a policy."""
+    if system.policy is None:
+        return ()
+    from m2c.policy.program import read_policy
+
+    policy = read_policy(system.policy, system, DiagnosticLog())
+    leaves = policy.leaves if policy is not None else ()
+    found = (name for leaf in leaves for name in (leaf.tick, leaf.halt) if name)
+    return tuple(dict.fromkeys(found))
 
 
 def _is_policy(path: Path) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from m2c.draw import draw_machine, draw_policy, inline, leaf_keys, transition_keys, tree_of
-from m2c.draw.policy import TooLargeError
+from m2c.draw.bounds import TooLargeError
 from m2c.model import DiagnosticLog, System, load
 
 POLICY = "policy"
@@ -44,7 +44,10 @@ class Figure(msgspec.Struct, frozen=True):
 
 
 def figures_of(system: System | None, wanted: Iterable[str]) -> dict[str, Figure]:
-    """The diagrams of those of ``wanted`` that are machines of ``system``, and of its policy."""
+    """The diagrams of those of ``wanted`` that are machines of ``system``, and of its policy.
+
+    There is none of what is too large for a picture.
+    """
     if system is None:
         return {}
     names = set(wanted)
@@ -52,7 +55,10 @@ def figures_of(system: System | None, wanted: Iterable[str]) -> dict[str, Figure
     for machine in (*system.nodes, *system.plugins):
         if machine.name in names and machine.name not in found:
             prefix = f"d{len(found)}-"
-            svg = inline(draw_machine(machine, prefix), machine.name, prefix)
+            try:
+                svg = inline(draw_machine(machine, prefix), machine.name, prefix)
+            except TooLargeError:
+                continue
             found[machine.name] = Figure(machine.name, prefix, svg, transition_keys(machine))
     policy = _policy(system, f"d{len(found)}-")
     if policy is not None:

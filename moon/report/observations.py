@@ -21,6 +21,8 @@ MAX_NEAR = 50_000
 """Of these, at most so many because a violation followed."""
 NEAR_NS = 2_000_000_000
 """What was heard so long before a violation may have led to it."""
+MAX_CHANNELS, MAX_SOURCES = 400, 2_000
+"""Names come from the wire, and need not end: so many channels and nodes are told apart."""
 MAX_TEXT = 120
 MAX_TEXTS = 4_000_000
 """Characters of distinct texts that a page has; what is heard after that is shown without its contents."""
@@ -64,6 +66,10 @@ class Shelf:
 
     Args:
         violations_ns: when violations were said, on the recorder's clock.
+
+    Attributes:
+        heard: all that it was told.
+        of_other_channels: what is left out because there are too many channels.
     """
 
     def __init__(self, violations_ns: Iterable[int]) -> None:
@@ -71,16 +77,19 @@ class Shelf:
         self._channels: dict[str, Channel] = {}
         self._texts: dict[str, int] = {"": 0}
         self._characters = 0
-        self._sources: dict[str, int] = {}
+        self._sources: dict[str, int] = {"": 0}
         self._stride = 1
         self._near = self._far = 0
-        self.heard = 0
+        self.heard = self.of_other_channels = 0
 
     def take(self, seen: Observation) -> None:
         """Keep ``seen``, or not."""
         self.heard += 1
         channel = self._channels.get(seen.channel)
         if channel is None:
+            if len(self._channels) >= MAX_CHANNELS:
+                self.of_other_channels += 1
+                return
             channel = Channel(printable(seen.channel), printable(seen.type_name), shown=[])
             self._channels[seen.channel] = channel
         number = channel.heard
@@ -89,7 +98,9 @@ class Shelf:
         if not near and number % self._stride:
             return
         sign = FAILED if seen.error else _SIGNS[seen.kind]
-        source = self._sources.setdefault(printable(seen.source), len(self._sources))
+        source = self._sources.get(printable(seen.source), 0)
+        if not source and len(self._sources) < MAX_SOURCES:
+            source = self._sources.setdefault(printable(seen.source), len(self._sources))
         text = self._text(seen)
         channel.shown.append(Shown(number, seen.received_ns, sign, text, source, near))
         if near:

@@ -15,7 +15,7 @@ from moon.recording.entries import Said
 from moon.recording.reader import RecordingError, open_recording
 from moon.report.data import as_json, timeline_data
 from moon.report.diagrams import POLICY, Figure, figures_of, read_system
-from moon.report.observations import Shelf
+from moon.report.observations import MAX_CHANNELS, Shelf
 from moon.tap.render import printable
 from moon.verdict import Verdict
 from transports.interface import Observation
@@ -74,7 +74,7 @@ def _page(
     figures: dict[str, Figure],
     missing: Sequence[str],
 ) -> str:
-    name = Path(result.recording.path).name
+    name = Path(result.recording.path).resolve().name
     data = timeline_data(result, shelf, violations)
     parts = [
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
@@ -131,7 +131,17 @@ def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[
     notes = [*facts.faults, *result.problems, *facts.limits, *missing]
     if not facts.complete and not facts.faults:
         notes.insert(0, "the recording is not complete")
-    if shelf.shown < shelf.heard:
+    if shelf.of_other_channels:
+        notes.append(
+            f"the timeline has the first {MAX_CHANNELS} channels; {shelf.of_other_channels:,} "
+            "observations were on others"
+        )
+    merged = sum(timeline.merged for timeline in result.timelines)
+    if merged:
+        notes.append(
+            f"{merged:,} changes of state followed others so closely that they are one band"
+        )
+    if shelf.shown < shelf.heard - shelf.of_other_channels:
         notes.append(
             f"the timeline shows {shelf.shown:,} of {shelf.heard:,} observations: those of the two "
             "seconds before each violation, and a part of the others"

@@ -69,6 +69,33 @@ def test_a_model_with_errors_is_not_drawn(tmp_path: Path) -> None:
     assert "the target state `nowhere` does not exist" in result.output
 
 
+def test_one_machine_of_a_system_is_drawn_by_its_name(tmp_path: Path) -> None:
+    alone, named = tmp_path / "alone.svg", tmp_path / "named.svg"
+    assert draw(INPUTS["model"], "-o", alone).exit_code == 0
+    assert draw(INPUTS["system"], "--node", "GoToPoiSkill", "-o", named).exit_code == 0
+    assert alone.read_bytes() == named.read_bytes()
+    unknown = draw(INPUTS["system"], "--node", "GoToPoi", "-o", named)
+    assert unknown.exit_code == 2
+    assert "lab_tour has no machine GoToPoi" in unknown.output
+    assert "GoToPoiSkill" in unknown.output
+
+
+def test_a_machine_too_large_for_a_picture_is_refused_and_still_dot(tmp_path: Path) -> None:
+    states = "".join(
+        f'<state id="s{i}">'
+        + "".join(f'<transition event="e{j}" target="s{(i * 7 + j) % 400}"/>' for j in range(3))
+        + "</state>"
+        for i in range(400)
+    )
+    path = tmp_path / "model.scxml"
+    head = '<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="M" initial="s0">'
+    path.write_text(f"{head}{states}</scxml>")
+    refused = draw(path, "-o", tmp_path / "x.svg")
+    assert refused.exit_code == 2
+    assert "make no readable picture; draw them as .dot or .mmd" in refused.output
+    assert draw(path, "-o", tmp_path / "x.dot").exit_code == 0
+
+
 def test_a_missing_file_and_an_unknown_format_are_said(tmp_path: Path) -> None:
     missing = draw(tmp_path / "no.scxml", "-o", tmp_path / "x.svg")
     assert (missing.exit_code, "No such file" in missing.output) == (2, True)

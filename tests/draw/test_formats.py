@@ -9,10 +9,10 @@ from xml.etree import ElementTree
 import pytest
 
 from m2c.draw import document, draw_policy, draw_wiring, tree_of, wiring_of
+from m2c.draw.bounds import TooLargeError
 from m2c.draw.dot import machine_as_dot, policy_as_dot, quoted, wiring_as_dot
 from m2c.draw.expressions import source
 from m2c.draw.mermaid import escaped, machine_as_mermaid, policy_as_mermaid, wiring_as_mermaid
-from m2c.draw.policy import TooLargeError
 from m2c.draw.wiring import POLICY
 from m2c.draw.wording import short_names
 from m2c.model import DiagnosticLog, System, load

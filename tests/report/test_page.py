@@ -13,7 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from moon.report import write_report
-from moon.report.observations import MAX_NEAR, MAX_SHOWN, Shelf
+from moon.report.observations import MAX_CHANNELS, MAX_NEAR, MAX_SHOWN, Shelf
 from tests.report.samples import (
     HOSTILE,
     START,
@@ -136,6 +136,13 @@ def test_violations_without_end_do_not_keep_everything() -> None:
     for number in range(MAX_NEAR + 1000):
         shelf.take(observation(number, START + number))
     assert sum(one.near for channel in shelf.channels() for one in channel.shown) == MAX_NEAR
+
+
+def test_channels_without_end_are_counted_and_not_kept() -> None:
+    shelf = Shelf([])
+    for number in range(MAX_CHANNELS + 50):
+        shelf.take(observation(number, START + number, f"/channel{number}"))
+    assert (len(shelf.channels()), shelf.of_other_channels) == (MAX_CHANNELS, 50)
 
 
 def test_the_page_says_what_it_leaves_out(tmp_path: Path) -> None:
