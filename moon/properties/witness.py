@@ -25,6 +25,7 @@ from moon.properties.formula import (
     operands,
     predicates,
 )
+from moon.properties.minimal import minimal
 from moon.properties.signals import Signal, Signals, complement, intersect, union
 from moon.properties.verdict import Fact, Witness
 from transports.interface import Observation
@@ -86,6 +87,8 @@ def explain(
         for fact in _facts(text, value, signal, changes[text])
     ]
     facts.sort(key=lambda fact: (fact.start_ns, fact.end_ns, fact.predicate))
+    if complete:
+        facts = list(minimal(formula, facts, at, begin, now + 1))
     return Witness(at, tuple(facts), complete)
 
 

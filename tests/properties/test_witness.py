@@ -48,6 +48,38 @@ def test_every_trace_with_the_facts_of_a_witness_is_false_too(seed):
 
 
 @given(seed=st.integers(0, 2**40))
+@settings(max_examples=200, deadline=None)
+def test_no_fact_of_a_witness_can_be_left_out(seed):
+    _, formula, _, verdicts = explained(seed)
+    for t, verdict in enumerate(verdicts):
+        if verdict.status is not Status.FALSE or verdict.since_ns != t:
+            continue
+
+        def said(facts, t=t):
+            monitor = PropertyMonitor(formula)
+            for tick in range(t + 1):
+                values = dict.fromkeys("pqr", "?")  # not known
+                for fact in facts:
+                    if fact.start_ns <= tick <= fact.end_ns:
+                        values[fact.predicate] = fact.value
+                monitor.observe(seen(tick, **values))
+            return monitor.verdict.status
+
+        facts = verdict.witness.facts
+        if said(facts) is not Status.FALSE:
+            continue  # it takes a distinction of cases: `{p} and not {p}`
+        for fact in facts:
+            rest = [other for other in facts if other is not fact]
+            assert said(rest) is Status.INCONCLUSIVE, f"{text(formula, 1)} at {t}: {fact}"
+
+
+def test_one_reason_is_given_where_one_is_enough():
+    formula = parse_formula("(not {q}) -> ({r} since[1:2] (not {q}))", ticks_per_unit=1)
+    (verdict,) = run(formula, [{"p": True, "q": False, "r": False}])
+    assert [(fact.predicate, fact.value) for fact in verdict.witness.facts] == [("q", False)]
+
+
+@given(seed=st.integers(0, 2**40))
 @settings(max_examples=150, deadline=None)
 def test_the_facts_of_a_witness_are_what_was_observed(seed):
     _, _, trace, verdicts = explained(seed)
