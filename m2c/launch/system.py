@@ -20,6 +20,8 @@ START_TIMEOUT_S = 30.0
 STARTING = 2 * (os.cpu_count() or 1)
 """So many nodes come up at a time. More would not be faster, and what listens to them from the start (a
 monitor, say) would not get its turn beside them."""
+LAST_TICK_S = 1.0
+"""How long the last tick is waited for when the policy has ended."""
 
 
 class RunSettings(msgspec.Struct, frozen=True):
@@ -58,6 +60,7 @@ class RunningSystem:
         self._processes: dict[str, NodeProcess] = {}
         self._died: tuple[str, int] | None = None
         self._stopping = False
+        self._interrupted_by_signal = False
         self._ticks = 0
         self._missing = {node.name for node in description.nodes}
         self._waiting = list(reversed(description.nodes))
@@ -100,6 +103,7 @@ class RunningSystem:
                 self._up = True
                 self._start_policy()
                 transport.spin(lambda: self._stopping)
+                self._hear_last_ticks()
         finally:
             self._stopping = True
             self._stop_all()
@@ -132,6 +136,7 @@ class RunningSystem:
 
     def _interrupted(self, *_: object) -> None:
         """A signal: stop; a second one does not wait for the processes."""
+        self._interrupted_by_signal = True
         if self._stopping:
             for process in list(self._processes.values()):
                 process.kill()
@@ -191,6 +196,20 @@ class RunningSystem:
     def _show_tick(self, tick: TreeTick) -> None:
         self._ticks = tick.tick
         self._screen.tick(tick)
+
+    def _hear_last_ticks(self) -> None:
+        """The policy has ended with its last tick: what it said of it may still be on its way."""
+        if self._died is not None or self._interrupted_by_signal:
+            return
+        late = False
+
+        def give_up() -> None:
+            nonlocal late
+            late = True
+
+        timer = self._transport.after(LAST_TICK_S, give_up)
+        self._transport.spin(lambda: late or self._ticks >= self._settings.ticks)
+        timer.cancel()
 
     def _report(self) -> int:
         if self._died is None and not self._up:

@@ -190,10 +190,15 @@ class Announcements:
         return all(
             topic in presence.refused
             or not matches(channel, presence.taps)
-            or presence.node
-            in {info.node_name for info in node.get_subscriptions_info_by_topic(topic)}
+            or self._is_tapped(topic, presence)
             for channel, topic in hearable
         )
+
+    def _is_tapped(self, topic: str, presence: Presence) -> bool:
+        """Whether a tap of that node subscribes to ``topic``, beside the node itself if that does too."""
+        subscriptions = self._node.get_subscriptions_info_by_topic(topic)
+        found = [info for info in subscriptions if info.node_name == presence.node]
+        return len(found) > presence.subscribes.count(topic)
 
 
 def _profile(depth: int) -> QoSProfile:

@@ -1,0 +1,54 @@
+"""The ROS 2 part of the suite, again and again: all green, and nothing left in shared memory.
+
+``python -m tests.transports.ros2_soak [TIMES] [PYTEST ARGUMENTS…]``; by default 20 times everything marked
+``ros2``. Ends with 1 at the first run that fails or leaves something.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+SHARED = Path("/dev/shm")
+TIMES = 20
+RUN_TIMEOUT_S = 1800.0
+"""A run that takes longer hangs."""
+
+
+def unused() -> set[str]:
+    """Files of Fast DDS in shared memory that no process has mapped or open."""
+    files = {path.name for path in SHARED.glob("*fastrtps*")}
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            text = (process / "maps").read_text()
+            text += "".join(str(item.readlink()) for item in (process / "fd").iterdir())
+        except OSError:  # it has ended meanwhile, or is not ours
+            continue
+        files = {name for name in files if f"{SHARED}/{name}" not in text}
+    return files
+
+
+def main(arguments: list[str]) -> int:
+    """Run it; the exit code."""
+    times = int(arguments[0]) if arguments else TIMES
+    command = [sys.executable, "-m", "pytest", "-q", "-m", "ros2", *arguments[1:]]
+    before = unused()
+    for number in range(1, times + 1):
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False
+        )
+        print(f"{number}: {done.stdout.splitlines()[-1]}", flush=True)
+        if done.returncode:
+            print(done.stdout)
+            return 1
+        left = unused() - before
+        if left:
+            print(f"left in {SHARED}: {', '.join(sorted(left))}")
+            return 1
+    print(f"{times} runs, all green, nothing left in {SHARED}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
