@@ -82,7 +82,7 @@ def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_jso
     import msgspec
 
     from moon.explain.recorded import concluded, lines_of, lines_of_overview, overview
-    from moon.recording.reader import RecordingError, open_recording
+    from moon.recording.reader import OWN, ROSBAG, RecordingError, open_recording
 
     try:
         recording = open_recording(path, system.library)
@@ -91,15 +91,20 @@ def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_jso
         sys.exit(2)
     for _ in recording.entries():
         pass  # its contents take note
-    found = [
-        concluded(machine, recording.contents)
-        for machine in system.nodes
-        if not only or machine.name in only
-    ]
+    chosen = [machine for machine in system.nodes if not only or machine.name in only]
+    whole, judged = overview(recording), None
+    if recording.form != OWN:  # nobody is named in it
+        attribution = recording.attribution(
+            system.nodes, chosen if recording.form == ROSBAG else ()
+        )
+        judged = frozenset(machine.name for machine in attribution.machines)
+        more = [*filter(None, [attribution.assumption()]), *attribution.unjudged]
+        whole = msgspec.structs.replace(whole, limits=(*whole.limits, *more))
+    found = [concluded(machine, recording.contents, judged) for machine in chosen]
     if as_json:
-        for item in (overview(recording), *found):
+        for item in (whole, *found):
             click.echo(msgspec.json.encode(item).decode())
         return
-    click.echo("\n".join(lines_of_overview(overview(recording))) + "\n")
+    click.echo("\n".join(lines_of_overview(whole)) + "\n")
     for conclusion in found:
         click.echo("\n".join(lines_of(conclusion)))

@@ -20,6 +20,10 @@ _OWN_END = {
     InterfaceKind.ACTION_SERVER: (Kind.REQUEST_RECEIVED, Kind.RESPONSE_SENT),
     InterfaceKind.ACTION_CLIENT: (Kind.REQUEST_SENT, Kind.RESPONSE_RECEIVED),
 }
+_NAMELESS = (
+    "who sent what was recorded is not known",
+    "its callers were recorded without their names",
+)
 _ACTION_SERVICES = ("send_goal", "cancel_goal", "get_result")
 _ACTION_TOPICS = ("feedback", "status")
 
@@ -91,8 +95,16 @@ def overview(recording: Recording) -> Overview:
     )
 
 
-def concluded(machine: Machine, contents: Contents) -> Concluded:
-    """What ``contents`` tell of ``machine``, whose node has its name."""
+def concluded(
+    machine: Machine, contents: Contents, judged: frozenset[str] | None = None
+) -> Concluded:
+    """What ``contents`` tell of ``machine``, whose node has its name.
+
+    Args:
+        machine: its model.
+        contents: what was found in the recording.
+        judged: of a recording without names: those that can be judged all the same.
+    """
     channels = contents.channels
     parts = [
         (interface, part)
@@ -101,14 +113,21 @@ def concluded(machine: Machine, contents: Contents) -> Concluded:
         for part in _parts(interface)
     ]
     names = dict.fromkeys(part for _, part in parts)
-    own = any(
-        source == machine.name and kind in _OWN_END.get(interface.kind, ())
-        for interface, part in parts
-        if part in channels
-        for kind, source in channels[part].sources
+    own = (
+        machine.name in judged
+        if judged is not None
+        else any(
+            source == machine.name and kind in _OWN_END.get(interface.kind, ())
+            for interface, part in parts
+            if part in channels
+            for kind, source in channels[part].sources
+        )
     )
     gaps = dict.fromkeys(
-        gap for interface, part in parts for gap in _gaps(machine, interface, part, channels)
+        gap
+        for interface, part in parts
+        for gap in _gaps(machine, interface, part, channels)
+        if not (own and judged is not None and gap.why in _NAMELESS)
     )
     observed = sum(channels[name].count for name in names if name in channels)
     return Concluded(machine.name, observed, own, tuple(gaps))
@@ -149,9 +168,9 @@ def _gaps(
             channel, f"only the other end of its calls was recorded, not {machine.name}'s own"
         )
     elif machine.name not in sources and "" in sources:
-        yield Gap(channel, "who sent what was recorded is not known")
+        yield Gap(channel, _NAMELESS[0])
     elif machine.name not in sources and all(map(is_made_up, sources)):
-        yield Gap(channel, "its callers were recorded without their names")
+        yield Gap(channel, _NAMELESS[1])
     elif machine.name not in sources:
         others = ", ".join(sorted(sources))
         yield Gap(channel, f"was recorded of others only ({others}), not of {machine.name}")

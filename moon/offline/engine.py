@@ -11,9 +11,11 @@ from moon.monitor.watch import SystemWatch
 from moon.offline.playing import Player
 from moon.offline.result import CheckResult, RecordingFacts
 from moon.offline.timelines import Timelines
+from moon.recording.attribution import Attribution
 from moon.recording.entries import Entry, Said
-from moon.recording.reader import OWN, Recording, open_recording
+from moon.recording.reader import OWN, ROSBAG, Recording, open_recording
 from moon.verdict import Verdict
+from transports.interface import Observation
 
 PROGRESS_EVERY = 2_000
 """Entries between two reports of progress."""
@@ -61,21 +63,23 @@ def check_recording(
     """
     began = time.monotonic()
     recording = open_recording(path, monitored.system.library)
+    attribution = _attribution(path, recording.form, monitored)
     player = Player(_START_MARGIN * monitored.bounds.latency)
     collector = _Collector(player)
     notes: list[str] = []
     watch = SystemWatch(
         player,
         monitored.system,
-        monitored.machines,
+        monitored.machines if attribution is None else attribution.machines,
         monitored.bounds,
         [collector],
         notes.append,
         monitored.property_watch(),
+        policy=None if attribution is None else False,
         monotonic_ns=player.monotonic_ns,
     )
     timelines = Timelines(watch, player) if with_timelines else None
-    first, last, recorded = _play(recording, watch, player, timelines, progress)
+    first, last, recorded = _play(recording, watch, player, timelines, progress, attribution)
     faults = tuple(recording.faults())
     if first is None or last is None:
         why = "; ".join(faults) or "it holds nothing"
@@ -89,7 +93,7 @@ def check_recording(
         last_ns=last.received_ns,
         complete=not faults and (recording.ended or recording.form != OWN),
         faults=faults,
-        limits=tuple(recording.limits()),
+        limits=(*recording.limits(), *_assumed(attribution)),
     )
     return CheckResult(
         recording=facts,
@@ -107,12 +111,34 @@ def check_recording(
     )
 
 
+def _attribution(path: Path, form: str, monitored: Monitored) -> Attribution | None:
+    """Who did what in a recording that names nobody; None for our own, which does.
+
+    The recording is read once for it: whether a machine can be judged depends on all of it.
+    """
+    if form == OWN or not monitored.machines:
+        return None
+    recording = open_recording(path, monitored.system.library)
+    for _ in recording.entries():
+        pass  # its contents take note
+    machines = monitored.machines if form == ROSBAG else ()
+    return recording.attribution(monitored.system.nodes, machines)
+
+
+def _assumed(attribution: Attribution | None) -> list[str]:
+    """What is assumed by it, and whom it leaves out, one sentence each."""
+    if attribution is None:
+        return []
+    return [*filter(None, [attribution.assumption()]), *attribution.unjudged]
+
+
 def _play(
     recording: Recording,
     watch: SystemWatch,
     player: Player,
     timelines: Timelines | None,
     progress: Progress | None,
+    attribution: Attribution | None,
 ) -> tuple[Entry | None, Entry | None, bool]:
     """Play all of it: the first entry, the last, and whether it has verdicts of its own."""
     first: Entry | None = None
@@ -124,6 +150,8 @@ def _play(
         if first is None:
             first = entry
             player.start(entry, watch.start)
+        if attribution is not None and isinstance(entry, Observation):
+            entry = attribution(entry)  # noqa: PLW2901 - the same, with names
         play(entry)
         if timelines is not None:
             timelines.look(entry)

@@ -87,14 +87,9 @@ class Contents:
         calls = {n: c for n, c in self.channels.items() if n not in topics}
         if unnamed := [name for name, found in topics.items() if found.unnamed == found.count]:
             said.append(f"who published the messages on {named(unnamed)} is not recorded")
-        for kinds, who, done in (
-            (_SERVER_END, "who served", "answered"),
-            (_CLIENT_END, "who called", "asked"),
-        ):
+        for kinds, who in ((_SERVER_END, "who served"), (_CLIENT_END, "who called")):
             if unnamed := [name for name, found in calls.items() if _is_unnamed(found, kinds)]:
-                said.append(
-                    f"{who} {named(unnamed)} is not named: no node is judged by what it {done}"
-                )
+                said.append(f"{who} {named(unnamed)} is not recorded")
         if lost := [name for name, found in self.channels.items() if found.unnumbered]:
             said.append(
                 f"events on {named(lost)} have no number: if any of them were lost cannot be known"

@@ -89,13 +89,17 @@ def test_of_a_bag_it_is_said_that_nobody_is_named(tmp_path: Path):
     )
     said = explained(folder, "--only", "BatteryComponent", "--only", SKILL)
     assert "rosbag2, 3 observations on 1 channel" in said
-    assert "messages on /BatteryComponent/level do not say who published them" in said
+    assert "who published the messages on /BatteryComponent/level is not recorded" in said
     assert "events on /BatteryComponent/level have no number" in said
     assert (
         "BatteryComponent: cannot be judged: nothing that was recorded is known to be from its"
         in said
     )
     assert "/BatteryComponent/level  who sent what was recorded is not known" in said
+    assert (
+        "BatteryComponent is not judged: when it published on /BatteryComponent/level is known to "
+        "the latency bound only" in said
+    )
 
 
 def test_it_is_data_for_programs_too(tmp_path: Path, heard: Heard):

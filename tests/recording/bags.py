@@ -11,6 +11,10 @@ from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from moon.recording.format import Form, form_of
+from moon.recording.mcap_file import McapFile
+from moon.recording.stored import StoredChannel
+
 T0 = 1_700_000_000_000_000_000
 SECOND = 10**9
 
@@ -163,4 +167,32 @@ def write(
                 )
             data = STORE.serialize_cdr(item.message, item.type_name)
             writer.write(connection, item.at_ns, data)
+    return folder
+
+
+def _as_ros2_has_it(channel: StoredChannel) -> bool:
+    return form_of(channel.metadata) is Form.OBSERVATION
+
+
+def foreign(
+    recording: Path,
+    folder: Path,
+    plugin: StoragePlugin = StoragePlugin.MCAP,
+    mode: CompressionMode = CompressionMode.NONE,
+) -> Path:
+    """What ``ros2 bag record --all`` would have kept of the same run: no names, no numbers."""
+    with recording.open("rb") as opened:
+        kept = list(McapFile(opened, "").messages(_as_ros2_has_it))
+    writer = Writer(folder, version=9, storage_plugin=plugin)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connections: dict[str, Any] = {}
+        for message in kept:
+            channel = message.channel
+            connection = connections.get(channel.topic)
+            if connection is None:
+                connection = connections[channel.topic] = writer.add_connection(
+                    channel.topic, channel.type_name, msgdef=channel.schema, rihs01="RIHS01_0"
+                )
+            writer.write(connection, message.received_ns, message.data)
     return folder

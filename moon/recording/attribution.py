@@ -1,0 +1,152 @@
+"""Who did what in a bag, where the models leave only one: rosbag2 stores no names.
+
+A node is judged by what it did itself. In a bag that is known only if the models have one node that can
+have done it: one that serves a service, one that calls it, one that publishes a topic. A machine of which
+anything is left open is not judged: what is missing would look like something that it did not do.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+
+from msgspec.structs import replace
+
+from m2c.model.machine import Interface, InterfaceKind, Machine
+from moon.recording.contents import Contents, is_made_up
+from transports.interface import Observation, ObservationKind
+from transports.service_events import EVENT_SUFFIX
+
+_SERVICES = ("send_goal", "cancel_goal", "get_result")
+_TOPICS = ("feedback", "status")
+_CLIENT_END = frozenset({ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED})
+_SERVER_END = frozenset({ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT})
+_PUBLISHES, _HEARS, _SERVES, _CALLS = "publishes", "hears", "serves", "calls"
+_Role = tuple[str, str]
+"""What a node does, and on which channel."""
+
+
+class Attribution:
+    """Names for what a bag does not name.
+
+    Args:
+        contents: what was found in the bag, read to its end.
+        topics: the topics that the bag declares, whether there are messages on them or not.
+        nodes: all machines of the system.
+        machines: those that are to be judged.
+        on_arrival: whether messages are stamped when they were recorded, not when they were published.
+
+    Attributes:
+        machines: those of them that can be.
+        unjudged: why each of the others cannot be, one sentence each.
+    """
+
+    def __init__(
+        self,
+        contents: Contents,
+        topics: Iterable[str],
+        nodes: Iterable[Machine],
+        machines: Iterable[Machine],
+        on_arrival: bool,
+    ) -> None:
+        self._contents = contents
+        self._topics = frozenset(topics)
+        self._on_arrival = on_arrival
+        self._who: dict[_Role, list[str]] = defaultdict(list)
+        for node in nodes:
+            for role in dict.fromkeys(_roles(node)):
+                self._who[role].append(node.name)
+        self.machines: tuple[Machine, ...] = ()
+        self.unjudged: list[str] = []
+        for machine in machines:
+            why = next(filter(None, map(self._what_is_open, _roles(machine))), "")
+            if why:
+                self.unjudged.append(f"{machine.name} is not judged: {why}")
+            else:
+                self.machines += (machine,)
+        judged = {machine.name for machine in self.machines}
+        self._names = {
+            role: names[0]
+            for role, names in self._who.items()
+            if len(names) == 1 and names[0] in judged
+        }
+
+    def assumption(self) -> str:
+        """What is taken for granted of the machines that are judged; "" if none are."""
+        if not self.machines:
+            return ""
+        names = ", ".join(machine.name for machine in self.machines)
+        return (
+            f"{names}: what only one node of the models can have done is taken for done by it; nothing "
+            "in the recording says so"
+        )
+
+    def __call__(self, seen: Observation) -> Observation:
+        """``seen`` with the names that it should have."""
+        if seen.source and not is_made_up(seen.source):
+            return seen
+        names, channel = self._names, seen.channel
+        if seen.kind is ObservationKind.MESSAGE:
+            source = names.get((_PUBLISHES, channel), "")
+            return replace(seen, source=source) if source else seen
+        client = names.get((_CALLS, channel), seen.client)
+        source = client if seen.kind in _CLIENT_END else names.get((_SERVES, channel), "")
+        return replace(seen, source=source or seen.source, client=client)
+
+    def _what_is_open(self, role: _Role) -> str:
+        """Why it is not known who played ``role``; "" if it is."""
+        what, channel = role
+        topic = channel if what in (_PUBLISHES, _HEARS) else channel + EVENT_SUFFIX
+        if topic not in self._topics:
+            return f"{topic} was not recorded"
+        if what == _HEARS:
+            return ""
+        names = self._who[role]
+        if len(names) > 1:
+            return f"{' and '.join(sorted(names))} each {_verb(what)} {channel}, and who did is not known"
+        found = self._contents.channels.get(channel)
+        if what == _PUBLISHES:
+            late = self._on_arrival
+            return (
+                f"when it published on {channel} is known to the latency bound only" if late else ""
+            )
+        if found is None:
+            return ""  # nobody called it
+        if not found.kinds & (_SERVER_END if what == _SERVES else _CLIENT_END):
+            return f"only the other end of the calls of {channel} was recorded"
+        callers = {source for kind, source in found.sources if kind in _CLIENT_END}
+        if what == _CALLS and len(callers) > 1:
+            return f"several nodes call {channel}, and which of them is {names[0]} is not known"
+        return ""
+
+
+def _verb(what: str) -> str:
+    return what.removesuffix("s")
+
+
+def _roles(machine: Machine) -> list[_Role]:
+    found: list[_Role] = []
+    for interface in machine.interfaces:
+        if interface.channel is not None:
+            found += _roles_of(interface, interface.channel)
+    return found
+
+
+def _roles_of(interface: Interface, channel: str) -> list[_Role]:
+    match interface.kind:
+        case InterfaceKind.PUBLISHER:
+            return [(_PUBLISHES, channel)]
+        case InterfaceKind.SUBSCRIBER:
+            return [(_HEARS, channel)]
+        case InterfaceKind.SERVER:
+            return [(_SERVES, channel)]
+        case InterfaceKind.CLIENT:
+            return [(_CALLS, channel)]
+        case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
+            serves = interface.kind is InterfaceKind.ACTION_SERVER
+            parts = [f"{channel}/_action/{part}" for part in _SERVICES]
+            topics = [f"{channel}/_action/{part}" for part in _TOPICS]
+            return [(_SERVES if serves else _CALLS, part) for part in parts] + [
+                (_PUBLISHES if serves else _HEARS, topic) for topic in topics
+            ]
+    return []
