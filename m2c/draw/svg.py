@@ -154,9 +154,12 @@ def name_width(words: str, size: float = SANS, bold: bool = True) -> float:
 
 
 def folded(words: str, columns: int) -> list[str]:
-    """``words`` in lines of at most ``columns``; further lines are indented."""
+    """``words`` in lines of at most ``columns``; further lines are indented.
+
+    ``is_ok: true`` stays together.
+    """
     indent = " " * (len(words) - len(words.lstrip(" ")))
-    inside = " ".join(words.split())
+    inside = " ".join(words.split()).replace(": ", ":\N{NO-BREAK SPACE}")
     lines = wrap(
         inside,
         columns,
@@ -164,7 +167,7 @@ def folded(words: str, columns: int) -> list[str]:
         subsequent_indent=indent + "  ",
         break_on_hyphens=False,
     )
-    return lines or [""]
+    return [one.replace("\N{NO-BREAK SPACE}", " ") for one in lines] or [""]
 
 
 def shortened(words: str, columns: int) -> str:

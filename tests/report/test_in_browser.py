@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -15,6 +16,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
+from moon.cli import main
 from moon.report import write_report
 from tests.report.browser import MissingBrowserError, browser, complaints, opened
 from tests.report.samples import (
@@ -27,6 +29,7 @@ from tests.report.samples import (
     write_log,
 )
 
+ROOT = Path(__file__).parents[2]
 VIOLATED = ("GoToPoiSkill", "BatteryLevelSkill", "NavigationComponent")
 
 
@@ -153,6 +156,24 @@ def test_a_clicked_violation_highlights_its_transition(
         assert set(seen[0]) == (set() if name == "BatteryLevelSkill" else {"rgb(255, 215, 94)"})
         assert set(seen[1]) <= {"3.4px"}
         assert seen[0] or seen[1]
+
+
+def test_a_recorded_fault_is_shown_where_its_model_owed_the_answer(
+    driver: webdriver.Chrome, tmp_path: Path
+) -> None:
+    page = tmp_path / "report.html"
+    run = ROOT / "tests" / "recordings" / "zenoh-T1.mcap"
+    system = ROOT / "examples" / "lab_tour" / "system.xml"
+    done = CliRunner().invoke(main, ["check", str(run), str(system), "--report", str(page)])
+    assert done.exit_code == 1, done.output
+    opened(driver, page)
+    assert complaints(driver) == []
+    violations = driver.find_elements(By.CSS_SELECTOR, ".violation")
+    assert [one.find_element(By.TAG_NAME, "b").text for one in violations] == ["BatteryLevelSkill"]
+    violations[0].click()
+    assert "nothing in time" in driver.find_element(By.ID, "violation-0").text
+    words = [one.get_attribute("textContent") for one in offending(driver)]
+    assert "request tick" in words  # which the faulty skill takes, and does not answer
 
 
 def test_a_property_violation_shows_its_witness(driver: webdriver.Chrome, page: Path) -> None:
