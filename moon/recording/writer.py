@@ -21,8 +21,8 @@ from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import Numbering, Numbers
 from moon.recording.whole import pack_whole
 from moon.sinks.topic import message_of
-from transports.ros_forms import OWN_PACKAGES
 from transports.interface import Observation
+from transports.ros_forms import OWN_PACKAGES
 
 FLUSH_S = 0.5
 """How often what was recorded is handed to the file: no more than this is lost with the process."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -81,6 +84,22 @@ def test_a_node_that_dies_and_a_clock_that_is_set_are_told_the_same(
     result = assert_same(path, live)
     assert AWAY in result.machines[[item.machine for item in result.machines].index(DEAD)].states
     assert result.counts.stalls == run.watch.counts.stalls > 0
+
+
+@pytest.mark.parametrize("hashes", ["1", "2"])
+def test_another_process_says_the_same(hashes: str, tmp_path: Path) -> None:
+    path, log = tmp_path / "run.mcap", tmp_path / "log"
+    live = live_run(path, program(), 6, 5.0, ROUGH)
+    subprocess.run(
+        [
+            *(sys.executable, "-m", "moon.cli", "check", str(path), str(SUBJECT.models[0])),
+            *("--properties", str(SUBJECT.properties[0]), "--log", str(log)),
+        ],
+        env={**os.environ, "PYTHONHASHSEED": hashes},
+        check=False,
+        stdout=subprocess.DEVNULL,
+    )
+    assert log.read_bytes().splitlines() == lines(live)
 
 
 def test_the_verdicts_in_the_recording_are_those_that_were_said(tmp_path: Path) -> None:
