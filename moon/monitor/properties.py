@@ -87,6 +87,7 @@ class PropertyWatch:
 
     def _clear(self) -> None:
         self._ordered = OrderedProperties(self.properties.values(), self._latency_ns)
+        self._ordered.foresee(-1)  # compiles now what would hold it up later
         self.channels = self._ordered.channels()
         self._numbers: dict[tuple[str, str, bool], tuple[int, int]] = {}
         self._held: list[int] = []
