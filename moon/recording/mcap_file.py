@@ -96,6 +96,7 @@ class McapFile:
         self.topics: set[str] = set()
         self.complete = False
         """Whether the file was read to its very end."""
+        self._all_read = False
         self._file = opened
         self._name = name
         self._offset = 0
@@ -120,7 +121,7 @@ class McapFile:
             if not 0 < opcode <= _LAST_OPCODE and opcode < _PRIVATE_OPCODES:
                 self._fault(offset, f"no record begins here (opcode {opcode})")
                 return
-            if opcode not in _READ:
+            if opcode not in _READ or (self._all_read and opcode != _FOOTER):
                 if not self._skip(length):
                     self._cut(offset)
                     return
@@ -174,7 +175,8 @@ class McapFile:
         self.faults.append(f"{self._name}: byte {offset}: {what}")
 
     def _cut(self, offset: int) -> None:
-        self._fault(offset, "the file ends here, without its end: what comes before was read")
+        read = "all messages were read" if self._all_read else "what comes before was read"
+        self._fault(offset, f"the file ends here, without its end: {read}")
 
     def _record(
         self, opcode: int, data: bytes, wanted: Callable[[StoredChannel], bool]
@@ -189,7 +191,9 @@ class McapFile:
             self._channel(data)
         elif opcode == _METADATA:
             self._metadata(data)
-        elif opcode in (_DATA_END, _FOOTER):
+        elif opcode == _DATA_END:
+            self._all_read = True
+        elif opcode == _FOOTER:
             self.complete = True
 
     def _metadata(self, data: bytes) -> None:

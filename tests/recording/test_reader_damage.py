@@ -50,6 +50,7 @@ def read(path: Path) -> tuple[list[Observation], list[str]]:
     return seen, recording.faults()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plugin", "mode"), CASES)
 def test_a_file_cut_anywhere_gives_a_beginning_of_what_it_held_and_says_so(
     tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
@@ -72,6 +73,7 @@ def test_a_file_cut_anywhere_gives_a_beginning_of_what_it_held_and_says_so(
     assert most > 0 or mode is CompressionMode.FILE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plugin", "mode"), CASES)
 def test_a_flipped_byte_never_gives_a_message_that_nobody_sent_unless_nothing_guards_it(
     tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
@@ -96,6 +98,7 @@ def text(value: str) -> bytes:
     return struct.pack("<I", len(value)) + value.encode()
 
 
+END = ((0x0F, bytes(4)), (2, bytes(20)))
 HEADER = (1, text("ros2") + text("a test"))
 SCHEMA = (
     3,
@@ -119,7 +122,7 @@ def chunk(
 
 def mcap(tmp_path: Path, *parts: tuple[int, bytes]) -> Path:
     path = tmp_path / "made.mcap"
-    path.write_bytes(MAGIC + records(HEADER, SCHEMA, CHANNEL, *parts) + records((0x0F, bytes(4))))
+    path.write_bytes(MAGIC + records(HEADER, SCHEMA, CHANNEL, *parts, *END))
     return path
 
 
@@ -277,7 +280,7 @@ def test_an_attachment_larger_than_any_message_is_passed_over(tmp_path: Path):
 
     size = MAX_BYTES * 2
     head = MAGIC + records(HEADER, SCHEMA, CHANNEL) + struct.pack("<BQ", 9, size)
-    file = McapFile(Endless(head, size, records(message(5), (0x0F, bytes(4)))), "it")
+    file = McapFile(Endless(head, size, records(message(5), *END)), "it")
     assert [item.sequence for item in file.messages(lambda channel: True)] == [5]
     assert file.faults == []
 
