@@ -95,37 +95,35 @@ def wiring_of(system: System, policy_calls: Collection[str] = ()) -> Wiring:
         system: the nodes and what they declare.
         policy_calls: channels that the policy's leaves use; without any there is no policy in it.
     """
-    used = {one.channel for node in system.nodes for one in node.interfaces if one.kind in _USES}
-    places = [Place(POLICY, "policy")] if policy_calls else []
+    called = [Offer(channel, Sort.SERVICE) for channel in policy_calls]
+    used = {offer for node in system.nodes for offer in _used(node)}
+    places = [Place(POLICY, "policy")] if called else []
     first = len(places)
-    providers: dict[str, list[int]] = {}
+    providers: dict[Offer, list[int]] = {}
     for node in system.nodes:
         offers = _offers(node)
-        served = tuple(o for o in offers if o.channel in policy_calls and o.channel not in used)
+        served = tuple(offer for offer in offers if offer in called and offer not in used)
         rest = tuple(offer for offer in offers if offer not in served)
         for offer in rest:
-            providers.setdefault(offer.channel, []).append(len(places))
+            providers.setdefault(offer, []).append(len(places))
         places.append(Place(node.name, "skill" if served else "node", rest, served))
     wires = [
         Wire(0, index, None)
         for index, place in enumerate(places)
         if index >= first and place.served
     ]
-    outside: dict[str, Offer] = {}
-    calls = [(0, Offer(channel, Sort.SERVICE)) for channel in policy_calls if channel in used]
+    only_served = {offer for place in places for offer in place.served}
+    calls = [(0, offer) for offer in called if offer not in only_served]
     for index, node in enumerate(system.nodes, first):
         calls += [(index, offer) for offer in _used(node)]
-    for _, offer in calls:
-        if offer.channel not in providers:
-            outside[offer.channel] = offer
+    outside = dict.fromkeys(offer for _, offer in calls if offer not in providers)
     if outside:
-        for channel in outside:
-            providers[channel] = [len(places)]
-        places.append(Place(OUTSIDE, "outside", tuple(outside.values())))
+        providers.update((offer, [len(places)]) for offer in outside)
+        places.append(Place(OUTSIDE, "outside", tuple(outside)))
     wires += [
         Wire(user, provider, offer)
         for user, offer in calls
-        for provider in providers[offer.channel]
+        for provider in providers[offer]
         if provider != user
     ]
     return Wiring(system.name, tuple(places), tuple(wires))

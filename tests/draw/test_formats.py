@@ -104,6 +104,32 @@ def test_a_channel_that_nobody_in_the_system_offers_is_outside(tmp_path: Path) -
     }
 
 
+def test_a_topic_and_a_service_may_have_one_name(tmp_path: Path) -> None:
+    head = '<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" initial="s" name='
+    for name, interfaces in (
+        ("Offers", '<ros_topic_publisher name="t" topic="/x" type="std_msgs/Int32"/>'),
+        ("Serves", '<ros_service_server name="s" service_name="/x" type="std_srvs/Trigger"/>'),
+        (
+            "Uses",
+            '<ros_topic_subscriber name="t" topic="/x" type="std_msgs/Int32"/>'
+            '<ros_service_client name="s" service_name="/x" type="std_srvs/Trigger"/>',
+        ),
+    ):
+        path = tmp_path / f"{name}.scxml"
+        path.write_text(f'{head}"{name}">{interfaces}<state id="s"/></scxml>')
+    loaded = load([tmp_path], DiagnosticLog())
+    assert loaded is not None
+    wiring = wiring_of(loaded)
+    names = [place.name for place in wiring.places]
+    wires = {
+        (names[wire.user], names[wire.provider], str(wire.offer.sort))
+        for wire in wiring.wires
+        if wire.offer
+    }
+    assert wires == {("Uses", "Offers", "topic"), ("Uses", "Serves", "service")}
+    assert ElementTree.fromstring(document(draw_wiring(wiring), "w")) is not None
+
+
 def test_a_policy_is_drawn_with_its_sub_trees_in_place(policy: PolicyFile) -> None:
     root = ElementTree.fromstring(document(draw_policy(tree_of(policy)), "p"))
     words = [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]
