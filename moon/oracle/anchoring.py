@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from moon.oracle.channels import Fact, Role
+from moon.oracle.facts import Fact, Role
 
 KEPT_FACTS = 20_000
 """Facts kept while the oracle looks for a moment that is certain."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.bounds import TooManyError
-from moon.oracle.channels import Fact, Role
+from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis, Owed
 from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError

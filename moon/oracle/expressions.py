@@ -36,7 +36,7 @@ from moon.oracle import unknowns
 from moon.oracle.unknowns import Unknown
 
 if TYPE_CHECKING:
-    from moon.oracle.steps import Step
+    from moon.oracle.step import Step
 
 Evaluate = Callable[["Step"], Any]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from m2c.model.machine import OutputKind
 from moon.oracle.hypothesis import Goal, Hypothesis
-from moon.oracle.steps import Output
+from moon.oracle.step import Output
 from moon.oracle.unknowns import Unknown
 
 KEPT_GOALS = 8

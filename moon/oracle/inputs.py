@@ -6,9 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
-from moon.oracle.channels import Fact, identifier
+from moon.oracle.facts import Fact
 from moon.oracle.goals import adopt, but, changed, goal_called
 from moon.oracle.hypothesis import EventKey, Goal, Hypothesis, Owed, distinct
+from moon.oracle.readers import identifier
 from moon.oracle.running import Running
 
 

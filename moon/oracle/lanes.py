@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from enum import Enum
 
-from moon.oracle.channels import Channels, Reader
+from moon.oracle.channels import Channels
+from moon.oracle.readers import Reader
 from transports.interface import Observation, ObservationKind
 
 KEPT_LANES = 4096

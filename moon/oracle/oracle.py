@@ -18,19 +18,18 @@ from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for
 from moon.oracle.anchoring import Anchoring
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
-from moon.oracle.channels import Channels, Fact, Role
+from moon.oracle.channels import Channels
 from moon.oracle.explain import explanation_of, told
+from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis
 from moon.oracle.lanes import Count, Lanes, Sequel
 from moon.oracle.progress import Progress
 from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
 from moon.oracle.suspicions import Losses, Suspicions
+from moon.oracle.uptake import Uptake
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
-
-KEPT_CALLS = 256
-"""Requests received whose sending was not heard yet."""
 
 EVIDENCE = 12
 """So many observations are kept for explanations."""
@@ -89,8 +88,7 @@ class Oracle:
         self._finished = 0
         self._synchronised = synchronised
         self._listening_since: int | None = None
-        self._asked: dict[tuple[str, str, int], Fact] = {}
-        self._taken_up: dict[tuple[str, str, int], int] = {}
+        self._uptake = Uptake(self.bounds.deadline)
         self._reason = ""
         self._next_due = FOREVER
         self._wake = 0
@@ -111,7 +109,7 @@ class Oracle:
         """
         self._synchronised = True
         self._window.clear()
-        self._asked.clear()
+        self._uptake.clear()
         self._lanes.restart()
         if self._progress is not None:
             self._progress.restart()
@@ -191,7 +189,7 @@ class Oracle:
         self._finished = settled
         if self._base is not None and self._next_due <= settled:
             verdicts += self._time_passed(settled)
-        if self._asked:
+        if self._uptake.due <= settled:
             verdicts += self._not_taken_up(settled)
         if self._base is None and self._listening_since is not None:
             verdicts += self._try_to_anchor(settled)
@@ -205,9 +203,7 @@ class Oracle:
         wake = self._next_due
         if self._window:
             wake = min(wake, self._window[0].stamp)
-        if self._asked:
-            wake = min(wake, next(iter(self._asked.values())).stamp + self.bounds.deadline)
-        return wake
+        return min(wake, self._uptake.due)
 
     @property
     def hypotheses(self) -> list[Hypothesis]:
@@ -218,7 +214,7 @@ class Oracle:
         last = self.search.last
         try:
             for fact in self._window:
-                after = self._after(base, fact)
+                after = self.search.after(base, fact)
                 if not after:
                     break  # late observations may still explain it
                 base = after
@@ -270,17 +266,16 @@ class Oracle:
     def _take(self, fact: Fact, verdicts: list[Verdict]) -> None:
         role, stamp = fact.role, fact.stamp
         if role is Role.ASKED:
-            asked = (fact.observation.channel, *fact.call)
-            if asked not in self._taken_up and stamp > self._lost_until:
-                self._asked[asked] = fact
-                self._wake = min(self._wake, stamp + self.bounds.deadline)
+            if stamp > self._lost_until:
+                self._uptake.ask(fact)
+                self._wake = min(self._wake, self._uptake.due)
             return
         if role is Role.OUTPUT or role is Role.STRANGE:
             self.outputs += 1
         elif role is Role.MESSAGE or role is Role.INPUT:
             self.inputs += 1
         if role is Role.INPUT and fact.event is not None and fact.event[0] in _TAKEN_UP:
-            self._note_taken_up(fact)
+            self._uptake.take(fact, self._finished)
         if self._listening_since is None:
             self._listen(stamp)
         if self._base is None:
@@ -312,17 +307,6 @@ class Oracle:
         else:
             insort(window, fact, key=_STAMP)
 
-    def _note_taken_up(self, fact: Fact) -> None:
-        """A request was received; who sent it may be heard before or after."""
-        place = (fact.observation.channel, *fact.call)
-        self._asked.pop(place, None)
-        taken_up = self._taken_up
-        taken_up[place] = fact.stamp
-        if len(taken_up) > KEPT_CALLS:
-            oldest = next(iter(taken_up))
-            if taken_up[oldest] < self._finished - self.bounds.deadline:
-                del taken_up[oldest]
-
     def _begin(self, stamp: int, whole: bool = False) -> None:
         self._listening_since = stamp
         self._from_start = True
@@ -348,7 +332,7 @@ class Oracle:
                 self._history.append(fact)
                 continue
             try:
-                after = self._after(base, fact)
+                after = self.search.after(base, fact)
             except (TooManyError, TooOpenError) as error:
                 text = str(error) or "too many possibilities to follow"
                 return [*verdicts, *self.lose(stamp, text)]
@@ -364,39 +348,6 @@ class Oracle:
             if self.outcome is Outcome.INCONCLUSIVE:
                 self._note_knowledge()
         return verdicts
-
-    def _after(self, before: list[Hypothesis], fact: Fact) -> list[Hypothesis]:
-        """What can be so after ``fact``; empty if it cannot be."""
-        search, stamp = self.search, fact.stamp
-        if fact.role is Role.MESSAGE:
-            if not search.changes_something(fact.event):
-                return before
-            return [h.with_pending((*h.pending, fact)) for h in before]
-        if fact.role is Role.STRANGE:
-            return []
-        if fact.role is Role.RESULT and fact.output is None:
-            return before  # somebody asks for a result: between transports
-        if fact.role is Role.INPUT:
-            candidates = [
-                h
-                for h in search.reachable(before, stamp, stamp)
-                if all(owed.optional for owed in h.owed)
-            ]
-            found = search.take_input(candidates, fact)
-        else:
-            candidates = None
-            if fact.role is Role.OUTPUT and len(before) == 1:
-                candidates = search.rung(before[0], stamp)
-            if candidates is None:
-                candidates = search.reachable(before, stamp, stamp - self._latency)
-            if fact.role is Role.OUTPUT:
-                found = search.take_output(candidates, fact)
-            elif fact.role is Role.STATUS:
-                found = search.take_status(candidates, fact)
-            else:
-                found = search.take_result(candidates, fact)
-        search.last = stamp
-        return found
 
     def _note_due(self) -> None:
         next_due = self.search.next_due
@@ -437,11 +388,7 @@ class Oracle:
     def _not_taken_up(self, settled: int) -> list[Verdict]:
         """Requests that others sent and the machine's node never received."""
         verdicts = []
-        limit = settled - self.bounds.deadline
-        for place, fact in tuple(self._asked.items()):
-            if fact.stamp > limit:
-                break
-            del self._asked[place]
+        for fact in self._uptake.overdue(settled):
             if self._base is None or not (self.inputs or self._from_start):
                 continue  # perhaps its end is not instrumented
             observed = "nothing: the request was not taken up"
@@ -548,7 +495,7 @@ class Oracle:
         self._base = None
         self._wake = 0
         self._window.clear()
-        self._asked.clear()
+        self._uptake.clear()
         self._lost_until = stamp + self._latency
         self._listening_since = stamp
         self._anchoring.begin(stamp)

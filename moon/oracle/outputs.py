@@ -7,17 +7,16 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from m2c.model.machine import OutputKind
-from moon.oracle.channels import Fact
+from moon.oracle.facts import Fact
 from moon.oracle.goals import adopt, but, goal_called
 from moon.oracle.hypothesis import (
     ANY_CALL,
     AlarmKey,
     Hypothesis,
     Owed,
-    agree,
     distinct,
-    learned,
 )
+from moon.oracle.matching import agree, learned
 from moon.oracle.running import Running
 from moon.oracle.unknowns import Unknown, is_unknown
 

@@ -19,7 +19,8 @@ from moon.oracle.goals import (
     served_goal,
 )
 from moon.oracle.hypothesis import ANY_CALL, Alarm, AlarmKey, EventKey, Hypothesis, Owed, Posted
-from moon.oracle.steps import Delayed, MachineProgram, Output, Step
+from moon.oracle.step import Delayed, Output, Step
+from moon.oracle.steps import MachineProgram
 from moon.oracle.unknowns import Unknown
 
 

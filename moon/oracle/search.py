@@ -13,11 +13,11 @@ from typing import Any
 
 from m2c.model.machine import EventKind
 from moon.oracle.bounds import EXACT, FOREVER, TooManyError
-from moon.oracle.channels import Fact
+from moon.oracle.facts import Fact, Role
 from moon.oracle.goals import adopt, but, goal_called
 from moon.oracle.hypothesis import Alarm, Hypothesis
 from moon.oracle.shortcuts import Shortcuts
-from moon.oracle.steps import StateProgram
+from moon.oracle.step import StateProgram
 
 
 class Search(Shortcuts):
@@ -94,6 +94,41 @@ class Search(Shortcuts):
             found.append(
                 Hypothesis(instances, pending=pending, alarms=(*alarms, *delays), free=True)
             )
+        return found
+
+    # --- from one fact to the next -----------------------------------------------------------------
+
+    def after(self, before: list[Hypothesis], fact: Fact) -> list[Hypothesis]:
+        """What can be so after ``fact``; empty if it cannot be."""
+        stamp = fact.stamp
+        if fact.role is Role.MESSAGE:
+            if not self.changes_something(fact.event):
+                return before
+            return [h.with_pending((*h.pending, fact)) for h in before]
+        if fact.role is Role.STRANGE:
+            return []
+        if fact.role is Role.RESULT and fact.output is None:
+            return before  # somebody asks for a result: between transports
+        if fact.role is Role.INPUT:
+            candidates = [
+                h
+                for h in self.reachable(before, stamp, stamp)
+                if all(owed.optional for owed in h.owed)
+            ]
+            found = self.take_input(candidates, fact)
+        else:
+            candidates = None
+            if fact.role is Role.OUTPUT and len(before) == 1:
+                candidates = self.rung(before[0], stamp)
+            if candidates is None:
+                candidates = self.reachable(before, stamp, stamp - self.bounds.latency)
+            if fact.role is Role.OUTPUT:
+                found = self.take_output(candidates, fact)
+            elif fact.role is Role.STATUS:
+                found = self.take_status(candidates, fact)
+            else:
+                found = self.take_result(candidates, fact)
+        self.last = stamp
         return found
 
     # --- between fixed points ----------------------------------------------------------------------

@@ -6,11 +6,11 @@ from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import interface_kind_of
-from moon.oracle.channels import Fact, Role
+from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis, Owed
 from moon.oracle.inputs import Inputs
 from moon.oracle.outputs import Outputs
-from moon.oracle.steps import Step
+from moon.oracle.step import Step
 
 _CALLS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR)
 _PLAIN = (OutputKind.PUBLISH, OutputKind.REQUEST, OutputKind.RESPONSE)

@@ -1,0 +1,310 @@
+"""A machine made ready to be stepped: closures instead of a tree to be walked."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+from m2c.model.datatypes import Array, DataType, Structure
+from m2c.model.durations import parse_duration
+from m2c.model.expressions import Expression, Index, Literal, Member, Variable
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import (
+    Assign,
+    Cancel,
+    Emit,
+    EventKind,
+    If,
+    Log,
+    Machine,
+    Raise,
+    State,
+    Statement,
+    Transition,
+)
+from m2c.model.scopes import event_parts, output_data_type
+from m2c.model.typing import Scope, type_of
+from m2c.model.walk import root_of
+from m2c.runtime import ecmascript
+from moon.oracle.expressions import Closures, zero
+from moon.oracle.step import Action, Delayed, Output, StateProgram, Step, TransitionProgram, holds
+from moon.oracle.unknowns import Unknown, anything
+
+
+class Compiler:
+    """Makes closures of a machine's executable content.
+
+    Args:
+        machine: the model, or an action thread.
+        library: its message types.
+        owner: the machine that declares the interfaces (differs for an action thread).
+        live: variables that make a difference to what is seen; assignments to others are left out.
+        symbolic: whether values may be unknown.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        library: InterfaceLibrary,
+        owner: Machine,
+        live: Collection[str],
+        symbolic: bool,
+    ) -> None:
+        self._machine = machine
+        self._library = library
+        self._owner = owner
+        self._live = live
+        self._symbolic = symbolic
+        self._types = {data.name: data.type for data in machine.data}
+        self._variables = {data.name: place for place, data in enumerate(machine.data)}
+        self._indices = {state.name: index for index, state in enumerate(machine.states)}
+
+    def states(self) -> list[StateProgram]:
+        """All states, in the machine's order."""
+        return [self._state(state) for state in self._machine.states]
+
+    def _state(self, state: State) -> StateProgram:
+        program = StateProgram(state.name)
+        closures = self._closures({})
+        program.enter = self._block(state.on_entry, closures)
+        program.leave = self._block(state.on_exit, closures)
+        timers = set()
+        for transition in state.transitions:
+            made = self._transition(transition)
+            event = transition.event
+            if event is None:
+                program.eventless.append(made)
+            elif event.kind is EventKind.INTERNAL:
+                program.internal.append((event.name, made))
+            else:
+                program.by_event.setdefault((event.kind, event.name), []).append(made)
+                if event.kind is EventKind.TIMER:
+                    timers.add(event.name)
+                if transition.after_s is not None:
+                    program.delays.append(((event.kind, event.name), transition.after_s))
+        program.timers = frozenset(timers)
+        return program
+
+    def _closures(self, parts: Mapping[str, DataType]) -> Closures:
+        return Closures(self._variables, Scope(self._types, parts), self._symbolic)
+
+    def _transition(self, transition: Transition) -> TransitionProgram:
+        event = transition.event
+        parts = event_parts(event, self._owner, self._library)
+        closures = self._closures(parts)
+        targets = [
+            (self._indices[target.state], self._block(target.body, closures))
+            for target in transition.targets
+        ]
+        return TransitionProgram(
+            None if event is None else (event.kind, event.name),
+            None if transition.cond is None else closures.condition(transition.cond),
+            self._block(transition.body, closures),
+            targets,
+            transition.position,
+        )
+
+    def _block(self, statements: tuple[Statement, ...], closures: Closures) -> Action | None:
+        """Executable content; an expression that fails ends it, as SCXML says."""
+        if not statements:
+            return None
+        actions = [
+            self._statement(statement, closures)
+            for statement in statements
+            if not self._is_dead(statement)
+        ]
+        if not actions:
+            return None
+
+        def run(step: Step) -> None:
+            try:
+                for action in actions:
+                    action(step)
+            except ecmascript.ExecutionError:
+                step.internal.append(("error.execution", None))
+
+        return run
+
+    def _is_dead(self, statement: Statement) -> bool:
+        return isinstance(statement, Assign) and root_of(statement.location) not in self._live
+
+    def _statement(self, statement: Statement, closures: Closures) -> Action:
+        match statement:
+            case Assign(location, value):
+                return self._assign(location, value, closures)
+            case Emit():
+                return self._emit(statement, closures)
+            case Raise():
+                return self._raise(statement, closures)
+            case Cancel(id=identifier):
+                return lambda step: step.scheduled.append(identifier)
+            case Log(value=value):
+                if value is None:
+                    return lambda step: None
+                shown = closures.value(value)
+                return lambda step: _evaluate_only(shown, step)
+            case If(branches):
+                return self._if(branches, closures)
+
+    def _if(self, branches: Any, closures: Closures) -> Action:
+        made = [
+            (
+                None if test is None else closures.condition(test),
+                [self._statement(item, closures) for item in body if not self._is_dead(item)],
+            )
+            for test, body in branches
+        ]
+
+        def run(step: Step) -> None:
+            for test, body in made:
+                if test is None or holds(step, test):
+                    for action in body:
+                        action(step)
+                    return
+
+        return run
+
+    def _assign(self, location: Expression, value: Expression, closures: Closures) -> Action:
+        if isinstance(location, Variable):
+            place = self._variables[location.name]
+            new = closures.value(value, self._types[location.name])
+
+            def assign(step: Step) -> None:
+                step.data[place] = new(step)
+
+            return assign
+        kind = type_of(location, Scope(self._types))
+        new = closures.value(value, kind)
+        root = self._variables[root_of(location)]
+        assert isinstance(location, Member | Index)
+        holder = closures.value(location.object)
+        index = None if isinstance(location, Member) else closures.value(location.index)
+        fill_type = type_of(location.object, Scope(self._types))
+        fill = zero(fill_type.element) if isinstance(fill_type, Array) else None
+
+        def assign_part(step: Step) -> None:
+            made = new(step)
+            if step.data[root].__class__ is Unknown:
+                return  # a part of something unknown: still unknown
+            # values are shared between hypotheses: change a copy
+            step.data[root] = copy.deepcopy(step.data[root])
+            target = holder(step)
+            if target.__class__ is Unknown:
+                return
+            if isinstance(location, Member):
+                ecmascript.set_member(target, location.name, made)
+                return
+            assert index is not None
+            place = index(step)
+            if place.__class__ is Unknown:
+                step.data[root] = anything()
+                return
+            ecmascript.set_element(target, place, made, fill=copy.deepcopy(fill))
+
+        return assign_part
+
+    def _emit(self, emit: Emit, closures: Closures) -> Action:
+        structure = output_data_type(emit.kind, emit.interface, self._owner, self._library)
+        write = _message_writer(structure, emit, closures)
+        goal = None if emit.goal_id is None else closures.value(emit.goal_id)
+        thread = None if emit.thread_id is None else closures.value(emit.thread_id)
+        kind, interface, position = emit.kind, emit.interface, emit.position
+
+        def run(step: Step) -> None:
+            step.outputs.append(
+                Output(
+                    kind,
+                    interface,
+                    write(step),
+                    None if goal is None else goal(step),
+                    None if thread is None else thread(step),
+                    position,
+                    step.transition or position,
+                )
+            )
+
+        return run
+
+    def _raise(self, statement: Raise, closures: Closures) -> Action:
+        fields = [(field.name, closures.value(field.value)) for field in statement.fields]
+        name = statement.event
+
+        def data(step: Step) -> Any:
+            return {key: value(step) for key, value in fields} if fields else None
+
+        if not statement.external:
+            return lambda step: step.internal.append((name, data(step)))
+        written = statement.delay_s
+        fixed = 0.0 if written is None else None
+        if isinstance(written, Literal) and isinstance(written.value, int | float):
+            fixed = float(written.value)
+        delay = None if written is None else closures.value(written)
+        identifier = statement.id
+
+        def send(step: Step) -> None:
+            seconds = fixed
+            if seconds is None and delay is not None:
+                seconds = _seconds(delay(step))
+            step.scheduled.append(
+                Delayed((EventKind.INTERNAL, name), seconds, data(step), identifier)
+            )
+
+        return send
+
+
+def _message_writer(
+    structure: Structure | None, emit: Emit, closures: Closures
+) -> Callable[[Step], Any]:
+    """A closure that makes the message of an output, with zero values where no field is set."""
+    if structure is None:
+        if not emit.fields:
+            return lambda step: None
+        values = [(field.name, closures.value(field.value)) for field in emit.fields]
+        return lambda step: {name: value(step) for name, value in values}
+    template = zero(structure)
+    nested = any(not isinstance(item, bool | int | float | str) for item in template.values())
+    writes: list[tuple[tuple[str, ...], Callable[[Step], Any]]] = []
+    for field in emit.fields:
+        path = tuple(field.name.split("."))
+        kind: DataType | None = structure
+        for part in path:
+            kind = kind.field(part) if isinstance(kind, Structure) else None
+        writes.append((path, closures.value(field.value, kind)))
+    if not nested:
+        flat = [(path[0], value) for path, value in writes]
+
+        def write(step: Step) -> Any:
+            message = template.copy()
+            for name, value in flat:
+                message[name] = value(step)
+            return message
+
+        return write
+
+    def write_nested(step: Step) -> Any:
+        message = copy.deepcopy(template)
+        for path, value in writes:
+            holder = message
+            for part in path[:-1]:
+                holder = holder[part]
+            holder[path[-1]] = value(step)
+        return message
+
+    return write_nested
+
+
+def _evaluate_only(value: Callable[[Step], Any], step: Step) -> None:
+    value(step)
+
+
+def _seconds(value: Any) -> Any:
+    """Seconds of a ``delayexpr`` (see ``m2c.runtime.machine.seconds``)."""
+    if value.__class__ is Unknown:
+        return value
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value / 1000
+    parsed = parse_duration(ecmascript.to_string(value))
+    if parsed is None:
+        raise ecmascript.ExecutionError(f"`{ecmascript.to_string(value)}` is not a time")
+    return parsed

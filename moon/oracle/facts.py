@@ -1,0 +1,106 @@
+"""What an observation is to a machine: an input, an output, or nothing."""
+
+from __future__ import annotations
+
+import copy
+from enum import IntEnum
+from typing import Any
+
+from m2c.model.machine import EventKind, OutputKind
+from transports.interface import Observation
+
+EventKey = tuple[EventKind, str]
+
+
+class Role(IntEnum):
+    """What an observation is to the machine."""
+
+    MESSAGE = 0
+    """An input from a topic: taken at some time after it was sent."""
+    INPUT = 1
+    """An input stamped where the machine took it."""
+    OUTPUT = 2
+    """Something the machine sent."""
+    STATUS = 3
+    """The status of all goals of an action that the machine serves."""
+    RESULT = 4
+    """The result of a goal, sent to who asked for it."""
+    ASKED = 5
+    """A request that another node sent to the machine, as that node tells it."""
+    STRANGE = 6
+    """Something the machine sent where its model says nothing."""
+
+
+class Fact:
+    """An observation, as one machine sees it.
+
+    Attributes:
+        stamp: when it happened (ns).
+        role: what it is to the machine.
+        event: the event it is, for inputs.
+        output: the kind of output, for outputs.
+        interface: the interface's name.
+        data: the message.
+        call: (client, number) of a call.
+        goal: a goal's id (32 hex digits).
+        droppable: whether the machine may never have got it (set by the oracle).
+        observation: what was observed.
+    """
+
+    __slots__ = (
+        "_base",
+        "_perhaps",
+        "call",
+        "data",
+        "droppable",
+        "event",
+        "goal",
+        "interface",
+        "observation",
+        "output",
+        "role",
+        "stamp",
+    )
+
+    def __init__(
+        self,
+        observation: Observation,
+        role: Role,
+        interface: str = "",
+        event: EventKey | None = None,
+        output: OutputKind | None = None,
+        data: Any = None,
+        goal: str = "",
+    ) -> None:
+        self.observation = observation
+        self.stamp = observation.stamp_ns
+        self.role = role
+        self.interface = interface
+        self.event = event
+        self.output = output
+        self.data = data
+        self.goal = goal
+        self.call = (observation.client, observation.call)
+        self.droppable = False
+        self._base: Fact | None = None
+        self._perhaps: Fact | None = None
+
+    @property
+    def lane(self) -> tuple[str, str]:
+        """Source and channel: facts of one lane keep their order."""
+        return (self.observation.source, self.observation.channel)
+
+    @property
+    def base(self) -> Fact:
+        """The fact itself, where this is one that was perhaps taken already."""
+        return self._base or self  # not kept as a reference to itself: that would be a cycle
+
+    def perhaps(self) -> Fact:
+        """The same fact for a hypothesis in which it may have been taken already."""
+        if self.droppable:
+            return self
+        if self._perhaps is None:
+            twin = copy.copy(self)
+            twin.droppable, twin._base = True, self
+            self._perhaps = twin
+        return self._perhaps

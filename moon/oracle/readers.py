@@ -1,0 +1,163 @@
+"""Readers: what makes a fact of an observation, by the interface it is part of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from m2c.model.datatypes import Structure
+from m2c.model.machine import EventKind, InterfaceKind, OutputKind
+from moon.oracle.expressions import zero
+from moon.oracle.facts import Fact, Role
+from transports.interface import Observation, ObservationKind
+
+Reader = Callable[[Observation], Fact | None]
+"""Makes a fact of an observation, if it is one."""
+
+
+class Port:
+    """One part of an interface: how observations on its channel are read."""
+
+    __slots__ = ("data", "interface", "kind", "part", "template")
+
+    def __init__(
+        self, kind: InterfaceKind, interface: str, part: str = "", data: Structure | None = None
+    ) -> None:
+        self.kind = kind
+        self.interface = interface
+        self.part = part
+        self.data = data
+        self.template = None if data is None else zero(data)
+
+
+def strange(seen: Observation) -> Fact:
+    """Something for which the model has no words."""
+    return Fact(seen, Role.STRANGE)
+
+
+def asking(name: str) -> Reader:
+    """Requests to the machine, as who sends them tells it."""
+    return lambda seen: Fact(seen, Role.ASKED, name)
+
+
+def taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
+    """Inputs; ``template``: zero values of all fields."""
+    event = (kind, name)
+    return lambda seen: Fact(seen, role, name, event, None, complete(seen.data, template))
+
+
+def giving(name: str, kind: OutputKind, template: Any) -> Reader:
+    """Outputs; ``template``: zero values of all fields."""
+    return lambda seen: Fact(seen, Role.OUTPUT, name, None, kind, complete(seen.data, template))
+
+
+def served(name: str, kind: ObservationKind, own: bool, template: Any) -> Reader | None:
+    """Events of one kind of a service that the machine serves; ``own``: told by its own node."""
+    match kind:
+        case ObservationKind.REQUEST_RECEIVED if own:
+            return taking(Role.INPUT, name, EventKind.REQUEST, template)
+        case ObservationKind.RESPONSE_SENT if own:
+            return _answering(name)
+        case ObservationKind.REQUEST_SENT if not own:
+            return asking(name)
+    return None
+
+
+def _answering(name: str) -> Reader:
+    def answer(seen: Observation) -> Fact | None:
+        if seen.error:
+            return None  # the transport refuses a request that is none
+        return Fact(seen, Role.OUTPUT, name, None, OutputKind.RESPONSE, seen.data)
+
+    return answer
+
+
+_ENDS = {4: OutputKind.SUCCEED, 5: OutputKind.CANCEL, 6: OutputKind.ABORT}
+"""action_msgs/msg/GoalStatus: how a goal can end."""
+_ENDED = {4: EventKind.SUCCEEDED, 5: EventKind.CANCELED, 6: EventKind.ABORTED}
+
+
+def of_action_server(port: Port, observation: Observation) -> Fact | None:
+    """What the node of an action server tells of one part of the action."""
+    data, name = observation.data, port.interface
+    match port.part, observation.kind:
+        case "send_goal", ObservationKind.REQUEST_RECEIVED:
+            goal = complete(data["goal"], port.template)
+            event = (EventKind.GOAL, name)
+            return Fact(observation, Role.INPUT, name, event, None, goal, goal_id(data))
+        case "send_goal", ObservationKind.RESPONSE_SENT if not observation.error:
+            kind = OutputKind.ACCEPT_GOAL if data["accepted"] else OutputKind.REJECT_GOAL
+            return Fact(observation, Role.OUTPUT, name, None, kind)
+        case "cancel_goal", ObservationKind.REQUEST_RECEIVED:
+            event = (EventKind.CANCEL, name)
+            return Fact(observation, Role.INPUT, name, event, None, data["goal_info"])
+        case "get_result", ObservationKind.RESPONSE_SENT if not observation.error:
+            kind = _ENDS.get(data["status"], OutputKind.ABORT)
+            return Fact(observation, Role.RESULT, name, None, kind, data["result"])
+        case "get_result", ObservationKind.REQUEST_RECEIVED:
+            return Fact(observation, Role.RESULT, name, None, None, None, goal_id(data))
+        case "feedback", ObservationKind.MESSAGE:
+            kind = OutputKind.FEEDBACK
+            return Fact(observation, Role.OUTPUT, name, None, kind, data["feedback"], goal_id(data))
+        case "status", ObservationKind.MESSAGE:
+            ends = [
+                (identifier(entry["goal_info"]["goal_id"]), _ENDS[entry["status"]])
+                for entry in data["status_list"]
+                if entry["status"] in _ENDS
+            ]
+            return Fact(observation, Role.STATUS, name, None, None, ends)
+    return None
+
+
+def of_action_client(port: Port, observation: Observation) -> Fact | None:
+    """What the node of an action client tells of one part of the action; feedback is told by the server's."""
+    data, name = observation.data, port.interface
+    if port.part == "feedback" and observation.kind is ObservationKind.MESSAGE:
+        feedback = complete(data["feedback"], port.template)
+        event = (EventKind.FEEDBACK, name)
+        return Fact(observation, Role.MESSAGE, name, event, None, feedback, goal_id(data))
+    match port.part, observation.kind:
+        case "send_goal", ObservationKind.REQUEST_SENT:
+            kind = OutputKind.SEND_GOAL
+            return Fact(observation, Role.OUTPUT, name, None, kind, data["goal"], goal_id(data))
+        case "send_goal", ObservationKind.RESPONSE_RECEIVED:
+            accepted = not observation.error and data["accepted"]
+            kind_of = EventKind.GOAL_ACCEPTED if accepted else EventKind.GOAL_REJECTED
+            return Fact(observation, Role.INPUT, name, (kind_of, name))
+        case "cancel_goal", ObservationKind.REQUEST_SENT:
+            kind = OutputKind.SEND_CANCEL
+            return Fact(
+                observation, Role.OUTPUT, name, None, kind, None, goal_id(data["goal_info"])
+            )
+        case "get_result", ObservationKind.REQUEST_SENT:
+            return Fact(observation, Role.RESULT, name, None, None, None, goal_id(data))
+        case "get_result", ObservationKind.RESPONSE_RECEIVED:
+            ended = None if observation.error else _ENDED.get(data["status"])
+            if ended is None:
+                return Fact(observation, Role.INPUT, name, (EventKind.GOAL_REJECTED, name))
+            result = complete(data["result"], port.template)
+            return Fact(observation, Role.INPUT, name, (ended, name), None, result)
+    return None
+
+
+def goal_id(data: Any) -> str:
+    """The id of the goal that a part of an action is about."""
+    return identifier(data["goal_id"])
+
+
+def identifier(wire: Any) -> str:
+    """A ``unique_identifier_msgs/msg/UUID`` as 32 hex digits."""
+    octets = wire["uuid"]
+    try:
+        return bytes(octets).hex()
+    except ValueError:  # int8, as some write it
+        return bytes(octet & 0xFF for octet in octets).hex()
+
+
+def complete(data: Any, template: Any) -> Any:
+    """``data`` with zero values for fields that its sender left out."""
+    if template is None or data is None:
+        return template if data is None else data
+    if len(data) == len(template):
+        return data
+    return {**template, **data}

@@ -1,0 +1,67 @@
+"""Requests that others sent to a machine: whether its node received them."""
+
+from __future__ import annotations
+
+from moon.oracle.bounds import FOREVER
+from moon.oracle.facts import Fact
+
+KEPT_CALLS = 256
+"""Requests received whose sending was not heard yet."""
+
+
+class Uptake:
+    """Requests on their way to one machine.
+
+    Args:
+        deadline: a request is received within this time (ns).
+
+    Attributes:
+        due: when one that is known will be overdue (ns), or earlier.
+    """
+
+    __slots__ = ("_asked", "_deadline", "_taken", "due")
+
+    def __init__(self, deadline: int) -> None:
+        self._deadline = deadline
+        self._asked: dict[tuple[str, str, int], Fact] = {}
+        self._taken: dict[tuple[str, str, int], int] = {}
+        self.due = FOREVER
+
+    def ask(self, fact: Fact) -> None:
+        """A request was sent."""
+        place = (fact.observation.channel, *fact.call)
+        if place not in self._taken:
+            self._asked[place] = fact
+            self.due = min(self.due, fact.stamp + self._deadline)
+
+    def take(self, fact: Fact, finished: int) -> None:
+        """A request was received; who sent it may be heard before or after.
+
+        Args:
+            fact: the request.
+            finished: nothing older is to come (ns).
+        """
+        place = (fact.observation.channel, *fact.call)
+        if self._asked.pop(place, None) is not None and not self._asked:
+            self.due = FOREVER
+        taken = self._taken
+        taken[place] = fact.stamp
+        if len(taken) > KEPT_CALLS:
+            oldest = next(iter(taken))
+            if taken[oldest] < finished - self._deadline:
+                del taken[oldest]
+
+    def overdue(self, settled: int) -> list[Fact]:
+        """Those that should have been received by ``settled`` (ns); they are forgotten."""
+        limit = settled - self._deadline
+        found = {place: fact for place, fact in self._asked.items() if fact.stamp <= limit}
+        for place in found:
+            del self._asked[place]
+        stamps = (fact.stamp for fact in self._asked.values())
+        self.due = min(stamps, default=FOREVER - self._deadline) + self._deadline
+        return list(found.values())
+
+    def clear(self) -> None:
+        """Forget what is on its way."""
+        self._asked.clear()
+        self.due = FOREVER
