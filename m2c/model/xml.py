@@ -128,9 +128,8 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
         position = Position(file, error.lineno + offset_lines, error.offset + 1)
         reason = expat.errors.messages[error.code]
         open_tag = f"; <{parser.open_tag}> is open" if parser.open_tag else ""
-        lines = stripped.split(b"\n", error.lineno)
-        at = lines[error.lineno - 1][error.offset : error.offset + 1]
-        hint = "write &lt; for <" if at == b"<" and error.code == _INVALID_TOKEN else ""
+        stray = error.code == _INVALID_TOKEN and parser.at_error == b"<"
+        hint = "write &lt; for <" if stray else ""
         log.error("malformed-xml", position, "", f"malformed XML: {reason}{open_tag}", hint)
         return None
     except LookupError as error:  # the encoding of the XML declaration
@@ -177,6 +176,12 @@ class _Parser:
     @property
     def open_tag(self) -> str:
         return self._stack[-1].tag if self._stack else ""
+
+    @property
+    def at_error(self) -> bytes:
+        """The byte at which expat gave up."""
+        index = self._expat.ErrorByteIndex
+        return self._content[index : index + 1]
 
     def here(self) -> Position:
         line = self._expat.CurrentLineNumber + self._offset_lines
