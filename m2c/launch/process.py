@@ -14,7 +14,7 @@ from pathlib import Path
 
 KEPT_LINES = 8
 """Last lines of a process's error output, for the report of how it died."""
-STOP_TIMEOUT_S = 5.0
+STOP_TIMEOUT_S = 10.0
 """A process that has not ended so long after SIGTERM is killed."""
 
 _PR_SET_PDEATHSIG = 1
