@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import datetime
+import importlib.util
 import secrets
 import sys
 import time
@@ -55,6 +56,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, help="of table III and growth")
     parser.add_argument("--seed", type=int, help="of the order; another one each time by default")
     chosen = parser.parse_args(arguments)
+    missing = [] if chosen.summary else missing_libraries()
+    if missing:
+        print(f"error: no {' and no '.join(missing)}: pip install '.[overhead]'", file=sys.stderr)
+        return 2
     if chosen.seed is None:
         chosen.seed = secrets.randbelow(10_000)
     try:
@@ -83,6 +88,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         show(found)
     missed = [item for item in table3.targets(found.cells) if not item.is_met]
     return 1 if chosen.full and missed else 0
+
+
+def missing_libraries() -> list[str]:
+    """Those of the extra ``overhead`` that are not installed."""
+    wanted = ("matplotlib", "websocket", "websockets")
+    return [name for name in wanted if importlib.util.find_spec(name) is None]
 
 
 def say(text: str) -> None:

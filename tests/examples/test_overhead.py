@@ -224,6 +224,12 @@ def test_a_results_file_that_is_none_is_one_clear_error(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_libraries_that_are_not_installed_are_named(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    assert command.main(["--quick"]) == 2
+    assert "pip install '.[overhead]'" in capsys.readouterr().err
+
+
 def test_ros_2_that_is_not_installed_is_one_clear_error(monkeypatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with (
