@@ -10,6 +10,7 @@ from moon.monitor.subject import Monitored, Subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.playing import Player
 from moon.offline.result import CheckResult, RecordingFacts
+from moon.offline.settling import settled
 from moon.offline.timelines import Timelines
 from moon.recording.attribution import Attribution
 from moon.recording.entries import Entry, Said
@@ -146,7 +147,7 @@ def _play(
     recorded = False
     count = 0
     play = player.play
-    for entry in recording.entries():
+    for entry in settled(recording.entries()):
         if first is None:
             first = entry
             player.start(entry, watch.start)

@@ -1,0 +1,65 @@
+"""What was recorded, as a monitor that was never late would have heard it.
+
+A recorder that stood still for a second, as the processor was busy elsewhere, received a second's worth
+of events afterwards. A monitor knows when it stands still, and its turns are in its recording; any other
+recording has none, and played as it was received it would have silences in which nothing came that was
+owed. But it is all there: what was received late is moved to where it would have been heard.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+
+from msgspec.structs import replace
+
+from moon.recording.entries import Began, Entry
+from transports.interface import Observation
+
+USUAL_NS = 50_000_000
+"""An event is heard within this time of its stamp, if nothing is the matter: a quarter of the latency
+bound."""
+LATEST_NS = 10_000_000_000
+"""What is later than this was not late: clocks differ."""
+MAX_HELD = 200_000
+"""Entries held at once, whatever the time."""
+
+
+def settled(entries: Iterable[Entry]) -> Iterator[Entry]:
+    """``entries``, each when it would have been received; those of a monitor as they are.
+
+    Args:
+        entries: a recording, in the order in which it was received.
+    """
+    source = iter(entries)
+    first = next(source, None)
+    if first is None:
+        return
+    yield first
+    if isinstance(first, Began) and first.paced:
+        yield from source
+        return
+    held: list[tuple[int, int, Entry]] = []
+    newest_ns = first.received_ns
+    for number, entry in enumerate(source):
+        if entry.received_ns < newest_ns - LATEST_NS:  # the clock was set back
+            while held:
+                yield heapq.heappop(held)[2]
+            newest_ns = entry.received_ns
+        newest_ns = max(newest_ns, entry.received_ns)
+        moved = _moved(entry)
+        heapq.heappush(held, (moved.received_ns, number, moved))
+        while held and (held[0][0] <= newest_ns - LATEST_NS or len(held) > MAX_HELD):
+            yield heapq.heappop(held)[2]
+    while held:
+        yield heapq.heappop(held)[2]
+
+
+def _moved(entry: Entry) -> Entry:
+    """``entry``, not later than usual."""
+    if not isinstance(entry, Observation):
+        return entry
+    late_ns = entry.received_ns - entry.stamp_ns
+    if USUAL_NS < late_ns <= LATEST_NS:
+        return replace(entry, received_ns=entry.stamp_ns + USUAL_NS)
+    return entry
