@@ -10,6 +10,8 @@ heard. What is later than ``limit_ns`` is not waited for; it is said to be misse
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 NS = 1_000_000_000
 
 PERIOD_S = 0.01
@@ -18,6 +20,27 @@ _USUAL_GAP_NS = 50_000_000
 """Between two ticks of a monitor that is not held up."""
 _MEMORY_NS = NS
 """How long a late observation keeps the clock back, at least."""
+
+
+_TOGETHER_NS = 1_000_000
+_TRIES = 5
+
+
+def read_together(now_ns: Callable[[], int], monotonic_ns: Callable[[], int]) -> tuple[int, int]:
+    """The time of day and of a clock that nobody sets, at one moment (ns).
+
+    A process that is held up between the two readings would take its own delay for a clock that was
+    set; so they are read again then, a few times.
+    """
+    tries = []
+    for _ in range(_TRIES):
+        before = monotonic_ns()
+        now = now_ns()
+        tries.append((monotonic_ns() - before, now, before))
+        if tries[-1][0] <= _TOGETHER_NS:
+            break
+    _, now, before = min(tries)
+    return now, before
 
 
 class Pace:

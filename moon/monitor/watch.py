@@ -15,7 +15,7 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.models import ModelMonitor
-from moon.monitor.pace import NS, PERIOD_S, Pace
+from moon.monitor.pace import NS, PERIOD_S, Pace, read_together
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception, Rejected
 from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Summary
@@ -164,7 +164,7 @@ class SystemWatch:
         transport, pace = self._transport, self._pace
         now_ns = transport.now_ns()
         if not -self._bounds.latency <= now_ns - pace.now_ns <= pace.limit_ns:
-            self._look_at_clock(now_ns)
+            self._look_at_clock(*read_together(transport.now_ns, self._read_monotonic))
         judged = self._reception.judge(seen, now_ns)
         if isinstance(judged, Rejected):
             if judged.reason:
@@ -230,10 +230,10 @@ class SystemWatch:
     # --- time --------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        now_ns = self._transport.now_ns()
-        self._look_at_clock(now_ns)
+        now_ns, monotonic_ns = read_together(self._transport.now_ns, self._read_monotonic)
+        self._look_at_clock(now_ns, monotonic_ns)
         # behind what the tap has already handed over
-        self._transport.post(functools.partial(self._advance, now_ns, self._read_monotonic()))
+        self._transport.post(functools.partial(self._advance, now_ns, monotonic_ns))
 
     def _advance(self, now_ns: int, monotonic_ns: int) -> None:
         self._monotonic_ns = monotonic_ns
@@ -251,11 +251,11 @@ class SystemWatch:
                 self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
         self._tell_changes(now_ns)
 
-    def _look_at_clock(self, now_ns: int) -> None:
+    def _look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is said."""
         gap_ns = now_ns - self._pace.now_ns
         if gap_ns > self._pace.limit_ns:
-            passed_ns = self._read_monotonic() - self._monotonic_ns
+            passed_ns = monotonic_ns - self._monotonic_ns
             if passed_ns > gap_ns // 2:
                 what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
             else:

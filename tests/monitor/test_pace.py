@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from moon.monitor.pace import Pace
+from moon.monitor.pace import Pace, read_together
 
 MS = 1_000_000
 LATENCY = 200 * MS
@@ -62,3 +62,32 @@ def test_a_monitor_that_always_ticks_late_is_lost() -> None:
     pace.restart(20_000 * MS)
     assert not pace.is_lost
     assert pace.clock_ns == 20_000 * MS
+
+
+def test_who_is_held_up_between_two_clocks_reads_them_again() -> None:
+    now = 0
+    held_up = iter((500 * MS, 0, 0))
+
+    def monotonic() -> int:
+        return now
+
+    def time_of_day() -> int:
+        nonlocal now
+        read = 10**18 + now
+        now += next(held_up)
+        return read
+
+    day, since = read_together(time_of_day, monotonic)
+    assert day - 10**18 == since == 500 * MS
+
+
+def test_of_clocks_that_are_never_read_together_the_nearest_readings_count() -> None:
+    now = 0
+    delays = iter((50 * MS, 20 * MS, 40 * MS, 90 * MS, 30 * MS))
+
+    def time_of_day() -> int:
+        nonlocal now
+        now += next(delays)
+        return now
+
+    assert read_together(time_of_day, lambda: now) == (70 * MS, 50 * MS)
