@@ -366,7 +366,8 @@ class Cell:
             networks=tuple(program.snapshot() for program in self._programs()),
             doubt=doubt,
             unknown=dict(doubt.unknown) if doubt is not None else {},
-            scalars=(self.started, self.sealed, self._doubt_now, self._until_try, self._lost),
+            scalars=(self.started, self.sealed, self._doubt_now, self._until_try, self._reported),
+            lost=self._lost,
             values=dict(self._values),
             waiting=frozenset(self._waiting),
             verdicts=tuple(self.verdicts),
@@ -385,8 +386,8 @@ class Cell:
         for program, state in zip(self._programs(), snapshot.networks, strict=True):
             program.go_back(state)
         scalars = snapshot.scalars
-        self.started, self.sealed, self._doubt_now, self._until_try, self._lost = scalars
-        self._reported = self.started
+        self.started, self.sealed, self._doubt_now, self._until_try, self._reported = scalars
+        self._lost = snapshot.lost
         self._values = dict(snapshot.values)
         self._waiting = set(snapshot.waiting)
         self.verdicts = list(snapshot.verdicts)
@@ -443,6 +444,9 @@ class Cell:
             assert self._doubt is not None
             reasons = list(dict.fromkeys(self._doubt.unknown.values())) or [self._lost]
             return Verdict(status, now, reason="; ".join(reasons))
-        witness = explain(self._formulas[number], self._logs, self.started, now, self._reported)
+        true_at = self._reported if self.verdicts[number].status is Status.TRUE else -1
+        witness = explain(
+            self._formulas[number], self._logs, self.started, now, self._reported, true_at
+        )
         at = witness.at_ns
         return Verdict(status, at, final=self.final[number], witness=witness)

@@ -17,7 +17,8 @@ class Snapshot(msgspec.Struct, frozen=True):
     networks: tuple[tuple[dict[str, Any], list[tuple[int, int]]], ...]
     doubt: Doubt | None
     unknown: dict[str, str]
-    scalars: tuple[int, int, int, int, str]
+    scalars: tuple[int, int, int, int, int]
+    lost: str
     values: dict[str, Any]
     waiting: frozenset[str]
     verdicts: tuple[Verdict, ...]

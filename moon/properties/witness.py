@@ -52,6 +52,7 @@ def explain(
     start: int,
     now: int,
     not_before: int = -1,
+    true_at: int = -1,
 ) -> Witness:
     """The witness of ``formula`` being false at ``now``.
 
@@ -61,6 +62,8 @@ def explain(
         start: when monitoring began.
         now: the instant (ns).
         not_before: an instant at which it was not false yet: nothing that it did not see matters.
+        true_at: an instant at which it was true. (A value that was replaced at its very own stamp
+            counts, and leaves no trace in the signals.)
     """
     reach = horizon(formula)
     if reach is not None and not_before >= 0:
@@ -78,7 +81,7 @@ def explain(
     wrong = signals.where(formula, False)
     if not wrong or wrong[-1][1] != now + 1:
         return Witness(now, _last(changes, atoms, now), complete=False)
-    at = wrong[-1][0]
+    at = wrong[-1][0] if wrong[-1][0] > true_at else now
     spans: dict[tuple[str, bool], Signal] = {}
     _Reasons(signals, spans).collect(formula, False, [(at, at + 1)])
     facts = [

@@ -155,3 +155,15 @@ def test_a_witness_whose_beginning_is_forgotten_says_so():
     assert verdict.status is Status.FALSE
     assert not verdict.witness.complete
     assert {fact.predicate for fact in verdict.witness.facts} == {"q", "r", "u"}
+
+
+def test_a_value_that_is_replaced_at_its_own_stamp_does_not_antedate_a_violation():
+    """It was true in between because of that value, of which the remembered signal shows nothing."""
+    formula = parse_formula("(historically[3:4]{p}) -> (historically {p})", ticks_per_unit=1)
+    monitor = PropertyMonitor(formula)
+    for t, value in ((0, False), (2, True), (20, False), (20, True)):
+        monitor.observe(seen(t, p=value))
+    assert monitor.next_deadline() == 23
+    assert monitor.advance(23).status is Status.TRUE
+    verdict = monitor.advance(30)
+    assert (verdict.status, verdict.since_ns) == (Status.FALSE, 25)
