@@ -115,9 +115,10 @@ class Player:
             self._now_ns = entry.received_ns
         else:
             self._pass_to(entry.received_ns)
+        if type(entry) is Observation:  # nearly all are, or turns
+            self._heard(entry)
+            return
         match entry:
-            case Observation():
-                self._heard(entry)
             case Pulse():
                 self._take_turn(entry)
             case NodeChange():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping
 
 import msgspec
@@ -24,7 +25,8 @@ ReadNumbers = Callable[[int], tuple[int, int]]
 """From the number in an MCAP record to an observation's sequence and order."""
 
 _decode_string = Decoder(layout.STRING_TYPE)
-_decode_int64 = Decoder(layout.INT64_TYPE)
+_int64_at = struct.Struct("<q").unpack_from
+_INT64_AT = 4
 _decode_verdict = Decoder(layout.VERDICT_TYPE)
 _PACKED_AT = 8
 _decode_event = msgspec.json.Decoder(Event).decode
@@ -150,7 +152,15 @@ def _pulse_reader(name: str) -> Read:
         turn = Turn(name)
     except ValueError as error:
         raise CdrError(f"unknown turn {name!r}") from error
-    return lambda message: Pulse(message.received_ns, turn, _decode_int64(message.data)["data"])
+
+    def read(message: StoredMessage) -> Pulse:
+        try:  # the number alone, after the header; a recording of a monitor is half pulses
+            (monotonic_ns,) = _int64_at(message.data, _INT64_AT)
+        except struct.error as error:
+            raise CdrError("it is no turn: it ends too early") from error
+        return Pulse(message.received_ns, turn, monotonic_ns)
+
+    return read
 
 
 def _verdict(message: StoredMessage, kind: str) -> Said:
