@@ -1,7 +1,7 @@
 """What the ROS 2 transport adds to a tick: beside rclpy itself, and with a tap that hears all of it.
 
-Usage: ``python benchmarks/ros2.py [--seconds N]``. Two processes on loopback, a ``std_srvs/SetBool``
-service, the caller waits on a thread of its own while its node spins. *bare*: rclpy's own service,
+Usage: ``python benchmarks/ros2.py [--seconds N] [--rounds N]``. Two processes on loopback, a
+``std_srvs/SetBool`` service, the caller waits on a thread of its own while its node spins. *bare*: rclpy's own service,
 client and SingleThreadedExecutor. *events*: the same with service introspection switched on, as the
 transport has it. *untapped*: ``Client.call_and_wait`` to a served service of the transport. *tapped*:
 the same with a tap in a third process. The runs take turns.
@@ -19,6 +19,7 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
+from row import publish, slower
 
 from transports.interface import CallOutcome, Service
 
@@ -26,6 +27,9 @@ NAME = "/benchmark/tick"
 MODES = ("bare", "events", "untapped", "tapped")
 RATES = {"at 10 ticks/s": 0.1, "at 100 ticks/s": 0.01, "saturated": 0.0}
 READY_S = 30.0
+WARM_UP = 20
+EVENTS = 4
+"""Of a call: sent and received, twice."""
 
 
 class Ask(msgspec.Struct):
@@ -106,28 +110,32 @@ def serve(mode: str, ready: Any, stop: Any) -> None:
 
 
 def listen(ready: Any, stop: Any, heard: Any) -> None:
-    """The tap's process."""
+    """The tap's process; ``stop`` comes with the number of calls that were made."""
     from transports.ros2 import connect
 
     transport = connect("listener", {})
-    count = [0]
+    changed = threading.Condition()
+    count = 0
 
     def observe(_: object) -> None:
-        count[0] += 1
+        nonlocal count
+        with changed:
+            count += 1
+            changed.notify()
 
     tap = transport.tap([NAME], observe)
     transport.announce()
     ready.set()
     threading.Thread(target=transport.spin).start()
     stop.wait()
-    while (before := count[0]) != 0:  # what is still on its way
-        time.sleep(0.5)
-        if count[0] == before:
-            break
+    with changed:  # what is still on its way
+        changed.wait_for(lambda: count >= EVENTS * heard.value, READY_S)
     missed = tap.problems()
     transport.close()
-    heard.value = count[0]
-    print(f"the tap heard {count[0]} events; {', '.join(missed) or 'missed none'}")
+    print(
+        f"the tap heard {count} of {EVENTS * heard.value} events; {'; '.join(missed) or 'all well'}"
+    )
+    heard.value = count
 
 
 def caller(mode: str) -> tuple[Callable[[], None], Callable[[], None]]:
@@ -165,9 +173,10 @@ def caller(mode: str) -> tuple[Callable[[], None], Callable[[], None]]:
 def measure(mode: str, period_s: float, seconds: float, results: Any) -> None:
     """The client's process: how long each call took, in µs."""
     call, end = caller(mode)
-    for _ in range(20):
+    for _ in range(WARM_UP):
         call()
     taken = []
+    pause = threading.Event()
     begin = time.perf_counter()
     due = begin
     while due < begin + seconds:
@@ -175,8 +184,7 @@ def measure(mode: str, period_s: float, seconds: float, results: Any) -> None:
         call()
         taken.append((time.perf_counter() - started) * 1e6)
         due = max(due + period_s, time.perf_counter()) if not period_s else due + period_s
-        if (wait := due - time.perf_counter()) > 0:
-            time.sleep(wait)
+        pause.wait(max(0.0, due - time.perf_counter()))
     end()
     results.put(taken)
 
@@ -197,6 +205,7 @@ def run(mode: str, period_s: float, seconds: float) -> list[float]:
     client.start()
     taken: list[float] = results.get(timeout=seconds + 2 * READY_S)
     client.join(READY_S)
+    heard.value = WARM_UP + len(taken)
     stop.set()
     for process in processes:
         process.join(READY_S)
@@ -210,8 +219,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-    os.environ["ROS_LOCALHOST_ONLY"] = "1"
-    os.environ["RCUTILS_LOGGING_SEVERITY_THRESHOLD"] = "ERROR"
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     print(f"{'':<20}" + "".join(f"{rate:>18}" for rate in RATES))
     medians: dict[tuple[str, str], float] = {}
     for rate, period_s in RATES.items():
@@ -231,6 +239,23 @@ def main() -> None:
     ):
         ratios = "".join(f"{medians[top, rate] / medians[bottom, rate]:>18.2f}" for rate in RATES)
         print(f"{top + ' / ' + bottom:<20}{ratios}   {target}")
+    publish(
+        [
+            slower(
+                f"{what} {rate}, p50",
+                medians[top, rate],
+                "µs",
+                peer,
+                medians[bottom, rate],
+                most if top == "untapped" or rate == "at 10 ticks/s" else None,
+            )
+            for rate in RATES
+            for what, top, bottom, peer, most in (
+                ("a tick", "untapped", "bare", "rclpy's service and client", 1.5),
+                ("the same tapped", "tapped", "untapped", "untapped", 1.1),
+            )
+        ]
+    )
 
 
 if __name__ == "__main__":
