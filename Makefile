@@ -71,6 +71,7 @@ soak: $(VENV)/.installed
 	$(BIN)/python -m tests.oracle.test_no_false_alarm 10000
 	$(BIN)/python -m tests.properties.soak --pairs 100000 --seconds 600
 	$(BIN)/python examples/lab_tour/faults/run.py --nominal 1800 --busy 2
+	$(BIN)/python -m tests.transports.ros2_soak 20
 
 clean:
 	rm -rf build $(VENV) $(DEMO_VENV) .mypy_cache .ruff_cache .pytest_cache
