@@ -65,7 +65,8 @@ mutants: $(VENV)/.installed
 	$(BIN)/python -m tests.mutation.run
 
 # Hours: the oracle against a brute-force checker, properties against Reelay and their readers against
-# damaged files, and the nominal tour under every condition and on a busy machine.
+# damaged files, the nominal tour under every condition and on a busy machine, and what is tested on ROS 2
+# twenty times.
 soak: $(VENV)/.installed
 	$(BIN)/python -m tests.oracle.agreement --pairs 100000
 	$(BIN)/python -m tests.oracle.test_no_false_alarm 10000

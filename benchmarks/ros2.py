@@ -2,8 +2,8 @@
 
 Usage: ``python benchmarks/ros2.py [--seconds N] [--rounds N]``. Two processes on loopback, a
 ``std_srvs/SetBool`` service, the caller waits on a thread of its own while its node spins. *bare*: rclpy's
-own service, client and SingleThreadedExecutor. *events*: the same with service introspection switched on, as the
-transport has it. *untapped*: ``Client.call_and_wait`` to a served service of the transport. *tapped*:
+own service, client and SingleThreadedExecutor. *events*: the same with service introspection switched on,
+as the transport has it. *untapped*: ``Client.call_and_wait`` to a served service of the transport. *tapped*:
 the same with a tap in a third process. The runs take turns.
 """
 
