@@ -26,6 +26,7 @@ from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph, is_event_topic
 from transports.ros2.interfaces import ros_class
 from transports.ros2.messages import plain_of
+from transports.ros2.numbering import Numbers
 from transports.ros2.presence import TOPIC as NODES_TOPIC
 from transports.ros2.presence import Announcements
 from transports.service_events import EVENT_SUFFIX
@@ -43,38 +44,10 @@ _TURN_S = 0.01
 """How long the tap subscribes before what else is to be done has its turn."""
 _SILENT_S = 1.0
 """A service that has had no events for so long has none: its endpoints come and go one by one."""
-_NUMBERS = 2**63
-"""Above it, an RMW says that it does not number publications."""
 _HOW = (
     "switch it on at both ends: configure_introspection(clock, qos, "
     "ServiceIntrospectionState.CONTENTS) on the service and on the client"
 )
-
-
-class Numbers:
-    """Numbers per channel and source from the numbers that each publisher counts for itself."""
-
-    def __init__(self) -> None:
-        self._last: dict[tuple[str, bytes], int] = {}
-        self._next: dict[tuple[str, str], int] = {}
-
-    def number(self, channel: str, source: str, gid: bytes, published: int) -> int:
-        """The number of publication ``published`` (from 1) of publisher ``gid``; -1: not known.
-
-        Two publishers of one node (a server and a client of one service) count together, and what
-        either lost is a gap.
-        """
-        if not 0 < published < _NUMBERS:
-            return -1
-        last = self._last.get((channel, gid))
-        self._last[channel, gid] = published
-        number = self._next.get((channel, source))
-        if number is None:
-            number = published - 1
-        elif last is not None and published > last:
-            number += published - last - 1
-        self._next[channel, source] = number + 1
-        return number
 
 
 class _Heard(msgspec.Struct):
