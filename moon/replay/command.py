@@ -14,11 +14,12 @@ from moon.connection import Network, Watching, connected, fail, network_options,
 from moon.tap.selection import GlobError, check
 
 if TYPE_CHECKING:
+    from m2c.model.interfaces import InterfaceLibrary
     from moon.replay.script import Script
     from transports.interface import Transport
 
 DISCOVERY_S = 1.0
-"""How long it is looked who is there already."""
+"""How long it is looked who is there already, and then let be seen who is played."""
 WAIT_S = 60.0
 """How long a node is waited for that is to be there."""
 
@@ -110,7 +111,7 @@ def _replay(
     network: Network,
     script: Script,
     path: Path,
-    library: object,
+    library: InterfaceLibrary,
     rate: float,
     played: tuple[str, ...],
     without: tuple[str, ...],
@@ -141,7 +142,11 @@ def _replay(
             threads.append(thread)
         for transport in replay.transports:  # what is published before they meet is lost
             transport.wait_for_nodes(sorted(live), WAIT_S)
-        conductor.post(lambda: replay.begin(open_recording(path, library)))  # type: ignore[arg-type]
+        # who listens without a name (a tap, a bag) is waited for as long as for who is there
+        conductor.after(
+            DISCOVERY_S,
+            lambda: replay.begin(open_recording(path, library)),
+        )
         watching.run(lambda: None, is_over=lambda: replay.finished and not stay)
     finally:
         for transport in replay.transports:
