@@ -27,7 +27,10 @@ def duration(ticks: int) -> str:
     """``ticks`` of dense time for people: ``5 s``, ``200 ms``."""
     for unit, size in (("s", TICKS_PER_SECOND), ("ms", 10**6), ("us", 10**3)):
         if ticks >= size or unit == "us":
-            return f"{number(ticks, size)} {unit}" if size > 1 else f"{ticks} ns"
+            shown = number(ticks, size)
+            if shown.endswith("ns"):  # exact to the nanosecond, which is more than people read
+                shown = f"{ticks / size:.6f}".rstrip("0").rstrip(".")
+            return f"{shown} {unit}"
     return f"{ticks} ns"
 
 
