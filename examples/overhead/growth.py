@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 
 from examples.overhead import accounts, echo, fleet, sample
-from examples.overhead.children import READY_S, Child
+from examples.overhead.children import READY_S, Child, ChildError
 from examples.overhead.load import ROOT, Order, Taken
 from examples.overhead.observers import CONFIGURATIONS, observed, told
 from examples.overhead.plant import ORDER_S, Middleware, Plant, generate, middleware
@@ -394,8 +394,8 @@ def _fleet(stack: contextlib.ExitStack, scratch: Path, count: int) -> tuple[Path
     host = stack.enter_context(
         Child("the skills", [*command, "host", str(folder), "--zenoh-config", str(clients)])
     )
-    host.answer()
-    load.answer()
+    host.answer(fleet.READY_S)
+    load.answer(fleet.READY_S)
     return folder, clients, load
 
 
@@ -403,7 +403,11 @@ def _fleet_monitor(folder: Path, clients: Path, count: int) -> Child:
     """``moon monitor`` of all of them, linked to all of them."""
     arguments = ["monitor", str(folder), "--interfaces", str(fleet.INTERFACES), "--json"]
     child = Child("moon monitor", ["-m", "moon.cli", *arguments, "--zenoh-config", str(clients)])
-    child.wait_for(lambda line: line.startswith(f"linked to {count + 1} nodes"))
+    try:
+        child.wait_for(lambda line: line.startswith(f"linked to {count + 1} nodes"), fleet.READY_S)
+    except ChildError:
+        child.stop()
+        raise
     return child
 
 

@@ -1,6 +1,7 @@
 """The paper's way: a monitor in the middle of each call, which forwards what its oracle has judged.
 
-``python -m examples.overhead.middle --oracle in-process`` or ``--oracle ws://127.0.0.1:PORT``.
+``python -m examples.overhead.middle --oracle in-process`` or ``--oracle ws://127.0.0.1:PORT``. A line on
+standard input has its oracle begin anew.
 
 As MOON and ROSMonitoring have it: the monitor serves ``/name_mon``; it asks the oracle about the request,
 waits for the verdict, calls ``/name``, asks about the response, waits again, and answers. It stands on
@@ -18,6 +19,7 @@ import argparse
 import itertools
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -67,7 +69,16 @@ class LocalOracle:
     """The models' oracles in this process."""
 
     def __init__(self, system: System) -> None:
-        # the skills have run before the monitor came, as with the passive one
+        self._system = system
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget everything: what comes from now on is judged.
+
+        While the monitor comes, calls fail on their way to it; that is no fault of the skills. They have
+        run before, as with the passive monitor.
+        """
+        system = self._system
         self._monitor = ModelMonitor(monitored(system), system.library, synchronised=False)
         self.asked = 0
         self.violations = 0
@@ -241,6 +252,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         transport.every(PERIOD_S, lambda: local.advance(transport.now_ns()))
     transport.announce()
     print('{"ready": true}', flush=True)
+
+    def begin() -> None:
+        local.begin()
+        print('{"began": true}', flush=True)
+
+    def read() -> None:
+        for _ in sys.stdin:
+            transport.post(begin)
+
+    threading.Thread(target=read, daemon=True).start()
     transport.spin()
     transport.close()
     done = {"forwarded": middle.forwarded, "failed": middle.failed}

@@ -145,6 +145,7 @@ def _in_the_middle(
         observers.processes.append(middle)
         middle.answer()
         plant.settle()
+        (oracle or middle).ask({})
         if configuration.properties:
             properties = _moon(plant, models=False, properties=True)
             observers.processes.append(properties)

@@ -1,7 +1,8 @@
 """The oracle as ROSMonitoring has it: a process of its own, asked over a WebSocket.
 
 ``python -m examples.overhead.websocket_oracle`` says ``{"url": "ws://127.0.0.1:PORT"}``, then answers each
-observation (JSON) with ``{"verdict": true}`` or false. What judges is the passive monitor's oracle.
+observation (JSON) with ``{"verdict": true}`` or false. What judges is the passive monitor's oracle. A line
+on standard input has it begin anew.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import sys
+import threading
 import time
 
 import msgspec
@@ -31,7 +33,18 @@ async def judge(oracle: LocalOracle) -> None:
             await line.send(encode({"verdict": oracle.ask(decode(text))}), text=True)
 
     ended = asyncio.Event()
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, ended.set)
+
+    def begin() -> None:
+        oracle.begin()
+        print('{"began": true}', flush=True)
+
+    def read() -> None:
+        for _ in sys.stdin:
+            loop.call_soon_threadsafe(begin)
+
+    threading.Thread(target=read, daemon=True).start()
     async with serve(talk, "127.0.0.1", 0, compression=None) as server:
         port = server.sockets[0].getsockname()[1]
         print(f'{{"url": "ws://127.0.0.1:{port}"}}', flush=True)
