@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 from functools import cache
 from pathlib import Path
 
@@ -129,3 +130,22 @@ def test_where_a_part_is_damaged_the_recorder_begins_once_more(tmp_path: Path, m
     assert rest == whole[-len(rest) :]
     assert found[middle].received_ns == rest[0].received_ns
     assert found[middle].node == "moon_record_1"
+
+
+def test_a_recording_four_times_as_long_takes_no_more_memory(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(mcap_writing, "CHUNK_BYTES", 20_000)
+    peaks = []
+    for times in (2, 8):
+        path = tmp_path / f"{times}.mcap"
+        writer = RecordingWriter(path, Definitions(lab_tour()[0].library))
+        for _ in range(times):
+            for entry in entries():
+                writer.add(entry)
+        writer.close()
+        recording = open_recording(path)
+        tracemalloc.start()
+        count = sum(1 for _ in recording.entries())
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert count == times * len(entries())
+    assert peaks[1] < 1.2 * peaks[0]
