@@ -23,6 +23,8 @@ from examples.overhead.tables import (
 )
 
 FILE = "results.json"
+BUSY = 1.0
+"""A load average before the run from which on its figures are marked."""
 
 
 class Results(msgspec.Struct, frozen=True, dict=True):
@@ -67,8 +69,15 @@ def sections(results: Results) -> dict[str, str]:
         "growth": _markdown(growth_tables(results.points)),
         "cost": _markdown([cost_table(results.windows)]) if results.windows else "Not measured.",
     }
+    if results.machine.load > BUSY:
+        parts["machine"] += (
+            "\n\n**Others were at work on the machine: these figures say how it is measured, not what it "
+            "costs.** How far *no monitor, again* is from 1 says how little they say."
+        )
     if results.problems:
-        parts["machine"] += "\n\n" + "\n".join(f"- {text}" for text in results.problems)
+        parts["machine"] += "\n\n" + "\n".join(
+            f"- not measured: {text}" for text in results.problems
+        )
     return parts
 
 
