@@ -155,7 +155,7 @@ class Cell:
         if self.started < 0:
             if self._waiting:
                 return
-            self.begin(stamp)
+            self.begin(stamp, seen, group.atoms)
         if self._doubt is None:
             try:
                 self.handlers[group.name](stamp, seen.data, seen)
@@ -223,8 +223,11 @@ class Cell:
 
     # -- beginning, time, loss ----------------------------------------------------------------
 
-    def begin(self, stamp: int) -> None:
-        """Begin at ``stamp`` with the values known so far; the first step is still to be made."""
+    def begin(self, stamp: int, seen: Observation | None = None, texts: Sequence[str] = ()) -> None:
+        """Begin at ``stamp`` with the values known so far; the first step is still to be made.
+
+        ``seen`` is what brought the values of the predicates ``texts``.
+        """
         self.started = stamp
         for text in self._index:
             if text in self.binding.events:
@@ -241,7 +244,7 @@ class Cell:
                 return
         for text, value in values.items():
             self._program.put[self._index[text]](value)
-            self._logs[text].append((stamp, value, None))
+            self._logs[text].append((stamp, value, seen if text in texts else None))
         self._program.write(self._port_values())
         heappush(self._program.heap, (stamp, BEGINNING))
 
