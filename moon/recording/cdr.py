@@ -50,6 +50,11 @@ class Decoder:
         self._little = _structure_reader(structure, "<")
         self._big: _Value | None = None
 
+    @property
+    def structure(self) -> Structure:
+        """The type."""
+        return self._structure
+
     def __call__(self, data: bytes) -> dict[str, Any]:
         """The message in ``data``, encapsulation header included; CdrError if it is none."""
         if len(data) < HEADER_BYTES or data[0] or data[1] > 1:
@@ -68,6 +73,14 @@ class Decoder:
         if end + _PADDING_BYTES < len(payload):
             raise CdrError(f"it should end at byte {end + HEADER_BYTES}, and has {len(data)}")
         return value  # type: ignore[no-any-return]
+
+
+def part_reader(structure: Structure) -> _Value:
+    """Reads a structure inside a message: from (payload without its header, position), little endian.
+
+    It raises CdrError, struct.error or UnicodeDecodeError if there is none.
+    """
+    return _structure_reader(structure, "<")
 
 
 def _structure_reader(structure: Structure, order: str) -> _Value:

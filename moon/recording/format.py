@@ -100,6 +100,17 @@ def event_head(event_type: int, stamp_ns: int, gid: bytes, call: int) -> bytes:
     return _event_head(HEADER, event_type, stamp_ns // _NS, stamp_ns % _NS, gid, call)
 
 
+EVENT_HEAD_BYTES = 44
+"""Where the first request of an event begins, after the CDR header: alignment adds nothing to 4."""
+_head_of_event = struct.Struct("<4xB31xqI").unpack_from
+
+
+def read_event_head(data: bytes) -> tuple[int, int, int]:
+    """Type of event, number of the call and number of requests; NumberError if there is less."""
+    found: tuple[int, int, int] = _head_of_event(data)
+    return found
+
+
 def form_of(metadata: Mapping[str, str]) -> Form | None:
     """What the messages of a channel with ``metadata`` are; None if it is not one of ours."""
     try:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import msgspec
 
+from m2c.model.datatypes import Array, Structure
 from moon.recording import format as layout
-from moon.recording.cdr import CdrError, Decoder
+from moon.recording.cdr import CdrError, Decoder, part_reader
+from moon.recording.cdr_writing import HEADER
 from moon.recording.entries import Entry, Event, Pulse, Said, Turn
 from moon.recording.format import Form
 from moon.recording.numbers import Numbering, Numbers
@@ -27,6 +30,7 @@ ReadNumbers = Callable[[int], tuple[int, int]]
 _decode_string = Decoder(layout.STRING_TYPE)
 _int64_at = struct.Struct("<q").unpack_from
 _INT64_AT = 4
+_count_at = struct.Struct("<I").unpack_from
 _decode_verdict = Decoder(layout.VERDICT_TYPE)
 _PACKED_AT = 8
 _decode_event = msgspec.json.Decoder(Event).decode
@@ -109,27 +113,21 @@ def _event_reader(
     service = channel.topic.removesuffix(EVENT_SUFFIX)
     base = channel.type_name.removesuffix(TYPE_SUFFIX)
     request, response = f"{base}_Request", f"{base}_Response"
+    take = _event_taker(decode.structure)
 
     def read(message: StoredMessage) -> Observation:
-        event = decode(message.data)
         try:
-            info = event["info"]
-            event_type = info["event_type"]
-            if not 0 <= event_type < len(KIND_OF_EVENT):
-                raise CdrError(f"unknown event type {event_type} - at `$.info.event_type`")
-            asks = event_type < RESPONSE_SENT
-            contents = event["request" if asks else "response"]
-            call = info["sequence_number"]
-        except KeyError as error:
-            raise CdrError(f"it is no service event: no {error}") from error
+            event_type, call, data = take(message.data)
+        except struct.error as error:
+            raise CdrError("the event ends too early") from error
         sequence, order = number(message.sequence)
         return Observation(
             stamp_ns=message.published_ns,
             received_ns=message.received_ns,
             channel=service,
             kind=KIND_OF_EVENT[event_type],
-            type_name=request if asks else response,
-            data=contents[0] if contents else None,
+            type_name=request if event_type < RESPONSE_SENT else response,
+            data=data,
             source=source,
             sequence=sequence,
             order=order,
@@ -138,6 +136,39 @@ def _event_reader(
         )
 
     return read
+
+
+def _event_taker(structure: Structure) -> Callable[[bytes], tuple[int, int, Any]]:
+    """What takes the type of event, the number of the call and the contents out of an event.
+
+    An event's information always has the same places; what of it is in the channel's metadata is not
+    read a second time.
+    """
+    kinds = dict(structure.fields)
+    asked, answered = kinds.get("request"), kinds.get("response")
+    if (
+        [name for name, _ in structure.fields] != ["info", "request", "response"]
+        or not isinstance(asked, Array)
+        or not isinstance(answered, Array)
+        or not isinstance(asked.element, Structure)
+        or not isinstance(answered.element, Structure)
+    ):
+        raise CdrError(f"{structure.name} is not the type of a service's events")
+    read_request, read_response = part_reader(asked.element), part_reader(answered.element)
+
+    def take(data: bytes) -> tuple[int, int, Any]:
+        event_type, call, requests = layout.read_event_head(data)
+        if event_type >= len(KIND_OF_EVENT):
+            raise CdrError(f"unknown event type {event_type} - at `$.info.event_type`")
+        payload = data[len(HEADER) :]
+        if requests:
+            return event_type, call, read_request(payload, layout.EVENT_HEAD_BYTES)[0]
+        (responses,) = _count_at(payload, layout.EVENT_HEAD_BYTES)
+        if not responses:
+            return event_type, call, None
+        return event_type, call, read_response(payload, layout.EVENT_HEAD_BYTES + 4)[0]
+
+    return take
 
 
 def _read_packed(message: StoredMessage, numbers: Numbers) -> Observation:
