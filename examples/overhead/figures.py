@@ -111,13 +111,14 @@ def _table3(found: Sequence[Cell]) -> Any:
         axis.set_xticks(range(len(SERIES)), SERIES, rotation=20)
         axis.set_title(f"{name_of(found[0].transport)}, {rate(rate_hz)}", fontsize=10)
     axes[0][0].set_ylabel("tick, median [µs], with 95 % interval")
-    handles, labels = axes[0][0].get_legend_handles_labels()
+    handles, labels = axes[0][-1].get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="lower center", ncols=3, bbox_to_anchor=(0.5, -0.16), frameon=False
     )
     return figure
 
 
+STEPS = ("rate", "payload")
 _AXES = {
     "taps": "taps",
     "skills": "monitored skills",
@@ -136,7 +137,7 @@ def _growth(lines: Sequence[Sequence[growth.Point]]) -> Any:
         label = name_of(line[0].transport)
         if experiment != "rate":
             label += f", {rate(line[0].rate_hz)}"
-        xs = [_x(point) for point in line]
+        xs = [_place(point, line) for point in line]
         style = {"marker": marker, "color": "black", "markersize": 4, "linewidth": 0.9}
         style |= {"markerfacecolor": "white" if line[0].transport == "ros2" else "black"}
         own = [point.ratio for point in line]
@@ -154,18 +155,17 @@ def _growth(lines: Sequence[Sequence[growth.Point]]) -> Any:
         axis.set_title(title, fontsize=10)
         axis.set_xlabel(_AXES[experiment])
         axis.set_ylim(bottom=0)
-        if experiment in ("rate", "payload"):
-            axis.set_xscale("log")
-            axis.set_xticks(*zip(*((_x(p), _tick(p)) for p in lines[0]), strict=True), rotation=30)
-            axis.minorticks_off()
+        if experiment in STEPS:
+            longest = max(lines, key=len)
+            axis.set_xticks(range(len(longest)), [_tick(point) for point in longest], rotation=30)
     axes[0].axhline(1.0, color="0.5", linewidth=0.8, linestyle="--")
     axes[0].legend(frameon=False, fontsize=8)
     return figure
 
 
-def _x(point: growth.Point) -> float:
-    """Saturation stands where the tree then is: as many ticks as there were."""
-    return point.ticks_per_s if point.experiment == "rate" and not point.x else point.x
+def _place(point: growth.Point, points: Sequence[growth.Point]) -> float:
+    """Rates and sizes stand side by side, however far apart; saturation comes last."""
+    return list(points).index(point) if point.experiment in STEPS else point.x
 
 
 def _tick(point: growth.Point) -> str:
