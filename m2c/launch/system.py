@@ -63,7 +63,9 @@ class RunningSystem:
         self._interrupted_by_signal = False
         self._ticks = 0
         self._missing = {node.name for node in description.nodes}
-        self._waiting = list(reversed(description.nodes))
+        self._waiting = list(description.nodes)
+        """Started from the end. Systems list what acts by itself (a battery that drains) before what
+        listens to it, and while many nodes come up, much can happen that nobody hears yet."""
         self._timeout: Timer | None = None
         self._late = False
         self._up = False
