@@ -1,6 +1,7 @@
 """A node in a process of its own, for tests of how processes end: ``ros2_peer.py NAME HOW``.
 
-HOW: ``serve`` answers until a signal comes, ``silent`` never answers, ``leave`` ends without close.
+HOW: ``serve`` answers until a signal comes, ``silent`` never answers, ``leave`` ends without close,
+``publish`` sends a row of numbers to the node called ``node`` and ends at once.
 """
 
 import signal
@@ -8,8 +9,10 @@ import sys
 import threading
 
 from tests.transports import ros2_network
-from transports.conformance import DOUBLE, Answer
+from transports.conformance import DOUBLE, NUMBERS, Answer, Number
 from transports.ros2 import connect
+
+MESSAGES = 500
 
 name, how = sys.argv[1:]
 ros2_network.load(ros2_network.built())
@@ -24,11 +27,19 @@ def handle(request):
 
 
 node.serve(DOUBLE, handle)
+publisher = node.publisher(NUMBERS)
 node.announce()
 if how == "leave":
     threading.Thread(target=node.spin, daemon=True).start()
     assert not node.wait_for_nodes([name], 20)
     print("left", flush=True)
+    sys.exit(0)
+if how == "publish":
+    threading.Thread(target=node.spin, daemon=True).start()
+    assert not node.wait_for_nodes(["node"], 20)
+    for value in range(MESSAGES):
+        publisher.publish(Number(value))
+    node.close()
     sys.exit(0)
 node.post(lambda: print("spins", flush=True))
 node.spin()

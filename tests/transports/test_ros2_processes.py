@@ -13,7 +13,7 @@ import pytest
 
 from m2c.rosidl.build import build_interfaces
 from tests.transports import ros2_network
-from transports.conformance import DOUBLE, Ask, on
+from transports.conformance import DOUBLE, NUMBERS, Ask, on
 from transports.interface import CallOutcome
 from transports.networks import PATIENCE_S, ThreadedNetwork
 
@@ -93,6 +93,16 @@ def test_a_process_that_forgets_to_close_ends() -> None:
     with start("peer", "leave") as process:
         say(process, "left")
         assert process.wait(PATIENCE_S) == 0
+
+
+def test_what_a_node_published_last_arrives_although_it_ends(network: ThreadedNetwork) -> None:
+    node = network.node("node")
+    heard: list[int] = []
+    on(network, node, lambda: node.subscribe(NUMBERS, lambda message: heard.append(message.value)))
+    on(network, node, node.announce)
+    with start("peer", "publish") as process:
+        assert process.wait(PATIENCE_S) == 0
+    assert network.until(lambda: heard == list(range(500)))
 
 
 def test_a_server_in_another_process_answers_and_its_end_is_noticed(

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
+
+from rclpy.duration import Duration
 
 from transports import ros_forms
 from transports.interface import (
@@ -30,6 +33,9 @@ from transports.timers import Timer
 
 _FAULTS_DELAY_S = 0.5
 """How long the graph must be quiet before it is looked at for what cannot work."""
+
+_LAST_WORDS_S = 0.5
+"""How long a node that closes waits for what it sent last to arrive, where a subscriber stands still."""
 
 
 def connect(node: str, options: Mapping[str, str]) -> Ros2Transport:
@@ -177,12 +183,21 @@ class Ros2Transport(OnExecutor):
         self._executor.wait_until_idle()
         for events in self._events.values():
             events.close()
+        self._wait_for_last_words()
         self._graph.stop()
         self._announcements.release()
         context = self._ros.context
         self._executor.destroy()
         self._ros.destroy_node()
         context.try_shutdown()
+
+    def _wait_for_last_words(self) -> None:
+        """A message is dropped where its publisher is known to be gone before it arrives."""
+        deadline = time.monotonic() + _LAST_WORDS_S
+        for publisher in self._ros.publishers:
+            left_ns = int((deadline - time.monotonic()) * 1e9)
+            if left_ns > 0:
+                publisher.wait_for_all_acked(Duration(nanoseconds=left_ns))
 
     def _require_open(self) -> None:
         if self._is_closing():
