@@ -140,8 +140,11 @@ class TreeRun:
         self._answer = BEGIN
         self._abandoned = False
         self._error: BaseException | None = None
-        self._go = threading.Semaphore(0)
-        self._back = threading.Semaphore(0)
+        # locks as semaphores of one: the two sides take turns, thirty times a second of a tour
+        self._go = threading.Lock()
+        self._go.acquire()
+        self._back = threading.Lock()
+        self._back.acquire()
         self._thread: threading.Thread | None = None
         self.ask = Ask(AskKind.END)
         self.memory: frozenset[Place] = frozenset()

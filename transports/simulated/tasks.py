@@ -27,8 +27,10 @@ class Task:
 
     def __init__(self, work: Callable[[], None], name: str) -> None:
         self._work = work
-        self._go = threading.Semaphore(0)
-        self._back = threading.Semaphore(0)
+        self._go = threading.Lock()  # as a semaphore of one: the two sides take turns
+        self._go.acquire()
+        self._back = threading.Lock()
+        self._back.acquire()
         self._error: BaseException | None = None
         self._abandoned = False
         self.done = False
