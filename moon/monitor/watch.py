@@ -240,8 +240,9 @@ class SystemWatch:
         clock_ns = self._pace.tick(now_ns)
         if self._pace.is_lost:
             self._start_anew(now_ns, "this monitor does not keep up with what it hears")
+        up_since = self._transport.up_since
         for name, node in self._nodes.items():
-            if node.up and self._transport.up_since(name) != node.since:
+            if node.up and up_since(name) != node.since:
                 self._node_up(name, node)
         self._take(self._models.advance(clock_ns))
         self._properties.patience.ticked(self._transport.now_ns())
@@ -361,12 +362,11 @@ class SystemWatch:
     def _tell_changes(self, now_ns: int) -> None:
         """What else has changed: a machine is known again, or no longer."""
         for name, oracle in self._models.watched.items():
-            node = self._nodes[name]
-            outcome = oracle.outcome
-            if node.gone_ns is not None:
-                continue  # what was known of it stands
-            if outcome is node.said or outcome is Outcome.VIOLATED or not self._is_seen(name):
+            node, outcome = self._nodes[name], oracle.outcome
+            if outcome is node.said or outcome is Outcome.VIOLATED:
                 continue
+            if node.gone_ns is not None or not self._is_seen(name):
+                continue  # what was known of it stands
             if outcome is Outcome.CONFORMING and not oracle.hypotheses:
                 continue  # found in the middle, and silent since
             self._publish(oracle.verdict(now_ns))

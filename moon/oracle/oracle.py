@@ -174,7 +174,11 @@ class Oracle:
         Args:
             now_ns: on the clock of ``Observation.received_ns``.
         """
-        return self._settle(now_ns - self._latency)
+        settled = now_ns - self._latency
+        if settled < self._wake:
+            self._finished = max(self._finished, settled)
+            return []
+        return self._settle(settled)
 
     def _settle(self, settled: int) -> list[Verdict]:
         """All that happened until ``settled`` (ns) has been heard."""
