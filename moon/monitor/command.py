@@ -162,7 +162,7 @@ def _monitor(
                 run.note_problems(listener.problems())
 
         def is_over() -> bool:
-            return exit_on_violation and watch.violations > 0
+            return exit_on_violation and watch.certain_violations > 0
 
         Watching(connection).run(look_around, seconds, is_over)
         notices.last_problems(watch.problems())

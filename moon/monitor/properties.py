@@ -268,6 +268,12 @@ class PropertyWatch:
         """How often a property was broken."""
         return sum(tally.violations for tally in self._tallies.values())
 
+    @property
+    def certain_violations(self) -> int:
+        """Those of them that will not be taken back."""
+        foreseen = sum(tally.foreseen_ns is not None for tally in self._tallies.values())
+        return self.violations - foreseen
+
     def statuses(self) -> list[MachineStatus]:
         """Each property as it stands."""
         return [self._status(name) for name in self.properties]

@@ -391,6 +391,11 @@ class SystemWatch:
         """How often a model or a property was violated."""
         return self._violations + self._properties.violations
 
+    @property
+    def certain_violations(self) -> int:
+        """Those of them that will not be taken back."""
+        return self._violations + self._properties.certain_violations
+
     def statuses(self) -> list[MachineStatus]:
         """Each machine as it stands, then each property."""
         return [

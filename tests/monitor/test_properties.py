@@ -107,6 +107,8 @@ def test_as_long_as_nothing_was_heard_a_deadline_waits_for_the_latency_bound(tmp
     assert "violated" not in watched.of("soon")
     watched.pass_time(20)
     assert watched.of("soon")[-1] == "violated"
+    watched.pass_time(1000)
+    assert watched.properties.certain_violations == watched.properties.violations == 1
 
 
 def test_where_things_come_late_a_deadline_waits_for_them(watched) -> None:
@@ -126,6 +128,7 @@ def test_what_comes_later_than_anything_of_late_takes_the_violation_back(watched
     watched.pass_time(1050)
     assert watched.of("answers")[-1] == "violated"
     assert watched.properties.violations == 1
+    assert watched.properties.certain_violations == 0
     watched.answer(late_by=100 * MS)
     watched.pass_time(1000)
     assert watched.of("answers")[-2:] == ["violated", "conforming"]
