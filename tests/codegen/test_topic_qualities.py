@@ -192,7 +192,7 @@ def test_a_node_whose_inputs_nobody_can_know_is_not_judged(tmp_path: Path, topic
     assert done.exit_code == 2
     assert reasons[0] in done.output
     assert "error: " in done.output
-    assert "no node is left that can be judged" in done.output
+    assert "no node is left to be judged" in done.output
 
 
 def test_nodes_of_ordinary_topics_are_all_judged(tmp_path: Path) -> None:

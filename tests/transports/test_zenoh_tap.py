@@ -10,7 +10,7 @@ from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, linked, pe
 from transports.interface import (
     ObservationKind,
 )
-from transports.zenoh import names
+from transports.zenoh import names, wire
 from transports.zenoh import tap as tap_module
 
 pytestmark = pytest.mark.zenoh
@@ -77,7 +77,7 @@ def test_a_tap_says_what_it_could_not_decode(network):
     tap = network.node("tap").tap(["/adder/*"], heard)
     intruder = linked(network.bare(), "adder/count")
     for _ in range(2):
-        intruder.put(b"\x81\xa4da", attachment=bytes(8) + b"intruder")
+        intruder.put(b"\x81\xa4da", attachment=wire.attachment(0, 0, b"intruder"))
     intruder.put(msgspec.msgpack.encode({"data": 7}), encoding="application/msgpack;x/msg/Y")
     [observation] = heard.wait()
     assert (observation.type_name, observation.data) == ("x/msg/Y", {"data": 7})

@@ -10,7 +10,7 @@ from transports.interface import (
     Topic,
     TransportError,
 )
-from transports.zenoh import names
+from transports.zenoh import names, wire
 
 pytestmark = pytest.mark.zenoh
 
@@ -43,7 +43,7 @@ def test_a_bad_payload_is_reported_and_dropped_and_the_node_lives(
         intruder.put(
             payload,
             encoding=f"application/msgpack;{type_name}",
-            attachment=bytes(8) + b"intruder",
+            attachment=wire.attachment(0, 0, b"intruder"),
         )
         intruder.put(msgspec.msgpack.encode({"data": 7}))
         assert heard.wait() == [peer.Number(7)]
