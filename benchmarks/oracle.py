@@ -73,7 +73,11 @@ def monitor_of(machines: Sequence[Machine], system: System, began_ns: int) -> Mo
 def judge(
     monitor: ModelMonitor, observations: Sequence[Observation], advanced_ns: int = 0
 ) -> tuple[float, int]:
-    """Processor seconds taken, and when time last passed; every verdict is a mistake."""
+    """Processor seconds taken, and when time last passed; every verdict is a mistake.
+
+    What was made before is kept out of the garbage collector's way, as ``moon monitor`` does it.
+    """
+    gc.freeze()
     feed = monitor.feed
     began = time.process_time()
     for observation in observations:
@@ -170,6 +174,7 @@ def single_costs(
 ) -> tuple[Quantiles, Quantiles]:
     """What one observation costs, and what it costs all oracles that 10 ms have passed."""
     monitor = monitor_of(system.nodes, system, began_ns)
+    gc.freeze()
     clock, advanced_ns = time.thread_time_ns, 0
     fed: list[int] = []
     advanced: list[int] = []

@@ -152,8 +152,6 @@ class Oracle:
             self.late += 1
             text = f"an observation on {observation.channel} cannot be read"
             verdicts += self.lose(observation.stamp_ns, text)
-        for fact in facts:
-            self._take(fact, verdicts)
         settled = observation.received_ns - self._latency
         progress, order = self._progress, observation.order
         if progress is not None and lane.own and order >= 0:
@@ -163,10 +161,40 @@ class Oracle:
                 progress.take(order, observation.stamp_ns, settled)
             if settled >= self._droppable_until:  # before, not all that it did was told
                 settled = max(settled, min(progress.heard, observation.received_ns))
+            if len(facts) == 1 and settled < self._wake and self._at_once(facts[0], settled):
+                return verdicts
+        for fact in facts:
+            self._take(fact, verdicts)
         if settled < self._wake:
             self._finished = max(self._finished, settled)
             return verdicts
         return verdicts + self._settle(settled)
+
+    def _at_once(self, fact: Fact, settled: int) -> bool:
+        """Whether ``fact``, the next thing that happened, is judged here and now.
+
+        A short cut for what ``_take`` and ``_settle`` do where nothing waits to be judged, nothing is due
+        by ``settled`` (ns), and the machine can have done one thing only.
+        """
+        base, stamp = self._base, fact.stamp
+        if base is None or len(base) != 1 or self._window or not self._finished < stamp <= settled:
+            return False
+        only = self.search.only(base[0], fact)
+        if only is None or self.outcome is Outcome.INCONCLUSIVE:
+            return False
+        if fact.role is Role.OUTPUT:
+            self.outputs += 1
+        else:
+            self.inputs += 1
+            if fact.event is not None and fact.event[0] in _TAKEN_UP:
+                self._uptake.take(fact, self._finished)
+        self.search.last = stamp
+        self._base = [only]
+        self._history.append(fact)
+        self._finished = settled
+        self._next_due = self.search.next_due(only)
+        self._wake = min(self._next_due, self._uptake.due)
+        return True
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed: what can no longer change is settled, what is overdue is said.
