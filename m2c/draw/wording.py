@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import msgspec
 
-from m2c.draw.expressions import source
+from m2c.model.expression_text import expression_text
 from m2c.model.expressions import Expression, Literal
 from m2c.model.machine import (
     Assign,
@@ -119,7 +119,7 @@ class Wording:
         if transition.event is not None:
             phrases.append(Phrase(Part.EVENT, self.event(transition.event, transition.after_s)))
         if transition.cond is not None:
-            phrases.append(Phrase(Part.GUARD, f"[{source(transition.cond)}]"))
+            phrases.append(Phrase(Part.GUARD, f"[{expression_text(transition.cond)}]"))
         return phrases
 
     def event(self, event: Event, after_s: float | None = None) -> str:
@@ -148,7 +148,7 @@ class Wording:
                 continue
             word = "if"
             for condition, body in statement.branches:
-                head = "else" if condition is None else f"{word} {source(condition)}"
+                head = "else" if condition is None else f"{word} {expression_text(condition)}"
                 texts += [f"{indent}{head}:", *self._block(body, indent + "  ")]
                 word = "else if"
         return texts
@@ -156,7 +156,7 @@ class Wording:
     def _statement(self, statement: Assign | Emit | Raise | Cancel | Log) -> str:
         match statement:
             case Assign(location=location, value=value):
-                return f"{source(location)} := {source(value)}"
+                return f"{expression_text(location)} := {expression_text(value)}"
             case Emit():
                 return self._emit(statement)
             case Raise():
@@ -164,13 +164,15 @@ class Wording:
             case Cancel(id=id):
                 return f"cancel {id}"
             case Log(label=label, value=value):
-                shown = "" if value is None else source(value)
+                shown = "" if value is None else expression_text(value)
                 return f"log {label}{': ' if label and shown else ''}{shown}".rstrip()
 
     def _emit(self, emit: Emit) -> str:
         if emit.kind is OutputKind.BT_RETURN_STATUS:
             status = emit.fields[0].value
-            return f"return {status.value if isinstance(status, Literal) else source(status)}"
+            return (
+                f"return {status.value if isinstance(status, Literal) else expression_text(status)}"
+            )
         name = self._short.get(emit.interface, emit.interface)
         arguments = [(field.name, field.value) for field in emit.fields]
         arguments += [
@@ -186,7 +188,7 @@ def _raise(statement: Raise) -> str:
     arguments = _arguments([(field.name, field.value) for field in statement.fields])
     delay = ""
     if statement.delay_s is not None:
-        delay = f" after {source(statement.delay_s)} s"
+        delay = f" after {expression_text(statement.delay_s)} s"
     named = f" as {statement.id}" if statement.id else ""
     return f"{word} {statement.event}{arguments}{delay}{named}"
 
@@ -195,6 +197,7 @@ def _arguments(arguments: Sequence[tuple[str, Expression]]) -> str:
     if not arguments:
         return ""
     inside = ", ".join(
-        name if source(value) == name else f"{name}: {source(value)}" for name, value in arguments
+        name if expression_text(value) == name else f"{name}: {expression_text(value)}"
+        for name, value in arguments
     )
     return f" {{{inside}}}"

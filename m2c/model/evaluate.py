@@ -46,6 +46,14 @@ OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
 }
 """What each binary operator does, on values that are all known."""
 
+UNARY_OPERATORS: dict[str, Callable[[Any], Any]] = {
+    "!": lambda value: not ecmascript.truthy(value),
+    "-": ecmascript.negate,
+    "+": ecmascript.to_number,
+    "typeof": ecmascript.type_name,
+}
+"""What each unary operator does."""
+
 
 def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mapping[str, Any]) -> Any:
     """The value of ``expression``.
@@ -76,16 +84,7 @@ def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mappin
                 evaluate(inner, variables, event), evaluate(index, variables, event)
             )
         case Unary(operator=operator, operand=operand):
-            value = evaluate(operand, variables, event)
-            match operator:
-                case "!":
-                    return not ecmascript.truthy(value)
-                case "-":
-                    return ecmascript.negate(value)
-                case "+":
-                    return ecmascript.to_number(value)
-                case "typeof":
-                    return ecmascript.type_name(value)
+            return UNARY_OPERATORS[operator](evaluate(operand, variables, event))
         case Binary(operator=operator, left=left, right=right):
             return OPERATORS[operator](
                 evaluate(left, variables, event), evaluate(right, variables, event)

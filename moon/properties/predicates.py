@@ -7,11 +7,13 @@ the predicate *unknown* (:class:`UnknownValue`), not true or false.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from typing import Any
 
-from m2c.model.evaluate import evaluate
+from m2c.model.evaluate import OPERATORS, UNARY_OPERATORS, evaluate
+from m2c.model.expression_text import expression_text
 from m2c.model.expressions import (
     ArrayLiteral,
     Binary,
@@ -26,7 +28,7 @@ from m2c.model.expressions import (
     Unary,
     Variable,
 )
-from moon.properties.wording import expression_text
+from m2c.runtime import ecmascript
 
 
 class UnknownValue(Exception):
@@ -85,7 +87,9 @@ class _Source:
                     raise PredicateError(f"`{name}` is not declared")
                 return self._names[name]
             case Member(object=Literal() | ArrayLiteral()):
-                raise PredicateError(f"`{expression_text(expression)}` has no value in a property")
+                raise PredicateError(
+                    f"`{expression_text(expression, json.dumps)}` has no value in a property"
+                )
             case Member(object=inner, name=name):
                 if name == "length":
                     return f"length({self.value(inner)})"
@@ -113,7 +117,9 @@ class _Source:
             case ArrayLiteral(elements=elements):
                 return f"[{', '.join(self.value(element) for element in elements)}]"
             case _:
-                raise PredicateError(f"`{expression_text(expression)}` has no value in a property")
+                raise PredicateError(
+                    f"`{expression_text(expression, json.dumps)}` has no value in a property"
+                )
 
     def _binary(self, operator: str, left: Expression, right: Expression) -> str:
         first, second = self.value(left), self.value(right)
@@ -223,9 +229,7 @@ def arithmetic(operator: str, left: Any, right: Any) -> Any:
     kind = _alike(left, right, operator)
     if kind != "number" and not (kind == "string" and operator == "+"):
         raise UnknownValue(f"`{operator}` of a {kind}")
-    # the operator is one that the parser knows
-    both = Binary(operator=operator, left=Literal(value=left), right=Literal(value=right))  # type: ignore[arg-type]
-    found = evaluate(both, {}, {})
+    found = OPERATORS[operator](left, right)
     _kind(found)
     return found
 
@@ -234,8 +238,7 @@ def unary(operator: str, value: Any) -> Any:
     """``-``, ``+`` of a number; ``typeof``."""
     if operator != "typeof" and _kind(value) != "number":
         raise UnknownValue(f"`{operator}` of a {_kind(value)}")
-    # the operator is one that the parser knows
-    return evaluate(Unary(operator=operator, operand=Literal(value=value)), {}, {})  # type: ignore[arg-type]
+    return UNARY_OPERATORS[operator](value)
 
 
 def mathematics(function: str, arguments: tuple[Any, ...]) -> Any:
@@ -243,8 +246,7 @@ def mathematics(function: str, arguments: tuple[Any, ...]) -> Any:
     for argument in arguments:
         if _kind(argument) != "number":
             raise UnknownValue(f"`Math.{function}` of a {_kind(argument)}")
-    literals = tuple(Literal(value=argument) for argument in arguments)
-    found = evaluate(MathCall(function=function, arguments=literals), {}, {})
+    found = ecmascript.MATH[function](*arguments)
     _kind(found)
     return found
 

@@ -9,6 +9,7 @@ expression of the models' language. Unary operators bind tightest, then ``since`
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from typing import TypeVar
@@ -17,6 +18,7 @@ import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.ecmascript import parse_expression
+from m2c.model.expression_text import expression_text
 from m2c.model.expressions import Binary, Expression, Literal, Logical, Node, Unary, Variable
 from moon.properties.formula import (
     EVER,
@@ -35,7 +37,6 @@ from moon.properties.formula import (
     Predicate,
     Since,
 )
-from moon.properties.wording import expression_text
 
 _Part = TypeVar("_Part", bound=Node)
 
@@ -164,14 +165,16 @@ def spread(
         case Binary(operator="==" | "===", left=Variable() as left, right=Literal(value=False)):
             return Not(spread(left, resolve))
         case _:
-            named = resolve(expression_text(expression), 0) if resolve is not None else None
+            named = (
+                resolve(expression_text(expression, json.dumps), 0) if resolve is not None else None
+            )
             return named if named is not None else predicate(expression)
 
 
 def predicate(expression: Expression) -> Predicate:
     """A predicate without positions, so that equal conditions are equal wherever they stand."""
     plain = _unplaced(expression)
-    return Predicate(expression_text(plain), plain)
+    return Predicate(expression_text(plain, json.dumps), plain)
 
 
 def _unplaced(expression: _Part) -> _Part:

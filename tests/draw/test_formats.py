@@ -11,13 +11,13 @@ import pytest
 from m2c.draw import document, draw_policy, draw_wiring, tree_of, wiring_of
 from m2c.draw.bounds import TooLargeError
 from m2c.draw.dot import machine_as_dot, policy_as_dot, quoted, wiring_as_dot
-from m2c.draw.expressions import source
 from m2c.draw.mermaid import escaped, machine_as_mermaid, policy_as_mermaid, wiring_as_mermaid
 from m2c.draw.wiring import POLICY
 from m2c.draw.wording import short_names
 from m2c.model import DiagnosticLog, System, load
 from m2c.model.diagnostics import Position
 from m2c.model.ecmascript import parse_expression
+from m2c.model.expression_text import expression_text
 from m2c.policy.reader import read_policy_file
 from m2c.policy.tree import PolicyFile
 
@@ -62,7 +62,7 @@ def test_an_expression_is_written_so_that_it_is_read_as_the_same(text: str) -> N
 
     parsed = parse_expression(text, Position("x"), "data", DiagnosticLog())
     assert parsed is not None
-    assert tree(source(parsed)) == tree(text)
+    assert tree(expression_text(parsed)) == tree(text)
 
 
 def test_a_channel_is_called_by_as_little_as_tells_it_apart() -> None:

@@ -1,0 +1,127 @@
+"""An expression as text again: ECMAScript, with no more brackets than it needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from m2c.model.expressions import (
+    ArrayLiteral,
+    Binary,
+    Conditional,
+    EventData,
+    Expression,
+    Index,
+    Literal,
+    Logical,
+    MathCall,
+    MathConstant,
+    Member,
+    ObjectLiteral,
+    PortInput,
+    Unary,
+    Variable,
+)
+
+_CONDITIONAL, _OR, _AND, _UNARY, _POSTFIX, _ATOM = 1, 2, 3, 10, 11, 12
+_POWER = 9
+_BINARY = {
+    **dict.fromkeys(("==", "!=", "===", "!=="), 5),
+    **dict.fromkeys(("<", "<=", ">", ">="), 6),
+    **dict.fromkeys(("+", "-"), 7),
+    **dict.fromkeys(("*", "/", "%"), 8),
+    "**": _POWER,
+}
+"""How tightly an operator binds (ECMA-262, section 13, from the loosest to the tightest)."""
+
+
+def single_quoted(text: str) -> str:
+    """``text`` as models write it."""
+    escaped = text.replace("\\", "\\\\").replace("'", "\\'").replace("\n", "\\n")
+    return f"'{escaped}'"
+
+
+def expression_text(expression: Expression, quoted: Callable[[str], str] = single_quoted) -> str:
+    """``expression`` as a model would write it, spaced one way: equal trees give equal texts.
+
+    Args:
+        expression: what is to be written.
+        quoted: how texts in it are written; ``json.dumps`` for double quotes.
+    """
+    return _Writer(quoted).text(expression)
+
+
+class _Writer:
+    """Writes expressions, with texts in them ``quoted`` one way."""
+
+    def __init__(self, quoted: Callable[[str], str]) -> None:
+        self._quoted = quoted
+
+    def text(self, expression: Expression) -> str:
+        """All of ``expression``."""
+        return self._parts(expression)[0]
+
+    def _within(self, expression: Expression, least: int) -> str:
+        text, binding = self._parts(expression)
+        return text if binding >= least else f"({text})"
+
+    def _parts(self, node: Expression) -> tuple[str, int]:
+        """The text of ``node``, and how tightly its outermost operator binds."""
+        match node:
+            case Literal(value=value):
+                return self._literal(value)
+            case Variable(name=name):
+                return name, _ATOM
+            case EventData(spelling=spelling):
+                return spelling, _ATOM
+            case PortInput(key=key):
+                return f"{{{key}}}", _ATOM
+            case Member(object=inner, name=name):
+                return f"{self._within(inner, _POSTFIX)}.{name}", _POSTFIX
+            case Index(object=inner, index=index):
+                return f"{self._within(inner, _POSTFIX)}[{self.text(index)}]", _POSTFIX
+            case Unary(operator=operator, operand=operand):
+                inside = self._within(operand, _UNARY)
+                blank = " " if operator == "typeof" or inside.startswith(operator) else ""
+                return f"{operator}{blank}{inside}", _UNARY
+            case Binary(operator=operator, left=left, right=right):
+                level = _BINARY[operator]
+                if operator == "**":  # binds to the right, and takes no unary operator on its left
+                    return f"{self._within(left, _POSTFIX)} ** {self._within(right, level)}", level
+                return (
+                    f"{self._within(left, level)} {operator} {self._within(right, level + 1)}",
+                    level,
+                )
+            case Logical(operator=operator, left=left, right=right):
+                level = _OR if operator == "||" else _AND
+                return (
+                    f"{self._within(left, level)} {operator} {self._within(right, level + 1)}",
+                    level,
+                )
+            case Conditional(test=test, then=then, otherwise=otherwise):
+                rest = (
+                    f"{self._within(then, _CONDITIONAL)} : {self._within(otherwise, _CONDITIONAL)}"
+                )
+                return f"{self._within(test, _OR)} ? {rest}", _CONDITIONAL
+            case MathCall(function=function, arguments=arguments):
+                return f"Math.{function}({', '.join(map(self.text, arguments))})", _ATOM
+            case MathConstant(name=name):
+                return f"Math.{name}", _ATOM
+            case ArrayLiteral(elements=elements):
+                return f"[{', '.join(map(self.text, elements))}]", _ATOM
+            case ObjectLiteral(entries=entries):
+                inside = ", ".join(f"{key}: {self.text(value)}" for key, value in entries)
+                return f"{{{inside}}}", _ATOM
+
+    def _literal(self, value: bool | int | float | str | None) -> tuple[str, int]:
+        if value is None:
+            return "null", _ATOM
+        if isinstance(value, bool):
+            return str(value).lower(), _ATOM
+        if isinstance(value, str):
+            return self._quoted(value), _ATOM
+        if isinstance(value, float) and not math.isfinite(value):
+            return (
+                "NaN" if math.isnan(value) else "-Infinity" if value < 0 else "Infinity"
+            ), _UNARY
+        return repr(value), _POSTFIX if value >= 0 else _UNARY
