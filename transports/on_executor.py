@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import threading
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import Protocol
 
@@ -112,6 +113,6 @@ class OnExecutor(Transport):
     def _is_closing(self) -> bool:
         return self._closer != 0
 
+    @abstractmethod
     def _release(self) -> None:
         """Let go of what was declared, once, after the executor was told to end."""
-        raise NotImplementedError

@@ -114,6 +114,8 @@ class McapWriter:
         """The index of each, as it is written at the end."""
         self._metadata: list[MetadataIndex] = []
         self._open = _OpenChunk()
+        self._handed = self._taken = 0
+        """Bytes of messages: handed to the writing thread, and written by it."""
         self._failure: OSError | None = None
         self._write(MAGIC)
         self._write(_record(Header("ros2", library)))
@@ -129,6 +131,11 @@ class McapWriter:
     def bytes_written(self) -> int:
         """The length of the file by now."""
         return self._offset
+
+    @property
+    def bytes_handed(self) -> int:
+        """How long the file will be, at most about, when what waits for the disk is written."""
+        return self._offset + self._handed - self._taken
 
     def schema(self, name: str, encoding: str, text: str) -> int:
         """Declare a type; its number."""
@@ -207,6 +214,7 @@ class McapWriter:
         if self._failure is not None:
             raise self._failure
         if self._open.index:
+            self._handed += len(self._open.data)
             self._waiting.put(self._open)
             self._open = _OpenChunk()
 
@@ -242,6 +250,7 @@ class McapWriter:
                 self._write_chunk(chunk)
             except OSError as error:
                 self._failure = error
+            self._taken += len(chunk.data)
 
     def _write_chunk(self, chunk: _OpenChunk) -> None:
         raw = bytes(chunk.data)

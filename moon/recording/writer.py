@@ -163,7 +163,7 @@ class RecordingWriter:
             self._began_ns = now_ns
         if self._split.seconds and now_ns - self._began_ns >= self._split.seconds * _NS:
             return True
-        return bool(self._split.size) and self._file.bytes_written >= self._split.size
+        return bool(self._split.size) and self._file.bytes_handed >= self._split.size
 
     def _list_files(self) -> None:
         """What rosbag2 keeps beside the files of a folder, so that its tools open it."""

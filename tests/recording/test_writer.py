@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Said, Turn
-from moon.recording.mcap_writing import Compression
+from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import MAX_PLACES, Numbers
 from moon.recording.reader import open_recording
 from moon.recording.writer import RecordingWriter, Split
@@ -366,6 +367,33 @@ def test_a_split_recording_is_a_folder_of_files_that_is_read_as_one(
     with AnyReader([path]) as reader:
         assert reader.message_count == len(entries)
         assert reader.duration == entries[-1].received_ns - T0 + 1
+
+
+def test_what_waits_for_a_slow_disk_counts_for_the_size_of_a_file(
+    library: InterfaceLibrary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = threading.Event()
+    write_chunk, close = McapWriter._write_chunk, McapWriter.close
+
+    def slow(self: McapWriter, chunk: Any) -> None:
+        free.wait(60)
+        write_chunk(self, chunk)
+
+    def closing(self: McapWriter) -> None:
+        free.set()
+        close(self)
+
+    monkeypatch.setattr(McapWriter, "_write_chunk", slow)
+    monkeypatch.setattr(McapWriter, "close", closing)
+    path = tmp_path / "run"
+    writer = RecordingWriter(path, Definitions(library), Compression.NONE, Split(size=20_000))
+    for number in range(1500):
+        writer.add(message(number=number))
+        if number % 20 == 0:
+            writer.flush()
+    assert len(list(path.glob("run_*.mcap"))) > 1
+    writer.close()
+    assert all(file.stat().st_size < 60_000 for file in path.glob("run_*.mcap"))
 
 
 def test_a_recording_is_not_written_over(library: InterfaceLibrary, tmp_path: Path) -> None:

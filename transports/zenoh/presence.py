@@ -140,6 +140,7 @@ class Announcement:
         self._nodes = Nodes()
         self._links: Any = None
         self._linked: Sequence[str] = ()
+        self._withdrawn = False
         put, receive = executor.put, self._receive
         self._watch = watch(session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample)))
         self._token = session.liveliness().declare_token(
@@ -158,14 +159,19 @@ class Announcement:
             return
         self._linked = linked
         before = self._links
-        self._links = self._session.liveliness().declare_token(
-            f"{LINK_KEYS}/{self._zid}/{','.join(linked) or '-'}"
-        )
-        if before is not None:
-            before.undeclare()
+        try:
+            self._links = self._session.liveliness().declare_token(
+                f"{LINK_KEYS}/{self._zid}/{','.join(linked) or '-'}"
+            )
+            if before is not None:
+                before.undeclare()
+        except zenoh.ZError:
+            if not self._withdrawn:  # by another thread, meanwhile
+                raise
 
     def undeclare(self) -> None:
-        """Withdraw."""
+        """Withdraw; from any thread."""
+        self._withdrawn = True
         for declared in (self._watch, self._token, self._links):
             if declared is not None:
                 declared.undeclare()
