@@ -6,6 +6,8 @@ In the text ``#`` stands for the node's number, ``<P>`` and ``<Q>`` for its inpu
 
 from __future__ import annotations
 
+from textwrap import indent
+
 from moon.properties.network import IN_STEPS, Network, Node
 
 NEVER = 1 << 70
@@ -60,6 +62,30 @@ def stays_false(network: Network, root: int) -> bool:
     return inner.kind == "once" and mode(inner) in ("ever", "lower")
 
 
+_SPELLS = """\
+if <P>:
+    if not c#:
+        c# = True
+        l# = t
+        if q# and q#[-1][1] >= t + <A>:
+            s# = q#.pop()[0]
+        else:
+            s# = t + <A>
+            heappush(heap, (s#, #))
+elif c#:
+    c# = False
+    q#.append((s#, (t if t > l# else t + 1) + <B>))
+    heappush(heap, (q#[-1][1], #))
+"""
+"""Where a spell of ``<P>`` begins or ends; ``q#`` keeps from when until when each is in the bounds."""
+
+_IN_BOUNDS = """\
+while q# and q#[0][1] <= t:
+    q#.popleft()
+v# = q#[0][0] <= t if q# else c# and s# <= t
+"""
+"""Whether one of them is, now."""
+
 UPDATES = {
     "ever": """
 if l# == <NEVER> and <P>:
@@ -85,24 +111,7 @@ else:
             heappush(heap, (e#, #))
     v# = t < e#
 """,
-    "both": """
-if <P>:
-    if not c#:
-        c# = True
-        l# = t
-        if q# and q#[-1][1] >= t + <A>:
-            s# = q#.pop()[0]
-        else:
-            s# = t + <A>
-            heappush(heap, (s#, #))
-elif c#:
-    c# = False
-    q#.append((s#, (t if t > l# else t + 1) + <B>))
-    heappush(heap, (q#[-1][1], #))
-while q# and q#[0][1] <= t:
-    q#.popleft()
-v# = q#[0][0] <= t if q# else c# and s# <= t
-""",
+    "both": "\n" + _SPELLS + _IN_BOUNDS,
     "since": """
 h = <P>
 s# = <Q> or (h and s#)
@@ -145,37 +154,22 @@ else:
     e# = -1
     v# = False
 """,
-    "since_both": """
-if <P>:
-    if <Q>:
-        if not c#:
-            c# = True
-            l# = t
-            if q# and q#[-1][1] >= t + <A>:
-                s# = q#.pop()[0]
-            else:
-                s# = t + <A>
-                heappush(heap, (s#, #))
-    elif c#:
-        c# = False
-        q#.append((s#, (t if t > l# else t + 1) + <B>))
-        heappush(heap, (q#[-1][1], #))
-    elif z# and <A> < <B>:
+    "since_both": "\nif <P>:\n"
+    + indent(_SPELLS.replace("<P>", "<Q>"), "    ")
+    + """    elif z# and <A> < <B>:
         q#.append((t + <A>, t + <B>))
         heappush(heap, (t + <A>, #))
         heappush(heap, (t + <B>, #))
     z# = False
-    while q# and q#[0][1] <= t:
-        q#.popleft()
-    v# = q#[0][0] <= t if q# else c# and s# <= t
-else:
+"""
+    + indent(_IN_BOUNDS, "    ")
+    + """else:
     q#.clear()
     c# = False
     z# = <Q>
     v# = False
 """,
 }
-
 """Per mode, what brings a node to ``t``; ``v#`` (or what is read instead) is its value then."""
 
 # In discrete time ``since`` has its usual meaning: an instant of the right side counts itself, whether
