@@ -1,4 +1,4 @@
-"""Fixtures of the tests beside ordinary rclpy nodes: a domain of one's own, our nodes, one of rclpy's."""
+"""Fixtures of the tests on ROS 2: a domain of one's own, our nodes, one of rclpy's."""
 
 from __future__ import annotations
 

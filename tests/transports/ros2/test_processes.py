@@ -6,20 +6,18 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from m2c.rosidl.build import build_interfaces
-from tests.transports import ros2_network
 from transports.conformance import DOUBLE, NUMBERS, Ask, on
 from transports.interface import CallOutcome
 from transports.networks import PATIENCE_S, ThreadedNetwork
 
 pytestmark = [pytest.mark.ros2, pytest.mark.slow]
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parents[3]
 LAB_TOUR = ROOT / "examples" / "lab_tour"
 TICK = """
 import rclpy
@@ -50,20 +48,6 @@ for _ in range(500):
 node.destroy_node()
 rclpy.shutdown()
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def domain() -> Iterator[int]:
-    ros2_network.load(ros2_network.built())
-    with ros2_network.own_domain() as number:
-        yield number
-
-
-@pytest.fixture
-def network() -> Iterator[ThreadedNetwork]:
-    made = ros2_network.network()
-    yield made
-    made.close()
 
 
 def start(name: str, how: str) -> subprocess.Popen[str]:

@@ -4,31 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
 
 import pytest
 
-from tests.transports import ros2_network
 from transports.conformance import CHECKS, Check
+from transports.networks import ThreadedNetwork
 
 pytestmark = pytest.mark.ros2
 
 
-@pytest.fixture(scope="module", autouse=True)
-def domain() -> Iterator[int]:
-    ros2_network.load(ros2_network.built())
-    with ros2_network.own_domain() as number:
-        yield number
-
-
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_ros2(check: Check) -> None:
-    network = ros2_network.network()
-    try:
-        check(network)
-    finally:
-        network.close()
+def test_ros2(check: Check, network: ThreadedNetwork) -> None:
+    check(network)
 
 
 def test_without_rclpy_the_transport_says_what_to_install() -> None:
