@@ -6,7 +6,6 @@ import json
 import signal
 import subprocess
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -32,16 +31,6 @@ def tour(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def wrong(tmp_path) -> Path:
-    """A BatteryLevelSkill that answers the opposite."""
-    model = tmp_path / "wrong.scxml"
-    text = SKILL.read_text()
-    assert "percentage &gt;= THRESHOLD" in text
-    model.write_text(text.replace("percentage &gt;= THRESHOLD", "percentage &lt; THRESHOLD"))
-    return model
-
-
-@pytest.fixture
 def silent(tmp_path) -> Path:
     """A BatteryLevelSkill that does not answer any more from its tenth tick on."""
     model = tmp_path / "silent.scxml"
@@ -55,21 +44,6 @@ def silent(tmp_path) -> Path:
     )
     model.write_text(text)
     return model
-
-
-@pytest.fixture
-def start() -> Iterator[object]:
-    """Starts processes; what still runs at the end of the test is ended."""
-    started: list[Process] = []
-
-    def begin(kind, *arguments):
-        process = kind(*arguments)
-        started.append(process)
-        return process
-
-    yield begin
-    for process in reversed(started):
-        process.close()
 
 
 def run_arguments(*arguments: object) -> tuple[object, ...]:

@@ -83,21 +83,6 @@ def robot(tmp_path) -> Iterator[tuple[Robot, str]]:
 
 
 @pytest.fixture
-def start() -> Iterator[object]:
-    """Starts processes; what still runs at the end of the test is ended."""
-    started: list[Process] = []
-
-    def begin(kind, *arguments):
-        process = kind(*arguments)
-        started.append(process)
-        return process
-
-    yield begin
-    for process in reversed(started):
-        process.close()
-
-
-@pytest.fixture
 def properties(tmp_path) -> Path:
     path = tmp_path / "p.yaml"
     path.write_text(FILE)
@@ -171,10 +156,7 @@ def test_a_violation_is_printed_with_its_witness_for_people(start, robot, proper
     assert "2 properties: 1 conforming, 1 violated" in text
 
 
-def test_beside_models_both_find_a_skill_that_answers_the_opposite(start, tmp_path) -> None:
-    skill = (TOUR / "skills" / "BatteryLevelSkill.scxml").read_text()
-    wrong = tmp_path / "wrong.scxml"
-    wrong.write_text(skill.replace("percentage &gt;= THRESHOLD", "percentage &lt; THRESHOLD"))
+def test_beside_models_both_find_a_skill_that_answers_the_opposite(start, wrong, tmp_path) -> None:
     with router(tmp_path) as (endpoint, config):
         monitor = start(
             Monitor, SYSTEM, "--properties", TOUR / "properties.yaml", "--endpoint", endpoint
