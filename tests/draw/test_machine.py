@@ -97,7 +97,10 @@ def along(path: str) -> Iterator[tuple[float, float]]:
         elif command == "L":
             end = (numbers[0], numbers[1])
             for step in range(1, 21):
-                yield tuple(a + (b - a) * step / 20 for a, b in zip(here, end, strict=True))  # type: ignore[misc]
+                yield (
+                    here[0] + (end[0] - here[0]) * step / 20,
+                    here[1] + (end[1] - here[1]) * step / 20,
+                )
             here = end
         else:
             ends = [here, *zip(numbers[::2], numbers[1::2], strict=True)]

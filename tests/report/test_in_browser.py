@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
@@ -72,7 +73,7 @@ def offending(driver: webdriver.Chrome) -> list[WebElement]:
 def wheel(driver: webdriver.Chrome, x: int, delta: int) -> None:
     canvas = canvas_of(driver)
     driver.execute_script("arguments[0].scrollIntoView()", canvas)
-    origin = webdriver.common.actions.wheel_input.ScrollOrigin.from_element(canvas, x, -60)  # type: ignore[attr-defined]
+    origin = ScrollOrigin.from_element(canvas, x, -60)
     ActionChains(driver).scroll_from_origin(origin, 0, delta).perform()
 
 
