@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from heapq import heappush
 from typing import Any
 
 import msgspec
 
-from moon.properties.binding import ANY_CHANNEL, Group, bind, handler_source, value_of
+from moon.properties.binding import ANY_CHANNEL, Group, bind, handler_source
 from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.doubt import Doubt, read_state, state_form, write_state
+from moon.properties.known import KnownValues
 from moon.properties.network import Network, build_network
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
 from moon.properties.property import Port, Property
@@ -57,21 +58,15 @@ class Cell:
         self._doubt: Doubt | None = None
         self._doubt_now = -1
         self._until_try = _TRY_EVERY
-        self._values: dict[str, Any] = {}
-        self._waiting: set[str] = set()
+        self._known = KnownValues(self.binding)
         self._lost = ""
         self._reported = -1
         self._program = self._compile()
         self.changed = self._program.changed
         self.handlers = self._program.handlers
         self.heap = self._program.heap
-        for port in self.binding.ports.values():
-            if not port.event and port.initial is msgspec.UNSET:
-                self._waiting.add(port.name)
-            elif not port.event:
-                self._set_value(port.name, port.initial)
         self.final = [stays_false(self._network, root) for root in self._network.roots]
-        waiting = ", ".join(sorted(self._waiting))
+        waiting = ", ".join(sorted(self._known.waiting))
         first = Verdict(
             Status.INCONCLUSIVE,
             reason=f"waiting for the first observation of {waiting}" if waiting else "not started",
@@ -151,9 +146,9 @@ class Cell:
         self._doubt_now = stamp
         for port in group.ports:
             if not port.event:
-                self._take(port, seen.data)
+                self._known.take(port, seen.data)
         if self.started < 0:
-            if self._waiting:
+            if self._known.waiting:
                 return
             self.begin(stamp, seen, group.atoms)
         if self._doubt is None:
@@ -172,7 +167,7 @@ class Cell:
                 if (value := self._happens(text, seen.data)) is not False:
                     values[text] = value
             else:
-                values[text] = self._judge(text)
+                values[text] = self._known.judge(text, self._doubt.unknown)
         for text, value in values.items():
             if value is not None:
                 self._logs[text].append((stamp, value, seen))
@@ -180,39 +175,6 @@ class Cell:
                 self._logs[text].append((stamp + 1, False, None))
         self._doubt.observe(stamp, values)
         self._resolve(stamp, force=any(value is not None for value in values.values()))
-
-    def _take(self, port: Port, data: Any) -> None:
-        if port.channel == ANY_CHANNEL:
-            if not isinstance(data, Mapping) or port.name not in data:
-                return
-            self._set_value(port.name, data[port.name])
-            self._waiting.discard(port.name)
-            return
-        self._waiting.discard(port.name)
-        try:
-            self._set_value(port.name, value_of(port, data))
-        except UNKNOWN_ERRORS:
-            self._values[port.name] = None
-
-    def _set_value(self, name: str, value: Any) -> None:
-        self._values[name] = value
-
-    def _port_values(self) -> dict[str, Any]:
-        """The ports' values under the names that the handlers keep them by."""
-        return {
-            f"X{place}": self._values.get(name) for place, name in enumerate(self.binding.ports)
-        }
-
-    def _judge(self, text: str) -> bool | None:
-        """The state predicate's value; None, and the doubt's reason, if it has none."""
-        assert self._doubt is not None
-        try:
-            value = self.binding.evaluate[text](self._values)
-        except UNKNOWN_ERRORS as error:
-            self._doubt.unknown[text] = f"`{text}` is not known: {why_unknown(error)}"
-            return None
-        self._doubt.unknown.pop(text, None)
-        return value
 
     def _happens(self, name: str, data: Any) -> bool | None:
         try:
@@ -238,24 +200,24 @@ class Cell:
             if text in self.binding.events:
                 continue
             try:
-                values[text] = self.binding.evaluate[text](self._values)
+                values[text] = self._known.holds(text)
             except UNKNOWN_ERRORS:
                 self._doubtful()
                 return
         for text, value in values.items():
             self._program.put[self._index[text]](value)
             self._logs[text].append((stamp, value, seen if text in texts else None))
-        self._program.write(self._port_values())
+        self._program.write(self._known.of_handlers())
         heappush(self._program.heap, (stamp, BEGINNING))
 
     def can_begin(self) -> bool:
         """Whether every state is known, so that time itself may begin."""
-        return not self._waiting
+        return not self._known.waiting
 
     def advance(self, now: int) -> list[tuple[str, Verdict]]:
         """Make every change that is due up to ``now``; the verdicts that changed on the way."""
         if self.started < 0:
-            if self._waiting:
+            if self._known.waiting:
                 self._doubt_now = self.sealed = now
                 return []
             self.begin(now)
@@ -321,12 +283,14 @@ class Cell:
         read = self._program.read()
         self._doubt_now = now
         atoms: dict[str, bool | None] = {}
-        for place, name in enumerate(self.binding.ports):
-            if (value := read[f"X{place}"]) is not None and not fresh:
-                self._values[name] = value
+        if not fresh:
+            self._known.take_from_handlers(read)
         for text, index in self._index.items():
             events = text in self.binding.events
-            atoms[text] = read[f"p{index}"] if events or not fresh else self._judge(text)
+            if events or not fresh:
+                atoms[text] = read[f"p{index}"]
+            else:
+                atoms[text] = self._known.judge(text, doubt.unknown)
         doubt.enter({} if fresh else read_state(self._network, self._program), atoms, now)
         if not fresh:
             doubt.step(now)
@@ -345,12 +309,12 @@ class Cell:
         pulses = [text for text in self.binding.events if self._logs.get(text)]
         active = [text for text in pulses if self._logs[text][-1][0] == now + 1]
         atoms = {
-            f"p{self._index[text]}": self.binding.evaluate[text](self._values)
+            f"p{self._index[text]}": self._known.holds(text)
             for text in self._index
             if text not in self.binding.events
         }
         atoms.update({f"p{self._index[text]}": text in active for text in pulses})
-        self._program.write({**self._port_values(), **atoms})
+        self._program.write({**self._known.of_handlers(), **atoms})
         write_state(self._network, self._program, states, now)
         for text in active:
             self._logs[text].pop()
@@ -371,8 +335,8 @@ class Cell:
             unknown=dict(doubt.unknown) if doubt is not None else {},
             scalars=(self.started, self.sealed, self._doubt_now, self._until_try, self._reported),
             lost=self._lost,
-            values=dict(self._values),
-            waiting=frozenset(self._waiting),
+            values=dict(self._known.values),
+            waiting=frozenset(self._known.waiting),
             verdicts=tuple(self.verdicts),
             logs={text: tuple(log) for text, log in self._logs.items()},
             forms=tuple(
@@ -391,8 +355,8 @@ class Cell:
         scalars = snapshot.scalars
         self.started, self.sealed, self._doubt_now, self._until_try, self._reported = scalars
         self._lost = snapshot.lost
-        self._values = dict(snapshot.values)
-        self._waiting = set(snapshot.waiting)
+        self._known.values = dict(snapshot.values)
+        self._known.waiting = set(snapshot.waiting)
         self.verdicts = list(snapshot.verdicts)
         for text, changes in snapshot.logs.items():
             self._logs[text].clear()
