@@ -16,8 +16,8 @@ from moon.connection import Network, Watching, connected, fail, finite, network_
 from moon.monitor.subject_options import SECONDS, Choice, read_or_fail, subject_options
 
 if TYPE_CHECKING:
+    from moon.monitor.connection import Connection, Sink
     from moon.monitor.subject import Monitored
-    from moon.monitor.watch import Connection, Sink
     from moon.recording.writer import RecordingWriter
     from transports.interface import Transport
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import functools
-import statistics
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Protocol
 
 import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from moon.monitor.connection import Connection, Sink
 from moon.monitor.models import ModelMonitor
+from moon.monitor.nodes import WatchedNode
 from moon.monitor.pace import NS, PERIOD_S, Pace, read_together
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception, Rejected
@@ -24,71 +23,14 @@ from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
-from transports.interface import Observation, ObservationKind, Tap, Timer
+from transports.interface import Observation, ObservationKind, Tap
 
-_KEPT_LAGS = 64
-"""Lags kept of each node, for the median."""
 _PERIOD_NS = round(PERIOD_S * NS)
 
 MIDDLE = "started in the middle: waiting for a moment that is certain"
 GONE = "its node went away"
-AWAY = "(gone)"
 UNRESPONSIVE = "unresponsive: "
 """How a verdict's reason begins where something did not come."""
-
-
-class Connection(Protocol):
-    """What a watch needs of a transport."""
-
-    def now_ns(self) -> int:
-        """See ``Transport.now_ns``."""
-        ...
-
-    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
-        """See ``Transport.tap``."""
-        ...
-
-    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
-        """See ``Transport.watch_nodes``."""
-        ...
-
-    def up_since(self, name: str) -> int:
-        """See ``Transport.up_since``."""
-        ...
-
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """See ``Transport.every``."""
-        ...
-
-    def post(self, handler: Callable[[], None]) -> None:
-        """See ``Transport.post``."""
-        ...
-
-
-class Sink(Protocol):
-    """Takes verdicts."""
-
-    def take(self, verdict: Verdict) -> None:
-        """Take one."""
-        ...
-
-
-class _Node:
-    """A node that runs a monitored machine."""
-
-    __slots__ = ("gone_ns", "heard", "lags", "last", "said", "since", "up", "violations")
-
-    def __init__(self) -> None:
-        self.up = False
-        self.gone_ns: int | None = None
-        """When it went away, while it is away."""
-        self.since = 0
-        self.heard = False
-        """Whether it was heard while it was not known to be up."""
-        self.said: Outcome | None = None
-        self.last = ""
-        self.violations = 0
-        self.lags: deque[int] = deque(maxlen=_KEPT_LAGS)
 
 
 class SystemWatch:
@@ -135,12 +77,11 @@ class SystemWatch:
             policy = {machine.name for machine in machines} >= {node.name for node in system.nodes}
         self._policy_of = system if policy and system.policy is not None else None
         self._models = self._fresh_models()
-        self._nodes = {name: _Node() for name in self._models.watched}
+        self._nodes = {name: WatchedNode() for name in self._models.watched}
         self._first: dict[tuple[str, str], int] = {}
         """Number of the first message heard of each source and channel."""
         self._late: dict[str, int] = {}
         """When each source was last heard too late."""
-        self._gone_counts: dict[str, tuple[int, int, int]] = {}
         self._listening_since = 0
         self._pace = Pace(transport.now_ns(), bounds.latency)
         self._read_monotonic = monotonic_ns
@@ -269,12 +210,7 @@ class SystemWatch:
         """Find every machine in the middle of what it does: something is not known to be heard."""
         self.counts.stalls += 1
         for name, oracle in self._models.watched.items():
-            inputs, outputs, late = self._gone_counts.get(name, (0, 0, 0))
-            self._gone_counts[name] = (
-                inputs + oracle.inputs,
-                outputs + oracle.outputs,
-                late + oracle.late,
-            )
+            self._nodes[name].leave(oracle)
         self._models = self._fresh_models()
         if now_ns < self._pace.now_ns:
             self._tell_properties(self._properties.begin_anew(now_ns, why))
@@ -284,8 +220,8 @@ class SystemWatch:
         self._monotonic_ns = self._read_monotonic()
         self._pace.restart(now_ns)
         self._say(f"warning: {why}: all machines are found anew")
-        for name in self._nodes:
-            if self._is_seen(name):
+        for name, node in self._nodes.items():
+            if node.is_seen:
                 self._lose(self._models.watched[name], why)
 
     def _fresh_models(self) -> ModelMonitor:
@@ -314,7 +250,7 @@ class SystemWatch:
             return
         node.up, node.heard, node.gone_ns = False, False, self._pace.now_ns
 
-    def _node_up(self, name: str, node: _Node) -> None:
+    def _node_up(self, name: str, node: WatchedNode) -> None:
         """Synchronised if everything that it did and got was heard; else found in the middle.
 
         It was, if it began to connect after this monitor listened: then the two were linked before
@@ -365,7 +301,7 @@ class SystemWatch:
             node, outcome = self._nodes[name], oracle.outcome
             if outcome is node.said or outcome is Outcome.VIOLATED:
                 continue
-            if node.gone_ns is not None or not self._is_seen(name):
+            if node.gone_ns is not None or not node.is_seen:
                 continue  # what was known of it stands
             if outcome is Outcome.CONFORMING and not oracle.hypotheses:
                 continue  # found in the middle, and silent since
@@ -378,11 +314,6 @@ class SystemWatch:
             node.last = verdict.reason
         for sink in self._sinks:
             sink.take(verdict)
-
-    def _is_seen(self, name: str) -> bool:
-        """Whether anything is known of its node; what others send to it tells nothing of it."""
-        node = self._nodes[name]
-        return node.up or node.said is not None or bool(node.lags)
 
     # --- what can be asked -------------------------------------------------------------------------
 
@@ -399,7 +330,7 @@ class SystemWatch:
     def statuses(self) -> list[MachineStatus]:
         """Each machine as it stands, then each property."""
         return [
-            *(self._status(name) for name in self._models.watched),
+            *self._of_machines(),
             *self._properties.statuses(),
         ]
 
@@ -409,39 +340,17 @@ class SystemWatch:
         A machine that conforms again is conforming, whatever it did before.
         """
         for name, oracle in self._models.watched.items():
-            node = self._nodes[name]
-            if node.gone_ns is not None:
-                yield name, "model", str(node.said or UNSEEN), (AWAY,)
-            elif self._is_seen(name):
-                yield name, "model", str(oracle.outcome), tuple(oracle.states())
-            else:
-                yield name, "model", UNSEEN, ()
+            verdict, states = self._nodes[name].standing(oracle)
+            yield name, "model", verdict, states
         for name, outcome in self._properties.outcomes():
             yield name, PROPERTY, UNSEEN if outcome is None else str(outcome), ()
 
-    def _status(self, name: str) -> MachineStatus:
-        oracle, node = self._models.watched[name], self._nodes[name]
-        inputs, outputs, late = self._gone_counts.get(name, (0, 0, 0))
-        verdict = str(oracle.outcome) if self._is_seen(name) else UNSEEN
-        states = tuple(oracle.states())
-        if node.gone_ns is not None:
-            verdict, states = str(node.said or UNSEEN), (AWAY,)
-        if node.violations and oracle.outcome is Outcome.CONFORMING:
-            verdict = str(Outcome.VIOLATED)
-        return MachineStatus(
-            name,
-            verdict,
-            states,
-            inputs + oracle.inputs,
-            outputs + oracle.outputs,
-            node.violations,
-            late + oracle.late,
-            statistics.median(node.lags) / 1e6 if node.lags else None,
-            node.last,
-        )
+    def _of_machines(self) -> Iterator[MachineStatus]:
+        for name, oracle in self._models.watched.items():
+            yield self._nodes[name].status(name, oracle)
 
     def _late_in_all(self) -> int:
-        machines = sum(self._status(name).late for name in self._models.watched)
+        machines = sum(status.late for status in self._of_machines())
         return self.counts.late + self._properties.late + machines
 
     def problems(self) -> list[str]:

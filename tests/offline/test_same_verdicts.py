@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from moon.monitor.watch import AWAY
+from moon.monitor.nodes import AWAY
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
 from moon.recording.entries import Said
