@@ -10,6 +10,7 @@ import msgspec
 
 from m2c.policy.program import Leaf, Policy
 from moon.policy.memories import Memories, memories_of
+from moon.policy.remembered import RememberedRun, RememberedTree
 from moon.policy.run import BEGIN, Ask, AskKind, TreeRun, Trees
 from moon.policy.shape import Shape
 
@@ -24,6 +25,9 @@ MAX_TAKEN = 1024
 
 _DRIFT = 0.001
 """Clocks may run apart by this part; no computer's does by as much (NTP slews by 0.05 %)."""
+
+
+Run = TreeRun | RememberedRun
 
 
 class TooManyError(Exception):
@@ -63,7 +67,8 @@ class Follower:
 
     def __init__(self, policy: Policy, shape: Shape, rate_hz: float, tolerance_ns: int) -> None:
         self._shape = shape
-        self._trees = Trees(policy, shape.hidden, records=shape.is_open)
+        self._trees = Trees(policy, shape.hidden, records=shape.is_open and not shape.plain)
+        self._remembered = RememberedTree(self._trees) if shape.plain else None
         self._period_ns = round(1e9 / rate_hz * (1 - _DRIFT)) if rate_hz > 0 else 0
         self._tolerance_ns = tolerance_ns
         self._memories: Memories | None = None
@@ -72,7 +77,7 @@ class Follower:
         """Ticks of each channel since nothing was known."""
         self._stops: list[Stop] = []
         self._last_ns = 0
-        self.runs: list[TreeRun] = []
+        self.runs: list[Run] = []
         self.certain = False
         self.wanted: list[Ask] = []
         self.early_ns = 0
@@ -80,8 +85,11 @@ class Follower:
     def start(self) -> None:
         """The policy starts: its tree is fresh."""
         self.forget()
-        self.runs = [TreeRun(self._trees)]
+        self.runs = [self._fresh_run()]
         self.certain = True
+
+    def _fresh_run(self) -> Run:
+        return TreeRun(self._trees) if self._remembered is None else self._remembered.start()
 
     def forget(self) -> None:
         """Nothing is known any more."""
@@ -90,6 +98,12 @@ class Follower:
         self._stops = []
         self._ticked.clear()
         self.certain = False
+
+    def close(self) -> None:
+        """End the threads of all trees."""
+        self.forget()
+        if self._remembered is not None:
+            self._remembered.close()
 
     # --- what is observed --------------------------------------------------------------------------
 
@@ -140,11 +154,11 @@ class Follower:
 
     # --- following ---------------------------------------------------------------------------------
 
-    def _doing(self, runs: list[TreeRun], channel: str, stamp_ns: int) -> list[TreeRun]:
+    def _doing(self, runs: list[Run], channel: str, stamp_ns: int) -> list[Run]:
         """The runs that call ``channel`` at ``stamp_ns``, after what may go on unheard before it."""
-        found: dict[object, TreeRun] = {}
+        found: dict[object, Run] = {}
         seen: dict[object, int] = {}
-        made: list[TreeRun] = []
+        made: list[Run] = []
         waiting = deque((run, 0) for run in runs)  # and how many ticks have begun meanwhile
         silent = 0
         try:
@@ -195,7 +209,7 @@ class Follower:
             _close(run for run in made if id(run) not in kept)
         return list(found.values())
 
-    def _step(self, run: TreeRun, answer: str) -> None:
+    def _step(self, run: Run, answer: str) -> None:
         run.step(answer)
         if run.ask.kind is not AskKind.END:
             return
@@ -203,11 +217,6 @@ class Follower:
         run.due_ns = max(run.due_ns + self._period_ns, self._last_ns) if self._period_ns else 0
         if not self._shape.is_open:
             run.taken.clear()  # it is never forked
-        elif self._shape.plain:
-            memories = self._explore()
-            steps = memories.steps.get(frozenset(run.running)) if memories is not None else None
-            if steps is not None:  # a short way to where it stands
-                run.taken[:] = steps
 
     def _want(self, ask: Ask) -> None:
         if ask not in self.wanted:
@@ -216,7 +225,7 @@ class Follower:
     def _merge(self) -> None:
         if not self._shape.plain or len(self.runs) < 2:
             return
-        found: dict[object, TreeRun] = {}
+        found: dict[object, Run] = {}
         for run in self.runs:
             other = found.setdefault(run.key, run)
             other.due_ns = min(other.due_ns, run.due_ns)
@@ -229,7 +238,8 @@ class Follower:
     def _explore(self) -> Memories | None:
         if not self._explored:
             self._explored = True
-            self._memories = memories_of(self._trees) if self._shape.plain else None
+            if self._remembered is not None:
+                self._memories = memories_of(self._remembered)
         return self._memories
 
     def _assume_a_tick(self, channel: str) -> None:
@@ -241,9 +251,8 @@ class Follower:
             first = memories.first.get(memory)
             if first is not None and first.channel != channel:
                 continue
-            run = TreeRun(self._trees)
+            run = self._fresh_run()
             run.follow(steps)
-            run.due_ns = 0
             self.runs.append(run)
 
     def _note_certainty(self, channel: str) -> Fit:
@@ -265,7 +274,7 @@ class Follower:
         return Fit.EXPECTED if self.runs or self._stops else Fit.WRONG
 
 
-def _halts(run: TreeRun) -> tuple[Leaf, ...]:
+def _halts(run: Run) -> tuple[Leaf, ...]:
     return tuple(leaf for leaf in run.running.values() if leaf.halt)
 
 
@@ -277,6 +286,6 @@ def _without(stop: Stop, channel: str) -> Stop | None:
     return None
 
 
-def _close(runs: Iterable[TreeRun]) -> None:
+def _close(runs: Iterable[Run]) -> None:
     for run in runs:
         run.close()

@@ -6,7 +6,8 @@ from collections import Counter, deque
 
 import msgspec
 
-from moon.policy.run import BEGIN, Ask, AskKind, Place, TreeRun, Trees
+from moon.policy.remembered import RememberedTree
+from moon.policy.run import BEGIN, Ask, AskKind, Place
 
 MAX_PLACES = 150
 """Trees with more leaves are not explored: three runs of half a tick for each."""
@@ -30,7 +31,7 @@ class Memories(msgspec.Struct, frozen=True):
     first: dict[Memory, Ask]
 
 
-def memories_of(trees: Trees) -> Memories | None:
+def memories_of(tree: RememberedTree) -> Memories | None:
     """Explore a plain tree; None if it is too large.
 
     In one tick of a fresh plain tree, what happens after a leaf is ticked depends on the leaf and its
@@ -44,15 +45,12 @@ def memories_of(trees: Trees) -> Memories | None:
     waiting: deque[tuple[str, ...]] = deque([(BEGIN,)])
     while waiting:
         taken = waiting.popleft()
-        run = TreeRun(trees)
-        try:
-            run.follow(taken)
-            ask = run.ask
-            if ask.kind is AskKind.END:
-                steps.setdefault(frozenset(run.running), taken)
-                continue
-        finally:
-            run.close()
+        run = tree.start()
+        run.follow(taken)
+        ask = run.ask
+        if ask.kind is AskKind.END:
+            steps.setdefault(frozenset(run.running), taken)
+            continue
         if (ask.kind, ask.place) in seen:
             continue
         if len(seen) >= MAX_PLACES:
@@ -63,11 +61,8 @@ def memories_of(trees: Trees) -> Memories | None:
         answers = _ANSWERS if ask.kind is AskKind.TICK else ask.choices or ("",)
         waiting.extend((*taken, answer) for answer in answers)
     for memory, taken in steps.items():
-        run = TreeRun(trees)
-        try:
-            run.follow((*taken, BEGIN))
-            if run.ask.kind in (AskKind.TICK, AskKind.HALT):
-                first[memory] = run.ask
-        finally:
-            run.close()
+        run = tree.start()
+        run.follow((*taken, BEGIN))
+        if run.ask.kind in (AskKind.TICK, AskKind.HALT):
+            first[memory] = run.ask
     return Memories(steps, places, first)

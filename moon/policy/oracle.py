@@ -25,8 +25,8 @@ from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from m2c.policy.ticking import STATUS_CODES
 from moon.oracle.bounds import Bounds
-from moon.policy.follow import Fit, Follower, TooManyError
-from moon.policy.run import Ask, TreeRun
+from moon.policy.follow import Fit, Follower, Run, TooManyError
+from moon.policy.run import Ask
 from moon.policy.shape import shape_of
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
@@ -125,7 +125,7 @@ class PolicyOracle:
         """Something is known to be missing of what happened until then."""
         self._unanswered: dict[Call, Observation] = {}
         """Calls that were followed by another before their answer was heard."""
-        weakref.finalize(self, self._follower.forget)  # its runs' threads end
+        weakref.finalize(self, self._follower.close)  # its runs' threads end
         self._history: deque[Evidence] = deque(maxlen=EVIDENCE)
         self._reason = ""
         if self._shape.unchecked:
@@ -445,12 +445,12 @@ def _status(answer: Observation) -> str | None:
     """What the policy takes ``answer`` for; None if it cannot be read."""
     if answer.error:
         return "FAILURE"
-    if not isinstance(answer.data, Mapping) or "status" not in answer.data:
+    if not isinstance(answer.data, Mapping) or not isinstance(answer.data.get("status"), int):
         return None
     return STATUS_CODES.get(answer.data["status"], "FAILURE")
 
 
-def _doing(run: TreeRun, pending: Observation | None) -> str:
+def _doing(run: Run, pending: Observation | None) -> str:
     ask = run.ask
     if pending is not None and ask.leaf is not None and ask.channel:
         return f"{ask.kind.value} {ask.leaf.name}"

@@ -126,7 +126,7 @@ def test_a_policy_whose_first_call_was_not_heard_is_found_in_the_middle() -> Non
     assert oracle.outcome is Outcome.CONFORMING
 
 
-@pytest.mark.parametrize("data", [None, {}, {"other": 1}, 5])
+@pytest.mark.parametrize("data", [None, {}, {"other": 1}, 5, {"status": [0]}, {"status": "0"}])
 def test_an_answer_that_cannot_be_read_makes_it_inconclusive(data: object) -> None:
     seen = own()
     place = next(
