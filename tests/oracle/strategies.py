@@ -13,6 +13,7 @@ import msgspec
 from hypothesis import strategies as st
 
 from m2c.model import Machine
+from tests.oracle.changes import perturbed
 from tests.oracle.machines import model, read
 from tests.oracle.reference import conforms
 from tests.oracle.steps import EndlessLoopError, Stepper
@@ -22,7 +23,6 @@ from tests.oracle.traces import (
     TOLERANCE_NS,
     Trace,
     conforming,
-    perturbed,
 )
 
 

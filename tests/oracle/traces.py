@@ -1,23 +1,21 @@
-"""Random traces of a machine: what it can have done, and what it did not do.
+"""Random traces of a machine: what it can have done.
 
 A conforming trace is made by running the machine (by :mod:`tests.oracle.steps`) in a small world:
 messages reach it after a delay shorter than the latency bound, in order per channel and source;
-requests are taken as they come; calls are answered after a while. A perturbed trace is one of these
-with something changed, or the trace of a mutant of the machine.
+requests are taken as they come; calls are answered after a while. :mod:`tests.oracle.changes` makes
+perturbed traces: one of these with something changed, or the trace of a mutant of the machine.
 """
 
 from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Callable
 from random import Random
 from typing import Any
 
 import msgspec
 
 from m2c.model.machine import Event, EventKind, InterfaceKind, Machine, OutputKind
-from moon.mutation import mutants
 from tests.oracle.steps import Call, Configuration, Outcome, Output, Stepper
 from transports.interface import Observation, ObservationKind
 
@@ -47,27 +45,6 @@ class Trace(msgspec.Struct, frozen=True):
 def conforming(machine: Machine, draw: Random) -> Trace:
     """The trace of one run of ``machine``; EndlessLoopError if it has one."""
     return _World(machine, draw).run()
-
-
-def perturbed(machine: Machine, draw: Random) -> tuple[Trace, str]:
-    """A trace that may or may not conform, and what was done to it."""
-    if draw.random() < 0.35:
-        found = list(mutants(machine))
-        if found:
-            mutant = draw.choice(found)
-            return conforming(mutant.machine, draw), mutant.description
-    trace = conforming(machine, draw)
-    names: list[str] = []
-    wanted = draw.choice((1, 1, 1, 2))
-    for _ in range(4 * wanted):  # a change may find nothing to change
-        change = draw.choice(CHANGES)
-        heard = _numbered(change(machine, list(trace.observations), trace.end_ns, draw))
-        if heard != trace.observations:
-            trace = Trace(heard, trace.end_ns)
-            names.append(change.__name__.strip("_").replace("_", " "))
-        if len(names) == wanted:
-            break
-    return trace, ", ".join(names) or "nothing found to change"
 
 
 # -- the world ------------------------------------------------------------------------------------
@@ -113,7 +90,7 @@ class _World:
         for _, _, arrival in self._coming:  # published, and not yet taken
             if arrival.stamp_ns is not None and arrival.stamp_ns < end_ns:
                 self._hear(arrival)
-        return Trace(_numbered(self._heard), end_ns)
+        return Trace(numbered(self._heard), end_ns)
 
     def _plan(self) -> None:
         now = self._draw.randint(5, 60) * MS
@@ -182,7 +159,7 @@ class _World:
     ) -> None:
         failed = arrival.event.kind is EventKind.CALL_ERROR
         self._heard.append(
-            _observation(
+            observation(
                 kind,
                 arrival.channel,
                 arrival.data,
@@ -203,8 +180,8 @@ class _World:
                 call = Call(self._machine.name, next(self._calls))
                 self._answer(output, call)
             self._heard.append(
-                _observation(
-                    _SENT[output.kind],
+                observation(
+                    SENT[output.kind],
                     output.channel,
                     filled(output),
                     self._now,
@@ -231,7 +208,7 @@ class _World:
 
 
 _HEARD = (InterfaceKind.SUBSCRIBER, InterfaceKind.SERVER)
-_SENT = {
+SENT = {
     OutputKind.PUBLISH: ObservationKind.MESSAGE,
     OutputKind.REQUEST: ObservationKind.REQUEST_SENT,
     OutputKind.RESPONSE: ObservationKind.RESPONSE_SENT,
@@ -257,7 +234,7 @@ _TYPES = {
 }
 
 
-def _observation(
+def observation(
     kind: ObservationKind,
     channel: str,
     data: Any,
@@ -280,7 +257,7 @@ def _observation(
     )
 
 
-def _numbered(heard: list[Observation]) -> tuple[Observation, ...]:
+def numbered(heard: list[Observation]) -> tuple[Observation, ...]:
     """In the order of the stamps, with sequence numbers that have no gaps: nothing was lost."""
     counts: dict[tuple[str, str], int] = {}
     found = []
@@ -289,175 +266,3 @@ def _numbered(heard: list[Observation]) -> tuple[Observation, ...]:
         found.append(msgspec.structs.replace(item, sequence=counts.get(key, 0)))
         counts[key] = counts.get(key, 0) + 1
     return tuple(found)
-
-
-# -- what is changed ------------------------------------------------------------------------------
-
-Change = Callable[[Machine, list[Observation], int, Random], list[Observation]]
-
-
-def _outputs(machine: Machine, heard: list[Observation]) -> list[int]:
-    kinds = set(_SENT.values())
-    return [
-        index
-        for index, item in enumerate(heard)
-        if item.source == machine.name and item.kind in kinds
-    ]
-
-
-def _others(machine: Machine, heard: list[Observation]) -> list[int]:
-    outputs = set(_outputs(machine, heard))
-    return [index for index in range(len(heard)) if index not in outputs]
-
-
-def _altered(item: Observation, draw: Random) -> Observation:
-    data = dict(item.data or {})
-    if not data:
-        return item
-    name = draw.choice(sorted(data))
-    if isinstance(data[name], bool):
-        data[name] = not data[name]
-    else:
-        data[name] = (data[name] + draw.randint(1, 3)) % 4
-    return msgspec.structs.replace(item, data=data)
-
-
-def _moved(heard: list[Observation], index: int, end_ns: int, draw: Random) -> list[Observation]:
-    latest_ns = min(end_ns - 1, LAST_STAMP_NS)
-    shift_ns = draw.choice((-260, -150, -30, -2, 2, 30, 150, 260)) * MS + draw.randint(1, 90)
-    stamp_ns = min(max(heard[index].stamp_ns + shift_ns, MS), latest_ns)
-    taken = {item.stamp_ns for item in heard}
-    while stamp_ns in taken:
-        stamp_ns -= 1
-    heard[index] = msgspec.structs.replace(heard[index], stamp_ns=stamp_ns, received_ns=stamp_ns)
-    return heard
-
-
-def _output_altered(
-    machine: Machine, heard: list[Observation], _: int, draw: Random
-) -> list[Observation]:
-    if found := _outputs(machine, heard):
-        index = draw.choice(found)
-        heard[index] = _altered(heard[index], draw)
-    return heard
-
-
-def _output_dropped(
-    machine: Machine, heard: list[Observation], _: int, draw: Random
-) -> list[Observation]:
-    if found := _outputs(machine, heard):
-        del heard[draw.choice(found)]
-    return heard
-
-
-def _output_doubled(
-    machine: Machine, heard: list[Observation], end_ns: int, draw: Random
-) -> list[Observation]:
-    if found := _outputs(machine, heard):
-        heard.append(heard[draw.choice(found)])
-        return _moved(heard, len(heard) - 1, end_ns, draw)
-    return heard
-
-
-def _outputs_swapped(
-    machine: Machine, heard: list[Observation], _: int, draw: Random
-) -> list[Observation]:
-    found = _outputs(machine, heard)
-    if len(found) >= 2:
-        one, other = draw.sample(found, 2)
-        stamps = heard[one].stamp_ns, heard[other].stamp_ns
-        for index, stamp_ns in zip((other, one), stamps, strict=True):
-            heard[index] = msgspec.structs.replace(
-                heard[index], stamp_ns=stamp_ns, received_ns=stamp_ns
-            )
-    return heard
-
-
-def _output_moved(
-    machine: Machine, heard: list[Observation], end_ns: int, draw: Random
-) -> list[Observation]:
-    if found := _outputs(machine, heard):
-        return _moved(heard, draw.choice(found), end_ns, draw)
-    return heard
-
-
-def _output_on_another_channel(
-    machine: Machine, heard: list[Observation], _: int, draw: Random
-) -> list[Observation]:
-    channels = [
-        item.channel or "" for item in machine.interfaces if item.kind is InterfaceKind.PUBLISHER
-    ]
-    found = [
-        index for index in _outputs(machine, heard) if heard[index].kind is ObservationKind.MESSAGE
-    ]
-    if found and len(channels) > 1:
-        index = draw.choice(found)
-        other = next(name for name in channels if name != heard[index].channel)
-        heard[index] = msgspec.structs.replace(heard[index], channel=other)
-    return heard
-
-
-def _output_from_nowhere(
-    machine: Machine, heard: list[Observation], end_ns: int, draw: Random
-) -> list[Observation]:
-    for item in machine.interfaces:
-        if item.kind is InterfaceKind.PUBLISHER and heard:
-            data = {"data": draw.randint(0, 3)}
-            stamp_ns = draw.choice(heard).stamp_ns
-            made = _observation(
-                ObservationKind.MESSAGE, item.channel or "", data, stamp_ns, machine.name, Call()
-            )
-            return _moved([*heard, made], len(heard), end_ns, draw)
-    return heard
-
-
-def _input_altered(
-    machine: Machine, heard: list[Observation], _: int, draw: Random
-) -> list[Observation]:
-    if found := _others(machine, heard):
-        index = draw.choice(found)
-        heard[index] = _altered(heard[index], draw)
-    return heard
-
-
-def _input_dropped(
-    machine: Machine, heard: list[Observation], _: int, draw: Random
-) -> list[Observation]:
-    if found := _others(machine, heard):
-        del heard[draw.choice(found)]
-    return heard
-
-
-def _input_moved(
-    machine: Machine, heard: list[Observation], end_ns: int, draw: Random
-) -> list[Observation]:
-    if found := _others(machine, heard):
-        return _moved(heard, draw.choice(found), end_ns, draw)
-    return heard
-
-
-def _message_doubled(
-    machine: Machine, heard: list[Observation], end_ns: int, draw: Random
-) -> list[Observation]:
-    found = [
-        index for index in _others(machine, heard) if heard[index].kind is ObservationKind.MESSAGE
-    ]
-    if found:
-        heard.append(heard[draw.choice(found)])
-        return _moved(heard, len(heard) - 1, end_ns, draw)
-    return heard
-
-
-CHANGES: tuple[Change, ...] = (
-    _output_altered,
-    _output_dropped,
-    _output_doubled,
-    _outputs_swapped,
-    _output_moved,
-    _output_on_another_channel,
-    _output_from_nowhere,
-    _input_altered,
-    _input_dropped,
-    _input_moved,
-    _message_doubled,
-)
