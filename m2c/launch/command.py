@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import NoReturn
 import click
 
 from transports.options import DEFAULT_ENDPOINT
+
+CLOSE_TIMEOUT_S = 10.0
+"""How long the launcher's own connection may take to close, when all nodes have ended."""
 
 
 @click.command()
@@ -70,6 +74,7 @@ def run(
     from m2c.launch.system import RunningSystem, RunSettings
     from transports.interface import TransportError
     from transports.registry import connect
+    from transports.stop_signals import StopSignals
 
     if not system.exists():
         _fail(
@@ -96,6 +101,7 @@ def run(
                 _fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
             options = _transport_options(transport, endpoint, zenoh_config, namespace)
             listen = {"listen" if name == "endpoint" else name: options[name] for name in options}
+            signals = StopSignals()
             connection = connect(transport, "m2c_run", listen)
             where = f"on {transport}"
             if transport == "zenoh":
@@ -107,12 +113,24 @@ def run(
             try:
                 with screen_for(policy, quiet) as screen:
                     system_run = RunningSystem(description, folder, connection, settings, screen)
-                    code = system_run.run()
+                    code = system_run.run(signals)
             finally:
+                _end_by_alarm(CLOSE_TIMEOUT_S)
                 connection.close()
+                _end_by_alarm(0)
         except (LaunchError, TransportError) as error:
             _fail(str(error))
     sys.exit(code)
+
+
+def _end_by_alarm(delay_s: float) -> None:
+    """End this process by SIGALRM in ``delay_s`` seconds, whatever it does then; 0: no longer.
+
+    A middleware that waits for ever as it closes holds Python's lock, so that nothing in Python can
+    end it: Fast DDS does, where a node that was killed has left a lock in shared memory.
+    """
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, delay_s)
 
 
 _NODE_OPTIONS = {

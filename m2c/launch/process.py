@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import collections
-import ctypes
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+from m2c.launch import child
 
 KEPT_LINES = 8
 """Last lines of a process's error output, for the report of how it died."""
 STOP_TIMEOUT_S = 10.0
 """A process that has not ended so long after SIGTERM is killed."""
-
-_PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
-
-
-def _die_with_parent() -> None:
-    """Have the kernel end this child when the launcher dies, however it dies (prctl(2))."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+OUTPUT_TIMEOUT_S = 2.0
+"""How long the last output of a process that has ended may take; a child of its own may hold it open."""
 
 
 class NodeProcess:
@@ -53,7 +49,7 @@ class NodeProcess:
         self._ended = ended
         path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
         self._process = subprocess.Popen(
-            [sys.executable, "-u", "-m", package, *arguments],
+            [sys.executable, "-u", "-m", child.__name__, str(os.getpid()), package, *arguments],
             env={**os.environ, "PYTHONPATH": path},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -61,7 +57,6 @@ class NodeProcess:
             text=True,
             errors="replace",
             start_new_session=True,
-            preexec_fn=_die_with_parent,  # noqa: PLW1509 - one prctl, no lock is taken
         )
         self._thread = threading.Thread(target=self._follow, name=f"{name}-output", daemon=True)
         self._thread.start()
@@ -83,14 +78,14 @@ class NodeProcess:
         """End the process without asking."""
         self._process.kill()
 
-    def finish(self) -> None:
-        """Wait for its end; kill it if it takes too long."""
+    def finish(self, deadline: float) -> None:
+        """Wait for its end; kill it if it has not ended by ``deadline`` (of ``time.monotonic``)."""
         try:
-            self._process.wait(STOP_TIMEOUT_S)
+            self._process.wait(max(deadline - time.monotonic(), 0.0))
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._thread.join(STOP_TIMEOUT_S)
+        self._thread.join(OUTPUT_TIMEOUT_S)
 
 
 def describe_end(code: int) -> str:

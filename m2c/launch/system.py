@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-import signal
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
 from m2c.launch.description import LaunchDescription, LaunchError, Package
-from m2c.launch.process import NodeProcess, describe_end
+from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, describe_end
 from m2c.launch.screen import Screen
 from m2c.policy.runner import TICKS, TreeTick
 from transports.interface import Timer, Transport
+from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
 """How long the next node may take to be up; a machine under load starts twenty interpreters in it."""
@@ -71,8 +72,11 @@ class RunningSystem:
         self._up = False
         self._width = max((len(name) for name in self._missing), default=len("policy"))
 
-    def run(self) -> int:
+    def run(self, signals: StopSignals) -> int:
         """Run to the end.
+
+        Args:
+            signals: what stops it.
 
         Returns:
             0 after the policy's last tick or Ctrl-C, 1 if a process died.
@@ -81,8 +85,7 @@ class RunningSystem:
             LaunchError: a node did not come up in time.
         """
         transport = self._transport
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._interrupted)
+        signals.call(self._interrupted)
         nodes = len(self._description.nodes)
         self._screen.line(
             f"{self._description.system}: starting {nodes} {'node' if nodes == 1 else 'nodes'} "
@@ -136,7 +139,7 @@ class RunningSystem:
     def _start_timed_out(self) -> None:
         self._late = True
 
-    def _interrupted(self, *_: object) -> None:
+    def _interrupted(self) -> None:
         """A signal: stop; a second one does not wait for the processes."""
         self._interrupted_by_signal = True
         if self._stopping:
@@ -148,13 +151,12 @@ class RunningSystem:
         """The policy first: it halts its tree, for which the skills must still be there."""
         policy = self._description.policy
         first = self._processes.get(policy.name) if policy is not None else None
-        if first is not None:
-            first.terminate()
-            first.finish()
-        for process in self._processes.values():
-            process.terminate()
-        for process in self._processes.values():
-            process.finish()
+        for processes in ([first] if first is not None else [], self._processes.values()):
+            for process in processes:
+                process.terminate()
+            deadline = time.monotonic() + STOP_TIMEOUT_S
+            for process in processes:
+                process.finish(deadline)
 
     def _start(self, node: Package, arguments: Sequence[str]) -> None:
         self._processes[node.name] = NodeProcess(

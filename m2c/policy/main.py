@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +21,7 @@ from m2c.runtime.main import (
     set_up_logging,
     split_ros_arguments,
 )
+from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
 """How long the nodes of ``--wait-for`` may take to be up."""
@@ -58,6 +58,7 @@ def main(
     parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)
     policy = msgspec.json.decode((folder / "policy.json").read_bytes(), type=Policy)
+    signals = StopSignals()
     connection = connect_or_exit(parsed, ros_arguments)
     log_on(connection)
     rate = parsed.rate or policy.tick_rate_hz
@@ -67,30 +68,64 @@ def main(
         print(f"error: {error}", file=sys.stderr)
         connection.close()
         sys.exit(2)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: runner.stop())
+    awaited = _Awaited(parsed.wait_for)
+    code = 0
 
-    failed = True
+    def stop() -> None:
+        runner.stop()
+        awaited.give_up()
 
     def tick() -> None:
-        nonlocal failed
+        nonlocal code
         try:
-            runner.run(rate, parsed.ticks or None)
-            failed = False
+            if missing := awaited.wait(START_TIMEOUT_S):
+                names = ", ".join(missing)
+                print(f"error: not up after {START_TIMEOUT_S:g} s: {names}", file=sys.stderr)
+                code = 2
+            elif not signals.asked:
+                code = 1  # unless it ends as it should
+                runner.run(rate, parsed.ticks or None)
+                code = 0
         except PolicyError as error:
             print(f"error: {error}", file=sys.stderr)
         finally:
             connection.post(connection.close)
 
-    thread = threading.Thread(target=tick, name="policy")
+    signals.call(lambda: connection.post(stop))
     connection.announce()
-    missing = connection.wait_for_nodes(parsed.wait_for, START_TIMEOUT_S)
-    if missing:
-        print(f"error: not up after {START_TIMEOUT_S:g} s: {', '.join(missing)}", file=sys.stderr)
-        connection.close()
-        sys.exit(2)
+    if parsed.wait_for:
+        connection.watch_nodes(awaited.changed)
+    thread = threading.Thread(target=tick, name="policy")
     thread.start()
     connection.spin()
     thread.join()
     connection.close()
-    sys.exit(1 if failed else 0)
+    sys.exit(code)
+
+
+class _Awaited:
+    """The nodes that must be up before the first tick; one thread hears of them, another waits."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+        self._missing = set(names)
+        self._over = threading.Event()
+        if not names:
+            self._over.set()
+
+    def changed(self, name: str, up: bool) -> None:
+        """A node is up, or no longer."""
+        if up:
+            self._missing.discard(name)
+        elif name in self._names:
+            self._missing.add(name)
+        if not self._missing:
+            self._over.set()
+
+    def give_up(self) -> None:
+        """End the waiting."""
+        self._over.set()
+
+    def wait(self, timeout_s: float) -> list[str]:
+        """Wait until all are up, or until ``give_up``; who is missing after ``timeout_s``."""
+        return [] if self._over.wait(timeout_s) else sorted(self._missing.copy())

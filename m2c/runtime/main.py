@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import logging
 import shlex
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
@@ -14,6 +13,7 @@ from m2c.runtime.binding import HasLog, HasParameters, NodeSettings
 from transports.interface import Transport, TransportError
 from transports.options import transport_options
 from transports.registry import connect
+from transports.stop_signals import StopSignals
 
 
 def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zenoh") -> None:
@@ -111,9 +111,9 @@ def main(
     own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)
+    signals = StopSignals()
     connection = connect_or_exit(parsed, ros_arguments)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: connection.post(connection.close))
+    signals.call(lambda: connection.post(connection.close))
     log_on(connection)
     try:
         node = node_class(connection, _settings(connection, parsed.call_timeout))

@@ -11,25 +11,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
-SHARED = Path("/dev/shm")
+from tests.transports.shared_memory import SHARED, unused
+
 TIMES = 20
 RUN_TIMEOUT_S = 1800.0
 """A run that takes longer hangs."""
-
-
-def unused() -> set[str]:
-    """Files of Fast DDS in shared memory that no process has mapped or open."""
-    files = {path.name for path in SHARED.glob("*fastrtps*")}
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            text = (process / "maps").read_text()
-            text += "".join(str(item.readlink()) for item in (process / "fd").iterdir())
-        except OSError:  # it has ended meanwhile, or is not ours
-            continue
-        files = {name for name in files if f"{SHARED}/{name}" not in text}
-    return files
 
 
 def main(arguments: list[str]) -> int:

@@ -8,6 +8,7 @@ import pytest
 
 from tests.transports import ros2_network
 from tests.transports.ros2.bare import Bare
+from tests.transports.shared_memory import of_domain
 from transports.networks import ThreadedNetwork
 
 
@@ -15,7 +16,9 @@ from transports.networks import ThreadedNetwork
 def domain() -> Iterator[int]:
     ros2_network.load(ros2_network.built())
     with ros2_network.own_domain() as number:
+        before = of_domain(number)
         yield number
+        assert of_domain(number) == before
 
 
 @pytest.fixture

@@ -1,0 +1,66 @@
+"""Signals that come before there is anything to stop."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from transports.stop_signals import StopSignals
+
+BOTH = [signal.SIGINT, signal.SIGTERM]
+
+
+@pytest.fixture(autouse=True)
+def handlers() -> Iterator[None]:
+    """The process has its own handlers again afterwards."""
+    before = [signal.getsignal(number) for number in BOTH]
+    yield
+    for number, handler in zip(BOTH, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", BOTH)
+def test_a_signal_that_comes_too_early_stops_what_there_is_to_stop_later(
+    number: signal.Signals,
+) -> None:
+    signals = StopSignals()
+    assert not signals.asked
+    signal.raise_signal(number)
+    stopped: list[str] = []
+    signals.call(lambda: stopped.append("stopped"))
+    assert signals.asked
+    assert stopped == ["stopped"]
+
+
+def test_every_signal_stops_again() -> None:
+    signals = StopSignals()
+    stopped: list[str] = []
+    signals.call(lambda: stopped.append("stopped"))
+    assert stopped == []
+    signal.raise_signal(signal.SIGINT)
+    signal.raise_signal(signal.SIGTERM)
+    assert stopped == ["stopped", "stopped"]
+
+
+@pytest.mark.parametrize("number", BOTH)
+def test_a_second_signal_ends_a_process_that_has_nothing_to_stop_yet(
+    number: signal.Signals,
+) -> None:
+    code = (
+        "import signal\n"
+        "from transports.stop_signals import StopSignals\n"
+        "StopSignals()\n"
+        f"signal.raise_signal({int(number)})\n"
+        "print('goes on', flush=True)\n"
+        f"signal.raise_signal({int(number)})\n"
+        "print('still there', flush=True)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, check=False, timeout=60
+    )
+    assert done.stdout == "goes on\n"
+    assert done.returncode == -number
