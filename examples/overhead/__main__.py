@@ -14,7 +14,7 @@ from pathlib import Path
 
 import msgspec
 
-from examples.overhead import growth, node_cost, results, table3
+from examples.overhead import growth, growth_points, node_cost, results, table3
 from examples.overhead.children import ROOT, ChildError
 from examples.overhead.machine import described, this_machine
 from examples.overhead.observers import CONFIGURATIONS
@@ -111,7 +111,7 @@ def measure(chosen: argparse.Namespace) -> results.Results:
     say(described(machine))
     blocks: list[table3.Block] = []
     attachments: list[table3.Attachment] = []
-    runs: list[growth.Run] = []
+    runs: list[growth_points.Run] = []
     windows: list[node_cost.Window] = []
     problems: list[str] = []
     for transport in transports:
@@ -127,7 +127,7 @@ def measure(chosen: argparse.Namespace) -> results.Results:
             plan_of_growth = msgspec.structs.replace(plan_of_growth, seed=chosen.seed)
             if chosen.rounds:
                 plan_of_growth = msgspec.structs.replace(plan_of_growth, rounds=chosen.rounds)
-            experiments = growth.EXPERIMENTS if chosen.full else ("taps",)
+            experiments = growth_points.EXPERIMENTS if chosen.full else ("taps",)
             for experiment in experiments:
                 with tolerated(problems, f"{experiment} on {transport}"):
                     for run in growth.MEASURES[experiment](transport, plan_of_growth, say):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from examples.overhead import growth, sample
+from examples.overhead import growth_points, sample
 from examples.overhead.results import Results
 from examples.overhead.table3 import PAPER, SERIES, Cell
 from examples.overhead.wording import amount, name_of, rate
@@ -43,9 +43,11 @@ def draw(results: Results, folder: Path) -> list[Path]:
         for transport in dict.fromkeys(cell.transport for cell in found):
             figure = _table3([cell for cell in found if cell.transport == transport])
             written += _save(figure, folder / f"overhead-table3-{transport}")
-        for experiment in growth.EXPERIMENTS:
+        for experiment in growth_points.EXPERIMENTS:
             own = [
-                line for line in growth.series(results.points) if line[0].experiment == experiment
+                line
+                for line in growth_points.series(results.points)
+                if line[0].experiment == experiment
             ]
             if own:
                 written += _save(_growth(own), folder / f"overhead-{experiment}")
@@ -127,7 +129,7 @@ _AXES = {
 }
 
 
-def _growth(lines: Sequence[Sequence[growth.Point]]) -> Any:
+def _growth(lines: Sequence[Sequence[growth_points.Point]]) -> Any:
     """Tick latency relative to unwatched, above the watchers' processor time and lag."""
     from matplotlib import pyplot
 
@@ -163,12 +165,12 @@ def _growth(lines: Sequence[Sequence[growth.Point]]) -> Any:
     return figure
 
 
-def _place(point: growth.Point, points: Sequence[growth.Point]) -> float:
+def _place(point: growth_points.Point, points: Sequence[growth_points.Point]) -> float:
     """Rates and sizes stand side by side, however far apart; saturation comes last."""
     return list(points).index(point) if point.experiment in STEPS else point.x
 
 
-def _tick(point: growth.Point) -> str:
+def _tick(point: growth_points.Point) -> str:
     if point.experiment == "rate":
         return "max" if not point.x else f"{point.x:g}"
     return amount(point.experiment, point.x)

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from examples.overhead import growth, node_cost, table3
+from examples.overhead import growth_points, node_cost, table3
 from examples.overhead.machine import Machine, described
 from examples.overhead.tables import (
     Table,
@@ -42,7 +42,7 @@ class Results(msgspec.Struct, frozen=True, dict=True):
     began: str
     minutes: float
     table3: table3.Measured
-    growth: tuple[growth.Run, ...] = ()
+    growth: tuple[growth_points.Run, ...] = ()
     windows: tuple[node_cost.Window, ...] = ()
     problems: tuple[str, ...] = ()
 
@@ -52,9 +52,9 @@ class Results(msgspec.Struct, frozen=True, dict=True):
         return table3.cells(self.table3)
 
     @functools.cached_property
-    def points(self) -> list[growth.Point]:
+    def points(self) -> list[growth_points.Point]:
         """How it grows."""
-        return growth.points(self.growth)
+        return growth_points.points(self.growth)
 
 
 def sections(results: Results) -> dict[str, str]:
@@ -101,7 +101,7 @@ def summary(results: Results) -> dict[str, Any]:
         "table3": found,
         "attachments": results.table3.attachments,
         "growth": own,
-        "knees": [growth.knee(line) for line in growth.series(own)],
+        "knees": [growth_points.knee(line) for line in growth_points.series(own)],
         "cost": node_cost.costs(results.windows),
     }
     builtins: dict[str, Any] = msgspec.to_builtins(shown)

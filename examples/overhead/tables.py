@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from examples.overhead import growth, node_cost, table3
+from examples.overhead import growth_points, node_cost, table3
 from examples.overhead.load import ROOT
 from examples.overhead.observers import CONFIGURATIONS
 from examples.overhead.table3 import PAPER, SERIES, Cell
@@ -175,13 +175,13 @@ _TITLES = {
 }
 
 
-def growth_tables(points: Sequence[growth.Point]) -> list[Table]:
+def growth_tables(points: Sequence[growth_points.Point]) -> list[Table]:
     """A table by experiment, transport and rate; below it where the knee is."""
     tables = []
-    for own in growth.series(points):
+    for own in growth_points.series(points):
         first = own[0]
         where = "" if first.experiment == "rate" else f", {rate(first.rate_hz)}"
-        bend = growth.knee(own)
+        bend = growth_points.knee(own)
         place = "" if bend.x is None else f" at {amount(bend.experiment, bend.x)}"
         tables.append(
             Table(
@@ -205,7 +205,7 @@ def growth_tables(points: Sequence[growth.Point]) -> list[Table]:
     return tables
 
 
-def _growth_row(point: growth.Point) -> tuple[str, ...]:
+def _growth_row(point: growth_points.Point) -> tuple[str, ...]:
     return (
         amount(point.experiment, point.x),
         micros(point.alone.p50.value),

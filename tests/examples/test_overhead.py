@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from examples.overhead import __main__ as command
-from examples.overhead import brief, growth, node_cost, table3
+from examples.overhead import brief, growth, growth_points, node_cost, table3
 from examples.overhead.children import ROOT as REPOSITORY
 from examples.overhead.children import Child, ChildError
 from examples.overhead.load import ROOT, Order
@@ -180,8 +180,8 @@ def test_a_point_of_each_growth_is_measured() -> None:
         rounds=1, taps=(0, 1), skills=(2,), rates=(0.0,), sizes=(16,), ticks=5, seconds=0.2
     )
     runs = [run for measure in growth.MEASURES.values() for run in measure("zenoh", plan, quiet)]
-    points = growth.points(runs)
-    assert {point.experiment for point in points} == set(growth.EXPERIMENTS)
+    points = growth_points.points(runs)
+    assert {point.experiment for point in points} == set(growth_points.EXPERIMENTS)
     assert not any(point.failures for point in points)
     assert all(run.heard > 0 for run in runs if run.watchers)
 

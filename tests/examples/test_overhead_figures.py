@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from examples.overhead import accounts, growth, node_cost, results, sample, schedule, table3
+from examples.overhead import accounts, growth_points, node_cost, results, sample, schedule, table3
 from examples.overhead.machine import this_machine
 from examples.overhead.observers import CONFIGURATIONS, Heard, deaf
 from examples.overhead.tables import as_markdown, beside_the_paper, growth_tables, targets
@@ -116,8 +116,10 @@ def test_a_monitor_that_found_nothing_to_conform_does_not_count() -> None:
 # -- growth -----------------------------------------------------------------------------------------
 
 
-def run(x: float, watchers: int, micros: float, number: int = 0, **fields: float) -> growth.Run:
-    made = growth.Run(
+def run(
+    x: float, watchers: int, micros: float, number: int = 0, **fields: float
+) -> growth_points.Run:
+    made = growth_points.Run(
         "taps", "zenoh", 10.0, x, number, watchers, [micros] * 20, 0, (), 10.0, 0.1, 0.3
     )
     return msgspec.structs.replace(made, **fields)
@@ -130,22 +132,22 @@ def test_the_knee_is_where_the_whole_interval_is_dear() -> None:
         for x, micros in ((0, 100.0), (1, 105.0), (2, 140.0), (4, 300.0))
     ]
     runs = [msgspec.structs.replace(item, busy=0.95) if item.x == 2 else item for item in runs]
-    (line,) = growth.series(growth.points(runs))
+    (line,) = growth_points.series(growth_points.points(runs))
     assert [point.ratio.value for point in line] == [1.0, 1.05, 1.4, 3.0]
-    found = growth.knee(line)
+    found = growth_points.knee(line)
     assert found.x == 2
     assert "1.40 times; the machine is full" in found.why
 
 
 def test_a_watcher_that_is_late_is_a_knee_too() -> None:
     runs = [run(0, 0, 100.0), run(1, 1, 100.0, lag_ms=20.0, lag_p99_ms=150.0, processor=0.99)]
-    found = growth.knee(growth.points(runs))
+    found = growth_points.knee(growth_points.points(runs))
     assert found.x == 1
     assert "150 ms behind; the watchers use 1.0 cores" in found.why
 
 
 def test_where_nothing_is_dear_there_is_no_knee() -> None:
-    found = growth.knee(growth.points([run(0, 0, 100.0), run(1, 1, 101.0)]))
+    found = growth_points.knee(growth_points.points([run(0, 0, 100.0), run(1, 1, 101.0)]))
     assert found.x is None
 
 
@@ -155,7 +157,7 @@ def test_saturation_comes_after_all_rates() -> None:
         for x in (0.0, 100.0, 1.0)
         for watchers in (0, 1)
     ]
-    assert [point.x for point in growth.points(runs)] == [1.0, 100.0, 0.0]
+    assert [point.x for point in growth_points.points(runs)] == [1.0, 100.0, 0.0]
 
 
 # -- accounts ---------------------------------------------------------------------------------------
