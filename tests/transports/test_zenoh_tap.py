@@ -7,9 +7,7 @@ import pytest
 import zenoh
 
 from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, linked, peer
-from transports.interface import (
-    ObservationKind,
-)
+from transports.interface import ObservationKind, Service
 from transports.zenoh import names, wire
 from transports.zenoh import tap as tap_module
 
@@ -49,7 +47,7 @@ def test_a_tap_hears_the_four_events_of_a_call_and_only_since_it_listens(network
     tap.close()
     eventually(lambda: not client._events.heard)
     client.call_and_wait(peer.AddRequest(1, 2))
-    assert client._events._sequence.next == 2
+    assert client._events.published == 2
 
 
 def test_a_tap_hears_of_a_call_that_is_never_answered(network):
@@ -70,6 +68,32 @@ def test_a_tap_hears_of_a_call_that_is_never_answered(network):
     ]
     assert events[2].error == "timeout: /adder/add: no answer within the time limit"
     assert events[2].data is None
+
+
+def test_what_a_node_tells_of_several_services_comes_in_the_order_in_which_it_happened(network):
+    adder, caller, tapper = (network.node(name) for name in ("adder", "caller", "tap"))
+    more = Service("/adder/more", peer.ADD.type_name, peer.ADD.request, peer.ADD.response)
+    for service in (peer.ADD, more):
+        adder.serve(
+            service,
+            lambda request: request.respond(peer.AddResponse(request.data.a + request.data.b)),
+        )
+    adder.announce()
+    caller.wait_for_nodes(["adder"], WAIT_S)
+    clients = [caller.client(peer.ADD), caller.client(more)]
+    heard = Inbox()
+    tapper.tap(["/adder/*"], heard)
+    eventually(lambda: all(client._events.heard for client in clients))
+    eventually(lambda: all(adder._events[name].heard for name in (peer.ADD.name, more.name)))
+    for number in range(20):
+        clients[number % 2].call_and_wait(peer.AddRequest(number, 0))
+    events = heard.wait(80)
+    for node in ("adder", "caller"):
+        own = [event for event in events if event.source == node]
+        assert [event.order for event in own] == sorted(event.order for event in own)
+        for channel in (peer.ADD.name, more.name):
+            numbers = [event.sequence for event in own if event.channel == channel]
+            assert numbers == list(range(20))
 
 
 def test_a_tap_says_what_it_could_not_decode(network):

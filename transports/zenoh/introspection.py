@@ -1,9 +1,9 @@
 """Service events: what both ends of a service tell a tap, and only while one listens.
 
-An event is recorded when it happens (with its stamp) and published ``FLUSH_DELAY_S`` later, when
-the reply has left and, as a rule, arrived. Publishing at once would wake the tap while the caller
-waits for its answer: with two processors that made a tapped call 38 % slower. Without a listener
-nothing is recorded at all.
+An event is recorded when it happens (with its stamp) and published a few milliseconds later, with all
+others of its node (``outbox``). Publishing at once would wake the tap while the caller waits for its
+answer: with two processors that made a tapped call 38 % slower. Without a listener nothing is recorded
+at all.
 """
 
 # zenoh's stubs leave the results of some methods open
@@ -12,7 +12,6 @@ nothing is recorded at all.
 from __future__ import annotations
 
 import itertools
-from collections import deque
 from typing import Any, NamedTuple
 
 import msgspec
@@ -20,13 +19,9 @@ import zenoh
 
 from transports.interface import Service
 from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX, ServiceEvent, ServiceEventInfo
-from transports.zenoh.executor import Executor
 from transports.zenoh.names import key_of
-from transports.zenoh.topics import Sequence
+from transports.zenoh.outbox import Outbox
 from transports.zenoh.wire import MEDIA_TYPE, attachment
-
-FLUSH_DELAY_S = 0.002
-"""How long an event waits: several times what a call takes, far below what a monitor allows for."""
 
 _encode = msgspec.msgpack.Encoder().encode
 
@@ -43,24 +38,50 @@ class Moment(NamedTuple):
     order: int
 
 
+class Recorded(NamedTuple):
+    """An event that is still to be published.
+
+    Attributes:
+        events: of its service.
+        event: what happened.
+        order: its place among all that the node tells.
+    """
+
+    events: ServiceEvents
+    event: ServiceEvent
+    order: int
+
+
+def publish(recorded: Recorded) -> None:
+    """Publish an event; for the outbox, which does so one after the other."""
+    recorded.events.publish(recorded.event, recorded.order)
+
+
 class ServiceEvents:
-    """The events of one service as one node sees them (as its server, its client, or both)."""
+    """The events of one service as one node sees them (as its server, its client, or both).
+
+    Args:
+        session: the node's.
+        outbox: what the node has yet to tell.
+        service: whose events.
+        node: the node's name in UTF-8.
+        order: counts all that the node tells.
+    """
 
     def __init__(
         self,
         session: zenoh.Session,
-        executor: Executor,
+        outbox: Outbox[Recorded],
         service: Service,
         node: bytes,
         order: itertools.count[int],
     ) -> None:
         self._session = session
-        self._executor = executor
+        self._outbox = outbox
         self._node = node
-        self._sequence = Sequence()
+        self.published = 0
+        """How many events were published: the number of the next one."""
         self._order = order
-        self._scheduled = False
-        self._pending: deque[tuple[ServiceEvent, int]] = deque()
         self._publisher = session.declare_publisher(
             key_of(service.name) + EVENT_SUFFIX,
             encoding=zenoh.Encoding(f"{MEDIA_TYPE};{service.type_name}{TYPE_SUFFIX}"),
@@ -94,37 +115,29 @@ class ServiceEvents:
         response: bytes | None = None,
         error: str = "",
     ) -> None:
-        """Keep an event for ``flush``; the contents are encoded messages."""
-        self._pending.append(
-            (
-                ServiceEvent(
-                    ServiceEventInfo(event_type, moment.stamp_ns, client, call),
-                    None if request is None else msgspec.Raw(request),
-                    None if response is None else msgspec.Raw(response),
-                    error,
-                ),
-                moment.order,
-            )
+        """Keep an event until the outbox is flushed; the contents are encoded messages."""
+        recorded = ServiceEvent(
+            ServiceEventInfo(event_type, moment.stamp_ns, client, call),
+            None if request is None else msgspec.Raw(request),
+            None if response is None else msgspec.Raw(response),
+            error,
         )
+        self._outbox.add(Recorded(self, recorded, moment.order))
+
+    def publish(self, recorded: ServiceEvent, order: int) -> None:
+        """Publish an event; one thread at a time."""
+        sent_as = attachment(self.published, order, self._node)
+        self.published += 1
+        self._publisher.put(_encode(recorded), attachment=sent_as)
 
     def flush_later(self) -> None:
-        """Publish what is recorded in ``FLUSH_DELAY_S`` (on the executor)."""
-        if not self._scheduled:
-            self._scheduled = True
-            self._executor.after(FLUSH_DELAY_S, self.flush)
+        """Publish what is recorded, a little later; from any thread."""
+        self._outbox.flush_later()
 
     def flush(self) -> None:
         """Publish what is recorded, in order; from any thread."""
-        self._scheduled = False  # before looking: what is recorded from now on schedules again
-        pending, sequence = self._pending, self._sequence
-        with sequence.lock:
-            while pending:
-                recorded, order = pending.popleft()
-                sent_as = attachment(sequence.next, order, self._node)
-                self._publisher.put(_encode(recorded), attachment=sent_as)
-                sequence.next += 1
+        self._outbox.flush()
 
     def undeclare(self) -> None:
-        """Publish what is left, and no more."""
-        self.flush()
+        """Publish no more; the outbox is closed by then."""
         self._publisher.undeclare()

@@ -25,8 +25,9 @@ from transports.interface import CallOutcome, CallResult, Message, Service, Tran
 from transports.payloads import PayloadError
 from transports.timers import Timer
 from transports.zenoh.executor import Executor
-from transports.zenoh.introspection import FLUSH_DELAY_S, ServiceEvents
+from transports.zenoh.introspection import ServiceEvents
 from transports.zenoh.names import key_of
+from transports.zenoh.outbox import DELAY_S
 from transports.zenoh.wire import Codec, attachment, read_attachment, report_payload
 
 _GRACE_S = 1.0
@@ -278,9 +279,9 @@ class Client:
     ) -> zenoh.Reply | None:
         """The first reply, or None when there is none; Empty after ``deadline`` (monotonic)."""
         wait_s = max(deadline - time.monotonic(), 0.0)
-        if self._events.heard and wait_s > FLUSH_DELAY_S:
+        if self._events.heard and wait_s > DELAY_S:
             try:
-                return replies.get(timeout=FLUSH_DELAY_S)
+                return replies.get(timeout=DELAY_S)
             except Empty:  # a call that takes its time: say that it is under way
                 self._events.flush()
                 wait_s = max(deadline - time.monotonic(), 0.0)

@@ -21,7 +21,8 @@ from transports.interface import (
 from transports.on_executor import OnExecutor
 from transports.zenoh import presence, topics
 from transports.zenoh.executor import Executor
-from transports.zenoh.introspection import ServiceEvents
+from transports.zenoh.introspection import Recorded, ServiceEvents, publish
+from transports.zenoh.outbox import Outbox
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.session import open_session
 from transports.zenoh.tap import Tap
@@ -53,6 +54,7 @@ class ZenohTransport(OnExecutor):
         self._calls = itertools.count(1)
         self._order = itertools.count()
         self._sequences: dict[str, topics.Sequence] = {}
+        self._outbox: Outbox[Recorded] = Outbox(self._executor, publish)
         self._events: dict[str, ServiceEvents] = {}
         self._servers: set[str] = set()
         self._clients: list[Client] = []
@@ -127,6 +129,7 @@ class ZenohTransport(OnExecutor):
             tap.close()
         if self._announcement is not None:
             self._announcement.undeclare()
+        self._outbox.close()
         for declared in (*self._declared, *self._events.values()):
             declared.undeclare()
         self._session.close()
@@ -135,7 +138,7 @@ class ZenohTransport(OnExecutor):
         events = self._events.get(service.name)
         if events is None:
             events = ServiceEvents(
-                self._session, self._executor, service, self._node_bytes, self._order
+                self._session, self._outbox, service, self._node_bytes, self._order
             )
             self._events[service.name] = events
         return events

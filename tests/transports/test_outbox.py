@@ -1,0 +1,103 @@
+"""When a node on Zenoh tells its taps what it did: on a clock of the test's own."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable
+
+from moon.monitor.patience import LEAST_NS
+from transports.zenoh.outbox import AT_MOST_S, DELAY_S, QUIET_S, Outbox
+
+
+class Time:
+    """An executor on a clock that goes on when the test says so."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.looks = 0
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self._count = itertools.count()
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> None:
+        heapq.heappush(self._due, (self.now_s + delay_s, next(self._count), handler))
+
+    def pass_until(self, end_s: float) -> None:
+        while self._due and self._due[0][0] <= end_s:
+            self.now_s, _, handler = heapq.heappop(self._due)
+            self.looks += 1
+            handler()
+        self.now_s = end_s
+
+
+class Node:
+    """A node that tells numbers, and when each of them left."""
+
+    def __init__(self) -> None:
+        self.time = Time()
+        self.left: list[tuple[float, int]] = []
+        self.outbox: Outbox[int] = Outbox(
+            self.time,
+            lambda item: self.left.append((self.time.now_s, item)),
+            lambda: self.time.now_s,
+        )
+        self._count = itertools.count()
+
+    def tell(self, at_s: float) -> None:
+        self.time.pass_until(at_s)
+        self.outbox.add(next(self._count))
+        self.outbox.flush_later()
+
+
+def test_what_a_tick_tells_leaves_in_one_burst_after_the_delay():
+    node = Node()
+    for at_s in (0.0, 0.0002, 0.0004, 0.0006):
+        node.tell(at_s)
+    node.time.pass_until(1.0)
+    assert node.left == [(DELAY_S, number) for number in range(4)]
+    assert node.time.looks == 1
+
+
+def test_nothing_leaves_while_the_node_is_at_work():
+    node = Node()
+    for at_s in (0.0, 0.0015, 0.003, 0.0045):
+        node.tell(at_s)
+    node.time.pass_until(1.0)
+    assert node.left == [(0.0045 + QUIET_S, number) for number in range(4)]
+
+
+def test_a_node_that_is_never_quiet_tells_each_event_in_time():
+    node = Node()
+    told = [number * 0.001 for number in range(500)]
+    for at_s in told:
+        node.tell(at_s)
+    node.time.pass_until(1.0)
+    waits_s = [left_s - told[number] for left_s, number in node.left]
+    assert [number for _, number in node.left] == list(range(500))
+    assert max(waits_s) <= AT_MOST_S + 1e-9
+    assert len({left_s for left_s, _ in node.left}) < 60  # bursts
+
+
+def test_an_event_waits_for_less_than_a_monitor_allows_for():
+    assert DELAY_S + QUIET_S <= AT_MOST_S <= LEAST_NS / 1e9 / 2
+
+
+def test_a_call_that_takes_its_time_is_told_at_once_and_what_follows_later():
+    node = Node()
+    node.tell(0.0)
+    node.time.pass_until(0.001)
+    node.outbox.flush()
+    assert node.left == [(0.001, 0)]
+    node.tell(0.1)
+    node.time.pass_until(1.0)
+    assert node.left[1:] == [(0.1 + DELAY_S, 1)]
+
+
+def test_a_node_that_closes_tells_what_is_left_and_nothing_after_it():
+    node = Node()
+    node.tell(0.0)
+    node.outbox.close()
+    node.tell(0.001)
+    node.time.pass_until(1.0)
+    node.outbox.close()
+    assert node.left == [(0.0, 0)]
