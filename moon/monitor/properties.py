@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 
 from m2c.model.system import System
-from moon.monitor.patience import Patience
+from moon.monitor.patience import LEAST_NS, Patience
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.meaning import duration
@@ -94,6 +94,8 @@ class PropertyWatch:
         """Stamps of what does not count yet."""
         self._losses: list[_Loss] = []
         self._reached_ns = -1
+        self._quiet_until = 0
+        """Before this instant (ns) time alone changes nothing."""
         for tally in self._tallies.values():
             tally.foreseen_ns = None
 
@@ -118,6 +120,7 @@ class PropertyWatch:
             self.lose(seen.channel, seen.stamp_ns, self._reached_ns)
         else:
             self._held.append(seen.stamp_ns)
+            self._quiet_until = min(self._quiet_until, seen.stamp_ns + LEAST_NS)
 
     def _is_repeated(self, seen: Observation) -> bool:
         """Look at its number: whether it was heard before; what is missing before it is lost."""
@@ -139,6 +142,7 @@ class PropertyWatch:
         """Messages of ``channel`` stamped in ``[start_ns, end_ns)`` were missed."""
         if self.concerns(channel):
             self.patience.distrust()
+            self._quiet_until = 0
             self._losses.append(_Loss(min(start_ns, end_ns), end_ns, channel))
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
@@ -158,8 +162,27 @@ class PropertyWatch:
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """The time is ``now_ns``; the verdicts that changed."""
+        if now_ns < self._quiet_until:
+            return []
         found, until = self._count_for_good(now_ns - self._latency_ns)
-        return found + self._taken_back(until) + self._foreseen(now_ns)
+        found += self._taken_back(until) + self._foreseen(now_ns)
+        self._quiet_until = self._next_ns()
+        return found
+
+    def _next_ns(self) -> int:
+        """When there is something to do next, if nothing is heard; 0: at once."""
+        if self._losses:
+            return 0
+        instants = [self._ordered.foreseen_next_ns + LEAST_NS]
+        if (due_ns := self._ordered.next_deadline()) is not None:
+            instants.append(due_ns)
+        instants += [stamp + self._latency_ns for stamp in self._held]
+        instants += [
+            tally.foreseen_ns + self._latency_ns
+            for tally in self._tallies.values()
+            if tally.foreseen_ns is not None
+        ]
+        return min(instants)
 
     def _count_for_good(self, until: int) -> tuple[list[Verdict], int]:
         """Everything stamped up to ``until`` counts, or up to a loss that goes on; the instant."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from operator import attrgetter
 
 import msgspec
 
@@ -26,6 +27,7 @@ from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap
 
 _PERIOD_NS = round(PERIOD_S * NS)
+_OUTCOME, _SAID = attrgetter("outcome"), attrgetter("said")
 
 MIDDLE = "started in the middle: waiting for a moment that is certain"
 GONE = "its node went away"
@@ -78,6 +80,10 @@ class SystemWatch:
         self._policy_of = system if policy and system.policy is not None else None
         self._models = self._fresh_models()
         self._nodes = {name: WatchedNode() for name in self._models.watched}
+        self._up: tuple[str, ...] = ()
+        """The nodes that are up, and since when each is."""
+        self._up_since: list[int] = []
+        self._gone: list[tuple[str, WatchedNode]] = []
         self._first: dict[tuple[str, str], int] = {}
         """Number of the first message heard of each source and channel."""
         self._late: dict[str, int] = {}
@@ -181,14 +187,15 @@ class SystemWatch:
         clock_ns = self._pace.tick(now_ns)
         if self._pace.is_lost:
             self._start_anew(now_ns, "this monitor does not keep up with what it hears")
-        up_since = self._transport.up_since
-        for name, node in self._nodes.items():
-            if node.up and up_since(name) != node.since:
-                self._node_up(name, node)
+        up_since = list(map(self._transport.up_since, self._up))
+        if up_since != self._up_since:  # a hundred times a second, and hardly ever true
+            for name, since in zip(self._up, up_since, strict=True):
+                if since != self._nodes[name].since:
+                    self._node_up(name, self._nodes[name])
         self._take(self._models.advance(clock_ns))
         self._properties.patience.ticked(self._transport.now_ns())
         self._tell_properties(self._properties.advance(clock_ns))
-        for name, node in self._nodes.items():
+        for name, node in self._gone:
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
                 self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
         self._tell_changes(now_ns)
@@ -249,6 +256,13 @@ class SystemWatch:
             self._node_up(name, node)
             return
         node.up, node.heard, node.gone_ns = False, False, self._pace.now_ns
+        self._sort_nodes()
+
+    def _sort_nodes(self) -> None:
+        """One of them came or went."""
+        self._up = tuple(name for name, node in self._nodes.items() if node.up)
+        self._up_since = [self._nodes[name].since for name in self._up]
+        self._gone = [item for item in self._nodes.items() if item[1].gone_ns is not None]
 
     def _node_up(self, name: str, node: WatchedNode) -> None:
         """Synchronised if everything that it did and got was heard; else found in the middle.
@@ -261,6 +275,7 @@ class SystemWatch:
         heard, node.heard = node.heard, False
         again = before != 0
         node.up, node.gone_ns = True, None
+        self._sort_nodes()
         if not started or heard:
             if again or heard:
                 self._lose(self._models.watched[name], MIDDLE)
@@ -297,8 +312,11 @@ class SystemWatch:
 
     def _tell_changes(self, now_ns: int) -> None:
         """What else has changed: a machine is known again, or no longer."""
-        for name, oracle in self._models.watched.items():
-            node, outcome = self._nodes[name], oracle.outcome
+        oracles, nodes = self._models.watched.values(), self._nodes.values()
+        if list(map(_OUTCOME, oracles)) == list(map(_SAID, nodes)):  # as nearly always
+            return
+        for oracle, node in zip(oracles, nodes, strict=True):
+            outcome = oracle.outcome
             if outcome is node.said or outcome is Outcome.VIOLATED:
                 continue
             if node.gone_ns is not None or not node.is_seen:

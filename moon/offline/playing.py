@@ -43,7 +43,9 @@ class Player:
         self._changed: Callable[[str, bool], None] | None = None
         self._timer: Callable[[], None] | None = None
         self._posted: deque[Callable[[], None]] = deque()
-        self._since: dict[str, int] = {}
+        self._since = _Since()
+        self.up_since = self._since.__getitem__
+        """When a node began to connect; 0 if the recording does not say."""
         self._missed: dict[str, str] = {}
 
     # --- for the watch -----------------------------------------------------------------------------
@@ -64,10 +66,6 @@ class Player:
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """Hear of nodes."""
         self._changed = handler
-
-    def up_since(self, name: str) -> int:
-        """When a node began to connect; 0 if the recording does not say."""
-        return self._since.get(name, 0)
 
     def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
         """The watch's timer; it has one."""
@@ -158,6 +156,13 @@ class Player:
             while self._posted:
                 self._posted.popleft()()
         self._now_ns = instant_ns
+
+
+class _Since(dict[str, int]):
+    """Since when nodes are up; the monitor asks for each of them at every turn."""
+
+    def __missing__(self, name: str) -> int:
+        return 0
 
 
 def _subject(problem: str) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 
 from moon.properties.monitor import PropertySet
 from moon.properties.property import Property
+from moon.properties.rules import NEVER
 from moon.properties.verdict import Status, Verdict
 from transports.interface import Observation
 
@@ -43,6 +44,15 @@ class Foresight:
         """What was heard is not all: look at the first set again before anything is said."""
         self._follows = False
         self._waiting.clear()
+
+    @property
+    def due_ns(self) -> int:
+        """Before this instant :meth:`advance` finds nothing, if nothing is heard; 0: not known."""
+        if not self._follows:
+            return 0
+        own = self._set.next_deadline()
+        due_ns = NEVER if own is None else own
+        return min(due_ns, self._waiting[0].stamp_ns) if self._waiting else due_ns
 
     def advance(
         self, until_ns: int, behind: PropertySet, held: Sequence[Observation]

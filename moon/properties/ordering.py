@@ -104,6 +104,11 @@ class OrderedProperties:
             self._foresight = Foresight(self._properties)
         return self._foresight.advance(until_ns, self._set, self._held)
 
+    @property
+    def foreseen_next_ns(self) -> int:
+        """Before this instant :meth:`foresee` finds nothing, if nothing is heard; 0: not known."""
+        return 0 if self._foresight is None else self._foresight.due_ns
+
     def foresee_nothing(self) -> None:
         """Foresee nothing for a while: it costs nothing then."""
         if self._foresight is not None:
