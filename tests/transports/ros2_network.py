@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from m2c.rosidl.build import InterfaceInstall, build_interfaces
+from tests.transports import shared_memory
 from transports.interface import Transport
 from transports.networks import ThreadedNetwork
 
@@ -58,9 +59,13 @@ def own_domain() -> Iterator[int]:
         return start % 100 + 1
 
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    before = shared_memory.unused()
     with domain_id(candidate) as number:
         os.environ["ROS_DOMAIN_ID"] = str(number)
-        yield number
+        try:
+            yield number
+        finally:
+            shared_memory.remove_mailboxes(number, before)
 
 
 def network() -> ThreadedNetwork:

@@ -1,4 +1,4 @@
-"""The ROS 2 part of the suite, again and again: all green, and nothing left in shared memory.
+"""The ROS 2 part of the suite, again and again: all green, and no segment left in shared memory.
 
 ``python -m tests.transports.ros2_soak [TIMES] [PYTEST ARGUMENTS…]``; by default 20 times everything marked
 ``ros2``. Ends with 1 at the first run that fails, or at the end if any left something. Where others use ROS 2
@@ -12,7 +12,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from tests.transports.shared_memory import SHARED, unused
+from tests.transports.shared_memory import SHARED, segments
 
 TIMES = 20
 RUN_TIMEOUT_S = 1800.0
@@ -23,7 +23,7 @@ def main(arguments: list[str]) -> int:
     """Run it; the exit code."""
     times = int(arguments[0]) if arguments else TIMES
     command = [sys.executable, "-m", "pytest", "-q", "-m", "ros2", *arguments[1:]]
-    before = unused()
+    before = segments()
     leaks = 0
     for number in range(1, times + 1):
         done = subprocess.run(
@@ -33,14 +33,14 @@ def main(arguments: list[str]) -> int:
         if done.returncode:
             print(done.stdout)
             return 1
-        if left := unused() - before:
+        if left := segments() - before:
             print(f"left in {SHARED}: {', '.join(sorted(left))}", flush=True)
             before |= left
             leaks += 1
     if leaks:
         print(f"{leaks} of {times} runs left something")
         return 1
-    print(f"{times} runs, all green, nothing left in {SHARED}")
+    print(f"{times} runs, all green, no segment left in {SHARED}")
     return 0
 
 

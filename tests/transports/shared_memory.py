@@ -1,4 +1,10 @@
-"""What Fast DDS leaves in shared memory."""
+"""What Fast DDS leaves in shared memory.
+
+A participant has a *segment*, in which the messages stand that it sends, and *mailboxes* (``…_port7400``),
+in which others put where such a message stands. A process that is killed leaves all of it. But also of
+processes that end well, Fast DDS leaves a mailbox whose reader has not had its turn for a second, on a
+busy machine: it takes that one for broken, and nobody for its owner (``SharedMemGlobal::Port``).
+"""
 
 from __future__ import annotations
 
@@ -6,9 +12,11 @@ import re
 from pathlib import Path
 
 SHARED = Path("/dev/shm")
-_PORT = re.compile(r"(?:sem\.)?fastrtps_port(\d+)")
+_MAILBOX = re.compile(r"(?:sem\.)?fastrtps_port(\d+)")
 _FIRST_PORT, _PORTS = 7400, 250
 """Ports of domain 0, and how many each domain has (DDSI-RTPS 2.5, 9.6.2.3)."""
+_SHARED_PORTS = range(7000, _FIRST_PORT)
+"""Mailboxes that participants of all domains number as they come."""
 
 
 def unused() -> set[str]:
@@ -24,15 +32,18 @@ def unused() -> set[str]:
     return {name for name in files if (SHARED / name).exists()}
 
 
-def of_domain(number: int) -> set[str]:
-    """Those of :func:`unused` that belong to a ROS domain: mailboxes of its participants.
+def segments() -> set[str]:
+    """Those of :func:`unused` in which messages stood: somebody was killed."""
+    return {name for name in unused() if not _MAILBOX.match(name)}
 
-    The others, in which messages stand, do not tell whose they are.
-    """
-    first = _FIRST_PORT + _PORTS * number
-    found = set()
-    for name in unused():
-        match = _PORT.match(name)
-        if match is not None and first <= int(match[1]) < first + _PORTS:
-            found.add(name)
-    return found
+
+def remove_mailboxes(domain: int, before: set[str]) -> None:
+    """Remove the mailboxes of a ROS domain, whose processes have ended, that were not there ``before``."""
+    first = _FIRST_PORT + _PORTS * domain
+    for name in unused() - before:
+        match = _MAILBOX.match(name)
+        if match is None:
+            continue
+        port = int(match[1])
+        if port in _SHARED_PORTS or first <= port < first + _PORTS:
+            (SHARED / name).unlink(missing_ok=True)
