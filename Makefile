@@ -56,7 +56,7 @@ unit: $(VENV)/.installed
 benchmarks: $(VENV)/.installed
 	$(BIN)/python -m benchmarks
 
-# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (three quarters of an hour).
+# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (twenty minutes).
 overhead: $(VENV)/.installed
 	$(BIN)/python -m examples.overhead --full --update-docs -o build/overhead
 

@@ -24,11 +24,12 @@ PAGE = ROOT / "docs/overhead.md"
 IMAGES = ROOT / "docs/images"
 TRANSPORTS = ("zenoh", "ros2")
 
-FULL = table3.Plan(rounds=5, ticks={1.0: 10, 10.0: 40, 0.0: 200})
+FULL = table3.Plan(rounds=6, ticks={1.0: 8, 10.0: 30, 0.0: 150}, few=2)
+SLOW_ROUNDS = 4
 QUICK = table3.Plan(rounds=2, ticks={10.0: 15, 0.0: 60}, warm_up=5)
 QUICK_CONFIGURATIONS = ("none", "control", "models", "both", "both-websocket", "both-in-process")
-SLOW_CONFIGURATIONS = ("none", "control", "both")
-"""Measured at one tick a second, too, which takes its time."""
+EXPERIMENTS = {"zenoh": growth_points.EXPERIMENTS, "ros2": ("taps", "rate")}
+"""Of a full run, by transport."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="under two minutes (the default)")
-    size.add_argument("--full", action="store_true", help="three quarters of an hour")
+    size.add_argument("--full", action="store_true", help="twenty minutes")
     size.add_argument("--summary", action="store_true", help="three lines, in 15 s, on Zenoh")
     size.add_argument("--from", dest="source", type=Path, help="show a results.json again")
     parser.add_argument(
@@ -52,7 +53,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="every figure as one JSON object")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="CSV, Markdown, figures")
     parser.add_argument("--update-docs", action="store_true", help=f"rewrite {PAGE.name}'s tables")
-    parser.add_argument("--only", choices=("table3", "growth", "cost"), action="append")
+    parser.add_argument(
+        "--only",
+        choices=("targets", "table3", "growth", "cost"),
+        action="append",
+        help="targets: of table III what there are targets for (with --full: ten minutes)",
+    )
     parser.add_argument("--rounds", type=int, help="of table III and growth")
     parser.add_argument("--seed", type=int, help="of the order; another one each time by default")
     chosen = parser.parse_args(arguments)
@@ -115,7 +121,7 @@ def measure(chosen: argparse.Namespace) -> results.Results:
     windows: list[node_cost.Window] = []
     problems: list[str] = []
     for transport in transports:
-        if "table3" in parts:
+        if "table3" in parts or "targets" in parts:
             for plan, names in plans(chosen):
                 configurations = [item for item in CONFIGURATIONS if item.name in names]
                 with tolerated(problems, f"table III on {transport}"):
@@ -127,7 +133,7 @@ def measure(chosen: argparse.Namespace) -> results.Results:
             plan_of_growth = msgspec.structs.replace(plan_of_growth, seed=chosen.seed)
             if chosen.rounds:
                 plan_of_growth = msgspec.structs.replace(plan_of_growth, rounds=chosen.rounds)
-            experiments = growth_points.EXPERIMENTS if chosen.full else ("taps",)
+            experiments = EXPERIMENTS[transport] if chosen.full else ("taps",)
             for experiment in experiments:
                 with tolerated(problems, f"{experiment} on {transport}"):
                     for run in growth.MEASURES[experiment](transport, plan_of_growth, say):
@@ -165,14 +171,20 @@ def plans(chosen: argparse.Namespace) -> list[tuple[table3.Plan, Sequence[str]]]
     plan = msgspec.structs.replace(FULL if chosen.full else QUICK, seed=chosen.seed)
     if chosen.rounds:
         plan = msgspec.structs.replace(plan, rounds=chosen.rounds)
+    targets_only = "table3" not in (chosen.only or ["table3"])
     if not chosen.full:
-        return [(plan, QUICK_CONFIGURATIONS)]
+        return [(plan, table3.CORE if targets_only else QUICK_CONFIGURATIONS)]
     slow = {rate: count for rate, count in plan.ticks.items() if 0 < rate < 5}
     fast = {rate: count for rate, count in plan.ticks.items() if rate not in slow}
-    names = [item.name for item in CONFIGURATIONS]
+    names = table3.CORE if targets_only else [item.name for item in CONFIGURATIONS]
     return [
         (msgspec.structs.replace(plan, ticks=fast), names),
-        (msgspec.structs.replace(plan, ticks=slow, warm_up=2), SLOW_CONFIGURATIONS),
+        (
+            msgspec.structs.replace(
+                plan, ticks=slow, warm_up=2, rounds=min(plan.rounds, SLOW_ROUNDS)
+            ),
+            table3.CORE,  # one tick a second takes its time
+        ),
     ]
 
 

@@ -39,13 +39,13 @@ class GrowthPlan(msgspec.Struct, frozen=True):
         seconds: a block at a slow rate is over after so long.
     """
 
-    rounds: int = 3
+    rounds: int = 2
     taps: tuple[int, ...] = (0, 1, 2, 4, 8)
     skills: tuple[int, ...] = (1, 10, 50, 100, 200)
-    rates: tuple[float, ...] = (1, 3, 10, 30, 100, 0)
+    rates: tuple[float, ...] = (3, 10, 30, 100, 0)
     sizes: tuple[int, ...] = (16, 256, 4_096, 65_536, 1_048_576)
     ticks: int = 60
-    seconds: float = 6.0
+    seconds: float = 3.0
     seed: int = 5
 
     def block(self, rate_hz: float) -> int:

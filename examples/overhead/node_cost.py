@@ -59,7 +59,7 @@ class CostPlan(msgspec.Struct, frozen=True):
     rounds: int = 6
     ticks: int = 60
     rates: tuple[float, ...] = (10.0, 0.0)
-    idle_s: float = 3.0
+    idle_s: float = 2.0
     seed: int = 7
 
 
@@ -279,7 +279,7 @@ class _Account:
 
 
 def _settle() -> None:
-    """Events leave after the call (2 ms), acknowledgements after that: they belong to the ticks."""
+    """Events leave after the call (4 to 10 ms), acknowledgements after that: they belong to the ticks."""
     threading.Event().wait(0.25)
 
 

@@ -46,11 +46,16 @@ PAPER: dict[str, dict[str, int]] = {
 """Its table III: average tick times in µs, conf 1 to 4, on the authors' machine with ROS 2 and C++."""
 
 
+CORE = ("none", "control", "both")
+"""What there are targets for, and what it is compared with."""
+
+
 class Plan(msgspec.Struct, frozen=True):
     """How much is measured.
 
     Attributes:
         rounds: how often each configuration has its turn.
+        few: how often those have it that are far from any target (``CORE`` is the others).
         ticks: by rate (ticks of the tree a second; 0: saturation), how many in each block.
         warm_up: ticks before each block, not measured.
         run_in: ticks once, before the first round, not measured.
@@ -62,6 +67,11 @@ class Plan(msgspec.Struct, frozen=True):
     warm_up: int = 10
     run_in: int = 200
     seed: int = 3
+    few: int | None = None
+
+    def has_turn(self, configuration: Configuration, number: int) -> bool:
+        """Whether ``configuration`` is measured in round ``number``."""
+        return self.few is None or number < self.few or configuration.name in CORE
 
 
 class Block(msgspec.Struct, frozen=True):
@@ -161,6 +171,8 @@ def measure(
             say(f"{transport}: {plan.run_in} ticks that do not count: everything is cold at first")
             plants[False].run(Order(plan.run_in, 0.0, 0, rest=True))
         for number, configuration in rounds(configurations, plan.rounds, plan.seed):
+            if not plan.has_turn(configuration, number):
+                continue
             say(f"{transport}: round {number + 1} of {plan.rounds}, {configuration.label}")
             plant = plants[configuration.observation.is_in_the_middle]
             turn: list[Block] = []

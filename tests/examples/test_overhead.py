@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import json
 import re
@@ -254,6 +255,17 @@ def test_the_command_prints_json_for_machines(tmp_path: Path, monkeypatch, capsy
     assert {"results.json", "table3.csv", "overhead.md", "overhead-table3-zenoh.svg"} <= names
     assert command.main(["--from", str(tmp_path / "results.json"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == found
+
+
+def test_targets_alone_are_measured_without_monitors_in_the_middle() -> None:
+    chosen = argparse.Namespace(full=True, only=["targets"], rounds=3, seed=1)
+    (fast, names), (slow, slow_names) = command.plans(chosen)
+    assert names == slow_names == table3.CORE
+    assert (fast.rounds, set(fast.ticks)) == (3, {10.0, 0.0})
+    assert (slow.rounds, set(slow.ticks)) == (3, {1.0})
+    chosen.only = None
+    (fast, names), _ = command.plans(chosen)
+    assert names == [item.name for item in CONFIGURATIONS]
 
 
 @pytest.mark.zenoh

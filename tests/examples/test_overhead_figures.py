@@ -160,6 +160,34 @@ def test_saturation_comes_after_all_rates() -> None:
     assert [point.x for point in growth_points.points(runs)] == [1.0, 100.0, 0.0]
 
 
+# -- the plan ---------------------------------------------------------------------------------------
+
+
+def test_what_is_far_from_any_target_has_its_turn_in_the_first_rounds_only() -> None:
+    plan = table3.Plan(rounds=3, ticks={0.0: 1}, few=1)
+    turns = [
+        {item.name for item in CONFIGURATIONS if plan.has_turn(item, number)} for number in range(3)
+    ]
+    assert turns == [{item.name for item in CONFIGURATIONS}, set(table3.CORE), set(table3.CORE)]
+
+
+def test_ratios_are_of_the_rounds_in_which_there_was_a_turn() -> None:
+    found = made_up()
+    blocks = [b for b in found.table3.blocks if b.round == 0 or b.configuration in table3.CORE]
+    measured = msgspec.structs.replace(found.table3, blocks=tuple(blocks))
+    counts = {
+        cell.configuration: (cell.micros.count, round(cell.ratio.value, 2))
+        for cell in table3.cells(measured)
+        if cell.series == table3.ROOT and cell.rate_hz == 10
+    }
+    assert counts == {
+        "none": (6, 1.0),
+        "control": (6, 1.01),
+        "both": (6, 1.04),
+        "both-websocket": (3, 3.0),
+    }
+
+
 # -- accounts ---------------------------------------------------------------------------------------
 
 
