@@ -25,6 +25,7 @@ from m2c.model.datatypes import (
     describe,
 )
 from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.file_size import size_of
 
 _FIELD = re.compile(
     r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:(?:<=)?\d{1,9})?\])?\s+"
@@ -144,6 +145,7 @@ class InterfaceLibrary:
             path = self._files[stem]
             file = str(path)
             try:
+                size_of(path)  # or it cannot be read
                 with path.open("rb") as opened:
                     content = opened.read(MAX_BYTES + 1)
             except OSError as error:

@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.file_size import size_of
 
 MAX_BYTES = 4 * 1024 * 1024
 """The largest published model has 40 kB; a hundred times that is not a model."""
@@ -89,7 +90,7 @@ def read_xml(path: Path, log: DiagnosticLog) -> Element | None:
     file = str(path)
     whole = Position(file)
     try:
-        size = path.stat().st_size
+        size = size_of(path)
         if size > MAX_BYTES:
             log.error(
                 "hostile-xml",

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.file_size import size_of
 
 MAX_BYTES = 1024 * 1024
 MAX_DEPTH = 12
@@ -51,7 +52,7 @@ def read_yaml(path: Path, log: DiagnosticLog) -> YamlNode | None:
     """The tree of the file at ``path``; None after reporting what is wrong."""
     whole = Position(str(path))
     try:
-        if path.stat().st_size > MAX_BYTES:
+        if size_of(path) > MAX_BYTES:
             log.error("hostile-yaml", whole, "", f"the file has more than {MAX_BYTES} bytes")
             return None
         content = path.read_bytes()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -122,6 +123,15 @@ def test_fifty_megabytes_are_refused_unread(tmp_path: Path) -> None:
         file.truncate(50_000_000)
     assert findings(path) == [
         "0:0: error: the file has 50000000 bytes; a model has at most 4194304 bytes [hostile-xml]"
+    ]
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    os.mkfifo(path)
+    assert findings(path) == [
+        "0:0: error: cannot read the file: a pipe or a device, which may never end; save it as a "
+        "file [unreadable-file]"
     ]
 
 
