@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import tempfile
@@ -16,12 +17,20 @@ CLOSE_TIMEOUT_S = 10.0
 """How long the launcher's own connection may take to close, when all nodes have ended."""
 
 
+def _finite(_: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """``nan`` and ``inf`` are numbers to click, and ``nan`` is in every range."""
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is not a number of ticks")
+    return value
+
+
 @click.command()
 @click.argument("system", type=click.Path(path_type=Path))
 @click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
 @click.option(
     "--rate",
     type=click.FloatRange(min=0, min_open=True),
+    callback=_finite,
     help="Tree ticks a second; by default the system's.",
 )
 @click.option("--ticks", type=click.IntRange(min=1), help="Stop after this many ticks.")

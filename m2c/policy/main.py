@@ -18,6 +18,7 @@ from m2c.runtime.main import (
     add_transport_options,
     connect_or_exit,
     log_on,
+    positive,
     set_up_logging,
     split_ros_arguments,
 )
@@ -48,12 +49,12 @@ def main(
     )
     add_transport_options(parser, transport)
     parser.add_argument("--node-name", default="policy")
-    parser.add_argument("--rate", type=float, help="ticks a second (default: the system's)")
+    parser.add_argument("--rate", type=positive, help="ticks a second (default: the system's)")
     parser.add_argument("--ticks", type=int, default=0, help="stop after so many (0: no end)")
     parser.add_argument(
         "--wait-for", action="append", default=[], metavar="NODE", help="tick once this node is up"
     )
-    parser.add_argument("--tick-timeout", type=float, default=5.0, help="seconds, for one leaf")
+    parser.add_argument("--tick-timeout", type=positive, default=5.0, help="seconds, for one leaf")
     own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)

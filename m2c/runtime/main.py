@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import math
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -25,6 +26,19 @@ def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zen
     parser.add_argument("--zenoh-config", default="", help="a Zenoh configuration file (JSON5)")
     parser.add_argument("--namespace", default="", help="prefix of every channel")
     parser.add_argument("--log-level", default="INFO", help="DEBUG, INFO, WARNING or ERROR")
+
+
+def positive(text: str) -> float:
+    """The number that an argument of the command line says; argparse's error if it is none, or not
+    more than 0, or ``inf``.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
+    return value
 
 
 def connect_or_exit(arguments: argparse.Namespace, ros_arguments: str) -> Transport:
@@ -106,7 +120,7 @@ def main(
     add_transport_options(parser, transport)
     parser.add_argument("--node-name", default=name, help="name of this node in the system")
     parser.add_argument(
-        "--call-timeout", type=float, default=5.0, help="seconds, for its own calls"
+        "--call-timeout", type=positive, default=5.0, help="seconds, for its own calls"
     )
     own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parsed = parser.parse_args(own)
