@@ -114,6 +114,8 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
     from transports.interface import TransportError
     from transports.registry import connect
 
+    if network.transport == "simulated":
+        fail("--transport simulated: that world is in one process; listen to it there")
     try:
         connection = connect(network.transport, f"{name}_{os.getpid()}", options_of(network))
         try:

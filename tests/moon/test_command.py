@@ -382,6 +382,7 @@ def test_it_says_that_it_is_linked_to_nobody(hub) -> None:
         ),
         (["--namespace", "a//b"], "namespace 'a//b': Invalid Key Expr"),
         (["--transport", "telepathy"], "no transport `telepathy` is installed; installed: "),
+        (["--transport", "simulated"], "--transport simulated: that world is in one process"),
     ],
 )
 def test_a_bad_option_is_one_clear_error_and_exit_code_2(arguments, message) -> None:
