@@ -10,6 +10,7 @@ nodes it hears (``LINK_KEYS``), from which a tap learns of nodes that it is not 
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from queue import Empty, SimpleQueue
@@ -141,6 +142,8 @@ class Announcement:
         self._links: Any = None
         self._linked: Sequence[str] = ()
         self._withdrawn = False
+        self._lock = threading.RLock()
+        """Held while tokens come and go: each is withdrawn once."""
         put, receive = executor.put, self._receive
         self._watch = watch(session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample)))
         self._token = session.liveliness().declare_token(
@@ -158,23 +161,27 @@ class Announcement:
         if linked == self._linked:
             return
         self._linked = linked
-        before = self._links
-        try:
-            self._links = self._session.liveliness().declare_token(
-                f"{LINK_KEYS}/{self._zid}/{','.join(linked) or '-'}"
-            )
-            if before is not None:
-                before.undeclare()
-        except zenoh.ZError:
-            if not self._withdrawn:  # by another thread, meanwhile
-                raise
+        with self._lock:
+            if self._withdrawn:
+                return
+            before = self._links
+            try:
+                self._links = self._session.liveliness().declare_token(
+                    f"{LINK_KEYS}/{self._zid}/{','.join(linked) or '-'}"
+                )
+                if before is not None:
+                    before.undeclare()
+            except zenoh.ZError:
+                if not self._withdrawn:  # by a signal's handler on this thread, meanwhile
+                    raise
 
     def undeclare(self) -> None:
         """Withdraw; from any thread."""
-        self._withdrawn = True
-        for declared in (self._watch, self._token, self._links):
-            if declared is not None:
-                declared.undeclare()
+        with self._lock:
+            self._withdrawn = True
+            for declared in (self._watch, self._token, self._links):
+                if declared is not None:
+                    declared.undeclare()
 
 
 class ServerToken:
