@@ -156,11 +156,13 @@ def _play(
         play(entry)
         if timelines is not None:
             timelines.look(entry)
-        recorded = recorded or isinstance(entry, Said)
-        count += 1
-        if progress is not None and count == PROGRESS_EVERY:
-            progress(count)
-            count = 0
+        if type(entry) is Said:
+            recorded = True
+        if progress is not None:
+            count += 1
+            if count == PROGRESS_EVERY:
+                progress(count)
+                count = 0
     if progress is not None:
         progress(count)
     return first, entry, recorded

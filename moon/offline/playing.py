@@ -116,9 +116,11 @@ class Player:
         if type(entry) is Observation:  # nearly all are, or turns
             self._heard(entry)
             return
-        match entry:
-            case Pulse():
+        if type(entry) is Pulse:
+            if self._paced:
                 self._take_turn(entry)
+            return
+        match entry:
             case NodeChange():
                 self._change(entry)
             case Missed():
@@ -127,8 +129,6 @@ class Player:
                 pass
 
     def _take_turn(self, pulse: Pulse) -> None:
-        if not self._paced:
-            return
         self._monotonic_ns = pulse.monotonic_ns
         if pulse.turn is Turn.TIMER and self._timer is not None:
             self._timer()

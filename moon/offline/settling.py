@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
+from itertools import chain
 
 from msgspec.structs import replace
 
@@ -34,11 +35,15 @@ def settled(entries: Iterable[Entry]) -> Iterator[Entry]:
     source = iter(entries)
     first = next(source, None)
     if first is None:
-        return
+        return iter(())
+    everything = chain((first,), source)
+    return everything if isinstance(first, Began) and first.paced else _moving(everything)
+
+
+def _moving(source: Iterator[Entry]) -> Iterator[Entry]:
+    """All of ``source``, each entry where it belongs."""
+    first = next(source)
     yield first
-    if isinstance(first, Began) and first.paced:
-        yield from source
-        return
     held: list[tuple[int, int, Entry]] = []
     newest_ns = first.received_ns
     for number, entry in enumerate(source):

@@ -72,7 +72,8 @@ class Decoder:
             raise CdrError("a string in it is no UTF-8") from error
         if end + _PADDING_BYTES < len(payload):
             raise CdrError(f"it should end at byte {end + HEADER_BYTES}, and has {len(data)}")
-        return value  # type: ignore[no-any-return]
+        decoded: dict[str, Any] = value
+        return decoded
 
 
 def part_reader(structure: Structure) -> _Value:
@@ -96,6 +97,8 @@ def _structure_reader(structure: Structure, order: str) -> _Value:
             steps.append(_run_reader(run, order))
             run = []
         steps.append(_field_reader(name, _reader(kind, order)))
+    if not steps:
+        return _flat_reader(run, order)
     if run:
         steps.append(_run_reader(run, order))
 
@@ -117,16 +120,8 @@ def _field_reader(name: str, read: _Value) -> _Step:
 
 
 def _run_reader(run: list[tuple[str, str]], order: str) -> _Step:
-    """Scalars in a row at once; their padding depends on where they begin, modulo 8."""
-    names = tuple(name for name, _ in run)
-    tables = []
-    for begin in range(8):
-        position, layout = begin, order
-        for _, kind in run:
-            padding = -position % _SIZES[kind]
-            layout += "x" * padding + CODES[kind]
-            position += padding + _SIZES[kind]
-        tables.append((struct.Struct(layout).unpack_from, position - begin))
+    """Scalars in a row, as a part of a structure."""
+    names, tables = _run(run, order)
 
     def step(data: bytes, position: int, value: dict[str, Any]) -> int:
         unpack, size = tables[position & 7]
@@ -134,6 +129,36 @@ def _run_reader(run: list[tuple[str, str]], order: str) -> _Step:
         return position + size
 
     return step
+
+
+def _flat_reader(run: list[tuple[str, str]], order: str) -> _Value:
+    """A structure of nothing but scalars."""
+    names, tables = _run(run, order)
+
+    def read(data: bytes, position: int) -> tuple[dict[str, Any], int]:
+        unpack, size = tables[position & 7]
+        return dict(zip(names, unpack(data, position), strict=True)), position + size
+
+    return read
+
+
+_Unpack = Callable[[bytes, int], tuple[Any, ...]]
+
+
+def _run(
+    run: list[tuple[str, str]], order: str
+) -> tuple[tuple[str, ...], list[tuple[_Unpack, int]]]:
+    """Names of scalars in a row, and how they are taken at once: by where they begin, modulo 8."""
+    names = tuple(name for name, _ in run)
+    tables: list[tuple[_Unpack, int]] = []
+    for begin in range(8):
+        position, layout = begin, order
+        for _, kind in run:
+            padding = -position % _SIZES[kind]
+            layout += "x" * padding + CODES[kind]
+            position += padding + _SIZES[kind]
+        tables.append((struct.Struct(layout).unpack_from, position - begin))
+    return names, tables
 
 
 def _reader(kind: DataType, order: str) -> _Value:

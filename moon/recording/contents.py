@@ -59,6 +59,8 @@ class Contents:
         self.last_ns = 0
         self.count = 0
         self.on_arrival = True
+        self._known: set[tuple[str, ObservationKind, str]] = set()
+        """Channels, kinds and sources that were found before."""
 
     def note(self, seen: Observation) -> None:
         """Take note of one."""
@@ -71,14 +73,20 @@ class Contents:
                 return
             found = self.channels[seen.channel] = ChannelContents(seen.type_name)
         found.count += 1
-        found.kinds.add(seen.kind)
-        if seen.stamp_ns != seen.received_ns and seen.kind is ObservationKind.MESSAGE:
-            self.on_arrival = False
-        if len(found.sources) < _MAX_SOURCES:
-            found.sources.add((seen.kind, seen.source))
-        found.unnamed += not seen.source
-        found.unnumbered += seen.sequence < 0
-        found.hollow += seen.data is None and not seen.error
+        if self.on_arrival and seen.stamp_ns != seen.received_ns:
+            self.on_arrival = seen.kind is not ObservationKind.MESSAGE
+        place = (seen.channel, seen.kind, seen.source)
+        if place not in self._known:
+            found.kinds.add(seen.kind)
+            if len(found.sources) < _MAX_SOURCES:
+                found.sources.add((seen.kind, seen.source))
+                self._known.add(place)
+        if not seen.source:
+            found.unnamed += 1
+        if seen.sequence < 0:
+            found.unnumbered += 1
+        if seen.data is None and not seen.error:
+            found.hollow += 1
 
     def limits(self) -> list[str]:
         """What cannot be concluded from what was found, one sentence each."""

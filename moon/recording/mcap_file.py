@@ -38,8 +38,10 @@ _PRIVATE_OPCODES = 0x80
 _frame = struct.Struct("<BQ").unpack
 _frame_at = struct.Struct("<BQ").unpack_from
 _message_at = struct.Struct("<HIQQ").unpack_from
+_framed_message_at = struct.Struct("<BQHIQQ").unpack_from
 _FRAME_BYTES = 9
 _MESSAGE_BYTES = 22
+_FRAMED_BYTES = _FRAME_BYTES + _MESSAGE_BYTES
 _PIECE_BYTES = 1024 * 1024
 _LEADING = 16
 """Records that are looked at for metadata before the first chunk."""
@@ -260,7 +262,20 @@ class McapFile:
             if crc and zlib.crc32(records) != crc:
                 raise _DamagedError("a chunk whose checksum is wrong")
         place, end, left_out = 0, len(records), 0
+        known = self._wanted
         while place + _FRAME_BYTES <= end:
+            if place + _FRAMED_BYTES <= end:  # nearly all are messages of channels that are known
+                opcode, length, number, sequence, received_ns, published_ns = _framed_message_at(
+                    records, place
+                )
+                after = place + _FRAME_BYTES + length
+                if opcode == _MESSAGE and length >= _MESSAGE_BYTES and after <= end:
+                    channel = known.get(number)
+                    if channel is not None:
+                        begin, place = place + _FRAMED_BYTES, after
+                        data = records[begin:after]
+                        yield StoredMessage(channel, received_ns, published_ns, sequence, data)
+                        continue
             opcode, length = _frame_at(records, place)
             place += _FRAME_BYTES
             if place + length > end:

@@ -8,6 +8,7 @@ wrongly (a node that has started again) is kept whole.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 
 from transports.interface import Observation, ObservationKind
@@ -54,12 +55,25 @@ class Numbers:
         self._keep(place, seen.sequence, seen.order)
         return bits
 
-    def unpack(self, source: str, channel: str, is_message: bool, bits: int) -> tuple[int, int]:
-        """``(sequence, order)`` of the next observation of this place."""
+    def unpacker(
+        self, source: str, channel: str, is_message: bool
+    ) -> Callable[[int], tuple[int, int]]:
+        """From the bits of the next observation of this place to its ``(sequence, order)``."""
         place = (source, channel, is_message)
-        sequence, order = self._unpacked(place, bits)
-        self._keep(place, sequence, order)
-        return sequence, order
+        sequences, orders = self._sequences, self._orders
+
+        def unpack(bits: int) -> tuple[int, int]:
+            last, before = sequences.get(place), orders.get(source)
+            if last is None or before is None:
+                sequence, order = self._unpacked(place, bits)
+                self._keep(place, sequence, order)
+            else:  # the same, where both are kept: nearly always
+                sequence = sequences[place] = last + ((bits & _MASK) - last & _MASK)
+                order = before + ((bits >> _BITS) - before + _HALF & _MASK) - _HALF
+                orders[source] = order
+            return sequence, order
+
+        return unpack
 
     def note(self, seen: Observation) -> None:
         """``seen`` is kept whole."""

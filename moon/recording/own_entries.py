@@ -78,7 +78,7 @@ def _number_reader(
 ) -> ReadNumbers:
     match metadata.get(layout.NUMBERS):
         case Numbering.BOTH:
-            return lambda bits: numbers.unpack(source, channel, is_message, bits)
+            return numbers.unpacker(source, channel, is_message)
         case Numbering.SEQUENCE:
             return lambda number: (number - 1, -1)
         case _:

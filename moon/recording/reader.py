@@ -68,13 +68,13 @@ class Recording:
         Args:
             wanted: whether the observations on a channel are wanted; by default all are.
         """
-        wanted = wanted or _everything
         note = self.contents.note
-        for entry in self._read_lines() if self._bag is None else self._read_bag(wanted):
-            if not isinstance(entry, Observation):
+        source = self._read_lines() if self._bag is None else self._read_bag(wanted or _everything)
+        for entry in source:
+            if type(entry) is not Observation:
                 self.ended = isinstance(entry, Ended)
                 yield entry
-            elif wanted(entry.channel):
+            elif wanted is None or wanted(entry.channel):
                 note(entry)
                 yield entry
         self._at_end = True
@@ -130,16 +130,17 @@ class Recording:
             return form is not Form.COPY
 
         began: Began | None = None
-        missing = 0
+        faults, missing = bag.faults, 0
         for message in bag.messages(of_interest):
             entry = convert(message)
             if entry is None:
                 continue
-            if isinstance(entry, Began):
-                began = entry
-            elif began is not None and len(bag.faults) + convert.left_out > missing:
-                yield replace(began, received_ns=message.received_ns)
-            missing = len(bag.faults) + convert.left_out
+            if type(entry) is Began:
+                began, missing = entry, len(faults) + convert.left_out
+            elif len(faults) + convert.left_out != missing:
+                missing = len(faults) + convert.left_out
+                if began is not None:
+                    yield replace(began, received_ns=message.received_ns)
             yield entry
 
     def _read_lines(self) -> Iterator[Observation]:

@@ -344,7 +344,7 @@ def test_the_numbers_of_more_sources_than_are_kept_are_read_the_same() -> None:
     for number in range(MAX_PLACES + 3):
         seen = message(number=number, source=f"n{number}", sequence=7, order=9)
         bits = one.pack(seen)
-        assert other.unpack(seen.source, seen.channel, True, bits) == (7, 9)
+        assert other.unpacker(seen.source, seen.channel, True)(bits) == (7, 9)
 
 
 @pytest.mark.parametrize(
