@@ -305,7 +305,10 @@ class Hypothesis:
             mine = {id(fact.base): fact for fact in pending}
             theirs = {id(fact.base): fact for fact in other.pending}
             made = []
-            for key, fact in {**theirs, **mine}.items():
+            both = {**theirs, **mine}
+            if len(both) == len(mine):
+                both = mine  # as it stands: messages of one stamp would change places for ever
+            for key, fact in both.items():
                 twin = theirs.get(key)
                 firm = key in mine and twin is not None and not twin.droppable
                 made.append(fact if firm else fact.perhaps())
