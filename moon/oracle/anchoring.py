@@ -26,9 +26,13 @@ class Anchoring:
         self._last_output = 0
 
     def begin(self, stamp: int) -> None:
-        """Listen from ``stamp`` (ns) on; what came before is forgotten."""
+        """Listen from ``stamp`` (ns) on; what came before is forgotten, and what is newer is not known to
+        be all that there was: nothing is concluded from before the newest that was forgotten.
+        """
+        stamps = (min(fact.stamp, fact.observation.received_ns) for fact in self._recent)
+        newest = max(stamps, default=0)
         self._recent.clear()
-        self._since = self._last_output = stamp
+        self._since = self._last_output = max(stamp, newest)
 
     def remember(self, fact: Fact, finished: int) -> None:
         """Keep ``fact``; nothing that came ``finished`` (ns) or earlier is waited for."""

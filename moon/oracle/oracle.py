@@ -70,8 +70,11 @@ class Oracle:
         self.search = Search(machine, library, self.channels, self.bounds)
         self._lanes = Lanes(self.channels, self.node)
         self._latency = self.bounds.latency
-        self._progress = None if self.channels.hears_others else Progress()
-        """Where everything that concerns the machine is told by its own node: how far that is."""
+        self._progress = Progress()
+        self._alone = not self.channels.hears_others
+        """Everything that concerns the machine is told by its own node: it is known how far that is."""
+        self._certain_since = 0
+        """Since when (ns) what the machine does is known; what was lost before does not matter."""
         self._anchoring = Anchoring(self._latency)
         self.outcome = Outcome.CONFORMING
         self.violations = 0
@@ -111,8 +114,7 @@ class Oracle:
         self._window.clear()
         self._uptake.clear()
         self._lanes.restart()
-        if self._progress is not None:
-            self._progress.restart()
+        self._progress.restart()
         self._begin(stamp_ns, whole)
         self._droppable_until = 0 if whole else stamp_ns + self.bounds.latency
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
@@ -154,12 +156,12 @@ class Oracle:
             verdicts += self.lose(observation.stamp_ns, text)
         settled = observation.received_ns - self._latency
         progress, order = self._progress, observation.order
-        if progress is not None and lane.own and order >= 0:
+        if lane.own and order >= 0:
             if order == progress.next and not progress.ahead:
                 progress.next, progress.heard = order + 1, observation.stamp_ns
             else:
                 progress.take(order, observation.stamp_ns, settled)
-            if settled >= self._droppable_until:  # before, not all that it did was told
+            if self._alone and settled >= self._droppable_until:  # before, not all was told
                 settled = max(settled, min(progress.heard, observation.received_ns))
             if len(facts) == 1 and settled < self._wake and self._at_once(facts[0], settled):
                 return verdicts
@@ -216,6 +218,8 @@ class Oracle:
             self._finished = settled
             return []
         verdicts: list[Verdict] = []
+        if self._progress.ahead:
+            self._progress.settle(settled)
         if self._window:
             verdicts += self._judge(settled)
         self._finished = settled
@@ -272,7 +276,7 @@ class Oracle:
             self.repeated += 1
             return False
         if self._suspicions.kept:
-            proven = self._suspicions.hear(count.place, number)
+            proven = self._suspicions.hear(count.place, number, stamp)
             verdicts += [v for verdict in proven for v in self._convict(verdict, certain=True)]
         match sequel:
             case Sequel.FIRST if number > 0 and self._is_expected(observation):
@@ -284,8 +288,7 @@ class Oracle:
                 text = f"observations on {observation.channel} from {observation.source} were lost"
                 verdicts += self.lose(stamp, text)
             case Sequel.ANEW if observation.source == self.node:
-                if self._progress is not None:
-                    self._progress.restart()
+                self._progress.restart()
                 verdicts += self.lose(stamp, f"{self.node} was restarted")
         return True
 
@@ -340,7 +343,7 @@ class Oracle:
             insort(window, fact, key=_STAMP)
 
     def _begin(self, stamp: int, whole: bool = False) -> None:
-        self._listening_since = stamp
+        self._listening_since = self._certain_since = stamp
         self._from_start = True
         self._base = self.search.started(stamp, whole)
         self._wake = 0
@@ -374,6 +377,8 @@ class Oracle:
             else:
                 self._finished = max(self._finished, stamp)
                 verdicts += self._violation(fact)
+                if self._base is None:
+                    return verdicts
         if taken:
             del window[:taken]
             self._note_due()
@@ -437,14 +442,24 @@ class Oracle:
         certain = fact.role is Role.STRANGE
         verdicts = self._convict(self._verdict_of(fact.stamp, explanation), certain)
         self._history.append(fact)
-        self._recover(before, fact)
+        if self._is_doubtful() and not certain:
+            self._forget(fact.stamp)
+        else:
+            self._recover(before, fact)
         return verdicts
 
     def _overdue(self, settled: int, base: list[Hypothesis]) -> list[Verdict]:
         explanation = explanation_of(self.search, base, None, self._history)
         verdicts = self._convict(self._verdict_of(settled, explanation, "unresponsive: "))
-        self._recover(base, None)
+        if self._is_doubtful():
+            self._forget(settled)
+        else:
+            self._recover(base, None)
         return verdicts
+
+    def _is_doubtful(self) -> bool:
+        """Whether something that its node told since its doing is known was not heard, and may concern it."""
+        return self._progress.gap > self._certain_since
 
     def _recover(self, before: list[Hypothesis], fact: Fact | None) -> None:
         """After a violation: as if what was owed had come, else from any state."""
@@ -493,12 +508,12 @@ class Oracle:
         None is, when the next observation of every channel concerned has come and its number
         follows.
         """
-        if not certain and self.losses.happen:
+        if not certain and (self.losses.happen or self._is_doubtful()):
             self._suspicions.add(verdict, self._lanes.counts.values())
             if self.outcome is Outcome.INCONCLUSIVE:
                 return []
             self.outcome = Outcome.INCONCLUSIVE
-            self._reason = f"observations are being lost; if none is missing here: {verdict.reason}"
+            self._reason = f"observations were lost; if none is missing here: {verdict.reason}"
             return [self.verdict(verdict.stamp_ns)]
         self.violations += 1
         self.outcome = Outcome.VIOLATED
@@ -522,6 +537,10 @@ class Oracle:
         return [self.verdict(stamp)]
 
     def _forget(self, stamp: int) -> None:
+        stamps = (min(fact.stamp, fact.observation.received_ns) for fact in self._window)
+        newest = max(stamps, default=0)
+        if self._base is not None:
+            newest = max(newest, self.search.last)
         self._synchronised = False
         self._from_start = False
         self._base = None
@@ -530,7 +549,7 @@ class Oracle:
         self._uptake.clear()
         self._lost_until = stamp + self._latency
         self._listening_since = stamp
-        self._anchoring.begin(stamp)
+        self._anchoring.begin(max(stamp, newest))
 
     def _try_to_anchor(self, settled: int) -> list[Verdict]:
         """Begin anew where the machine was certainly between two steps."""
@@ -543,7 +562,7 @@ class Oracle:
         except TooManyError:
             return []
         self._anchoring.found()
-        self.search.last = anchor
+        self.search.last = self._certain_since = anchor
         self._note_due()
         for fact in later:
             self._keep(fact)

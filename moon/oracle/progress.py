@@ -13,14 +13,16 @@ class Progress:
         heard: all that the node did until this stamp (ns) has been heard.
         next: the number that follows.
         ahead: number and stamp of what came after a gap.
+        gap: what is missing and not waited for any more happened before this stamp (ns).
     """
 
-    __slots__ = ("ahead", "heard", "next")
+    __slots__ = ("ahead", "gap", "heard", "next")
 
     def __init__(self) -> None:
         self.ahead: dict[int, int] = {}
         self.next = 0
         self.heard = 0
+        self.gap = 0
 
     def restart(self) -> None:
         """The node counts anew, or nothing is known any more."""
@@ -43,13 +45,18 @@ class Progress:
             ahead[order] = stamp
             if len(ahead) > KEPT_AHEAD:
                 del ahead[next(iter(ahead))]
-            # what is missing before something that happened so long ago does not come any more
-            passed = [number for number, when in ahead.items() if when <= settled]
-            if passed:
-                self.next = max(passed)
-                for number in [number for number in ahead if number < self.next]:
-                    del ahead[number]
-                self._go_on(ahead.pop(self.next))
+            self.settle(settled)
+
+    def settle(self, settled: int) -> None:
+        """What is missing before something that happened until ``settled`` (ns) does not come any more."""
+        ahead = self.ahead
+        passed = [number for number, when in ahead.items() if when <= settled]
+        if passed:
+            self.next = max(passed)
+            for number in [number for number in ahead if number < self.next]:
+                del ahead[number]
+            self.gap = ahead.pop(self.next)
+            self._go_on(self.gap)
 
     def _go_on(self, stamp: int) -> None:
         ahead = self.ahead

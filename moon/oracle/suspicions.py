@@ -30,8 +30,10 @@ class Suspicions:
         self.kept.append((verdict, {c.place: c.next for c in counts if c.next >= 0}))
         del self.kept[:-KEPT_SUSPICIONS]
 
-    def hear(self, place: Place, number: int) -> list[Verdict]:
+    def hear(self, place: Place, number: int, stamp: int) -> list[Verdict]:
         """An observation's number clears its place of having lost what a suspicion hangs on.
+
+        What happened before the suspicion and is heard only now was missing: it was no violation.
 
         Returns:
             The verdicts that are proven by now.
@@ -41,7 +43,7 @@ class Suspicions:
             verdict, open_places = suspicion
             if place not in open_places:
                 continue
-            if number != open_places[place]:
+            if number != open_places[place] or stamp <= verdict.stamp_ns:
                 self.kept.remove(suspicion)
                 continue
             del open_places[place]

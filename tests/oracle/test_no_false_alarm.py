@@ -63,6 +63,12 @@ def test_lost_and_doubled_observations_are_inconclusive_and_no_alarm(seed: int) 
     assert outcomes.count(Outcome.CONFORMING) >= len(outcomes) // 2, "nothing recovers"
 
 
+@pytest.mark.parametrize("seed", [3, 6, 24, 31])
+def test_a_first_loss_of_which_nobody_knew_is_no_alarm(seed: int) -> None:
+    heard = tour(seed, 60.0, Conditions(tap_loss=0.0003), lossy=False)
+    assert not heard.violations, complaints(heard)[:3]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_monitor_that_joins_in_the_middle_raises_no_alarm_and_finds_the_thread(seed: int) -> None:
     conditions = Conditions(delay_s=(0.0, 0.01), tap_delay_s=(0.0, 0.01))

@@ -59,6 +59,7 @@ def tour(
     join_after_s: float = 0.0,
     bounds: Bounds | None = None,
     prepare: Callable[[SimulatedWorld], None] | None = None,
+    lossy: bool | None = None,
 ) -> Heard:
     """Run the lab tour and judge it live.
 
@@ -71,12 +72,14 @@ def tour(
         join_after_s: the monitor comes this long after the system.
         bounds: of the oracles.
         prepare: called with the world before anything runs.
+        lossy: whether the monitor knows that observations get lost; by default, if they do.
     """
     system, nominal = lab_tour()
     world = SimulatedWorld(seed, conditions)
     if prepare is not None:
         prepare(world)
-    lossy = conditions is not None and conditions.tap_loss > 0
+    if lossy is None:
+        lossy = conditions is not None and conditions.tap_loss > 0
     monitor = ModelMonitor(
         system.nodes, system.library, bounds, synchronised=not join_after_s, lossy=lossy
     )
