@@ -179,13 +179,15 @@ class PolicyOracle:
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
         if self._shape.unchecked:
             return []
+        channel, kind = observation.channel, observation.kind
         verdicts: list[Verdict] = []
-        if self.concerns(observation.channel, observation.source, observation.kind):
-            if observation.source != self.node:
-                self._heard_elsewhere(observation)
-            elif observation.kind in _OWN:
-                verdicts += self._take(observation)
-        return verdicts + self.advance(observation.received_ns)
+        if observation.source == self.node:
+            if kind in _OWN and _PARTS not in channel:
+                verdicts = self._take(observation)
+        elif self.concerns(channel, observation.source, kind):
+            self._heard_elsewhere(observation)
+        settled = observation.received_ns - self.bounds.latency
+        return verdicts if settled <= self._finished else verdicts + self._settle(settled)
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed: what can no longer change is judged, what is overdue is said.
@@ -194,8 +196,10 @@ class PolicyOracle:
             now_ns: on the clock of ``Observation.received_ns``.
         """
         settled = now_ns - self.bounds.latency
-        if settled <= self._finished:
-            return []
+        return [] if settled <= self._finished else self._settle(settled)
+
+    def _settle(self, settled: int) -> list[Verdict]:
+        """All that happened until ``settled`` (ns) has been heard."""
         self._finished = settled
         verdicts: list[Verdict] = []
         window = self._window

@@ -41,20 +41,20 @@ class AskKind(Enum):
 
 
 class Ask(msgspec.Struct, frozen=True):
-    """What a run waits for, and where in the tree; ``choices`` are the answers that can be."""
+    """What a run waits for, and where in the tree.
+
+    Attributes:
+        choices: the answers that can be, if nobody hears it.
+        status: the tree's, at the end of a tick.
+        channel: the service that is called; "" if none is.
+    """
 
     kind: AskKind
     leaf: Leaf | None = None
     place: Place = ()
     choices: tuple[str, ...] = ()
     status: str = ""
-
-    @property
-    def channel(self) -> str:
-        """The service that is called; "" if none is."""
-        if self.leaf is None or self.kind not in (AskKind.TICK, AskKind.HALT):
-            return ""
-        return self.leaf.tick if self.kind is AskKind.TICK else self.leaf.halt
+    channel: str = ""
 
 
 _OUTCOMES = ("SUCCESS", "FAILURE", "RUNNING")
@@ -230,7 +230,7 @@ class TreeRun:
             choices = _OUTCOMES if leaf.action else _OUTCOMES[:2]
             status = self._wait(Ask(AskKind.OPEN, leaf, place, choices))
         else:
-            status = self._wait(Ask(AskKind.TICK, leaf, place))
+            status = self._wait(Ask(AskKind.TICK, leaf, place, channel=leaf.tick))
         if status not in _OUTCOMES or (status == "RUNNING" and not leaf.action):
             status = "FAILURE"  # as the policy takes it
         if status == "RUNNING":
@@ -245,7 +245,7 @@ class TreeRun:
         if leaf.timed:
             self._end(place)
         elif leaf.halt and not leaf.plugin and leaf.halt not in self._trees.hidden:
-            self._wait(Ask(AskKind.HALT, leaf, place))
+            self._wait(Ask(AskKind.HALT, leaf, place, channel=leaf.halt))
         self.running.pop(place, None)
 
     def _tick_timed(self, leaf: Leaf, node: TreeNode, place: Place) -> str:
