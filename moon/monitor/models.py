@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
-from moon.oracle.bounds import Bounds
+from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.clock import Clock
 from moon.oracle.oracle import Oracle
 from moon.oracle.suspicions import Losses
 from moon.policy.oracle import PolicyOracle
@@ -39,8 +40,11 @@ class ModelMonitor:
         self.policy = policy
         self.bounds = bounds or Bounds()
         losses = Losses(lossy)
+        self._clock = Clock()
         self.oracles = {
-            machine.name: Oracle(machine, library, machine.name, self.bounds, synchronised, losses)
+            machine.name: Oracle(
+                machine, library, machine.name, self.bounds, synchronised, losses, self._clock
+            )
             for machine in machines
         }
         self.watched: dict[str, Oracle | PolicyOracle] = dict(self.oracles)
@@ -62,12 +66,13 @@ class ModelMonitor:
         targets = self._targets.get(place)
         if targets is None:
             targets = self._targets[place] = self._find_targets(*place)
+        verdicts: list[Verdict] = []
+        for oracle in targets:
+            if found := oracle.feed(observation):
+                verdicts += found
         if not targets:
             self.unconcerned += 1
-            return []
-        if len(targets) == 1:
-            return targets[0].feed(observation)
-        return [verdict for oracle in targets for verdict in oracle.feed(observation)]
+        return verdicts
 
     def _find_targets(
         self, channel: str, source: str, kind: ObservationKind
@@ -88,7 +93,15 @@ class ModelMonitor:
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed (ns, on the clock of ``Observation.received_ns``)."""
-        verdicts = [v for oracle in self.oracles.values() for v in oracle.advance(now_ns)]
+        verdicts: list[Verdict] = []
+        clock, settled = self._clock, now_ns - self.bounds.latency
+        if settled > clock.settled:
+            clock.settled = settled
+        if settled >= clock.wake:
+            clock.wake = FOREVER  # unless one of them is found anew
+            for oracle in self.oracles.values():
+                verdicts += oracle.advance(now_ns)
+            clock.wake = min(clock.wake, *(o.wake for o in self.oracles.values()), FOREVER)
         return verdicts if self.policy is None else verdicts + self.policy.advance(now_ns)
 
     def node_started(self, node: str, stamp_ns: int) -> None:

@@ -60,13 +60,16 @@ class Pace:
         self.now_ns = now_ns
         """The time of day at the last tick."""
         self._latency_ns = latency_ns
+        self._free_ns = latency_ns // 2
+        """What is not later than this does not keep the clock back."""
         self._late_ns = 0
         self._late_before_ns = 0
         self._since_ns = now_ns
 
     def heard(self, lag_ns: int) -> None:
         """An observation came ``lag_ns`` after its stamp, not more than the limit."""
-        self._late_ns = max(self._late_ns, lag_ns)
+        if lag_ns > self._late_ns:  # told of every observation
+            self._late_ns = lag_ns
 
     def tick(self, now_ns: int) -> int:
         """It is ``now_ns`` now; what the oracles are to be told."""
@@ -75,9 +78,13 @@ class Pace:
         if now_ns - self._since_ns > _MEMORY_NS:
             self._late_before_ns, self._late_ns, self._since_ns = self._late_ns, 0, now_ns
         late_ns = max(self._late_ns, self._late_before_ns)
-        behind = max(late_ns - self._latency_ns // 2, 0)
-        target = min(now_ns - behind, self.clock_ns + 2 * min(gap, _USUAL_GAP_NS))
-        self.clock_ns = max(self.clock_ns, target)
+        if late_ns <= self._free_ns and gap <= _USUAL_GAP_NS and now_ns - self.clock_ns <= 2 * gap:
+            target = now_ns  # nothing is late: as nearly always
+        else:
+            behind = max(late_ns - self._free_ns, 0)
+            target = min(now_ns - behind, self.clock_ns + 2 * min(gap, _USUAL_GAP_NS))
+        if target > self.clock_ns:
+            self.clock_ns = target
         return self.clock_ns
 
     @property

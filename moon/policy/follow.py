@@ -114,10 +114,10 @@ class Follower:
             TooManyError: too much could have happened since the last call.
         """
         self.wanted, self.early_ns = [], 0
-        if self.certain and len(self.runs) == 1 and not self._stops:
-            if self.runs[0].ask.channel == channel:  # one thing can be, and is: as nearly always
-                self._last_ns = stamp_ns
-                return Fit.EXPECTED
+        only = self.runs[0] if self.certain and len(self.runs) == 1 and not self._stops else None
+        if only is not None and only.ask.channel == channel:  # as nearly always
+            self._last_ns = stamp_ns
+            return Fit.EXPECTED
         if not self.certain:
             self._assume_a_tick(channel)
         before = self.runs
