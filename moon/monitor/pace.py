@@ -68,8 +68,7 @@ class Pace:
 
     def heard(self, lag_ns: int) -> None:
         """An observation came ``lag_ns`` after its stamp, not more than the limit."""
-        if lag_ns > self._late_ns:  # told of every observation
-            self._late_ns = lag_ns
+        self._late_ns = max(self._late_ns, lag_ns)
 
     def tick(self, now_ns: int) -> int:
         """It is ``now_ns`` now; what the oracles are to be told."""
@@ -83,8 +82,7 @@ class Pace:
         else:
             behind = max(late_ns - self._free_ns, 0)
             target = min(now_ns - behind, self.clock_ns + 2 * min(gap, _USUAL_GAP_NS))
-        if target > self.clock_ns:
-            self.clock_ns = target
+        self.clock_ns = max(self.clock_ns, target)
         return self.clock_ns
 
     @property

@@ -41,8 +41,7 @@ class Patience:
         if now_ns - self._since_ns > WINDOW_NS:
             self._before_ns, self._worst_ns, self._since_ns = self._worst_ns, 0, now_ns
         self._any = True
-        if lag_ns > self._worst_ns:
-            self._worst_ns = lag_ns
+        self._worst_ns = max(self._worst_ns, lag_ns)
 
     def distrust(self) -> None:
         """Something was missed: for a while, nothing is said before the latency bound is over."""
