@@ -339,5 +339,6 @@ class McapWriter:
 def _record(record: McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
+    # the library declares no type for what `end` returns: the bytes of the record
     made: bytes = builder.end()  # type: ignore[no-untyped-call]
     return made

@@ -95,7 +95,7 @@ def test_several_recordings_are_checked_side_by_side_and_reported_in_order(
     failed = {case.get("name") for case in bad if case.find("failure") is not None}
     assert "BatteryLevelSkill" in failed
     assert bad.get("failures") == str(len(failed))
-    assert "expected" in (bad.find("./testcase/failure").text or "")  # type: ignore[union-attr]
+    assert "expected" in (bad.findtext("./testcase/failure") or "")
     assert good.get("failures") == "0"
     assert none.get("errors") == "1"
 

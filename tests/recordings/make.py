@@ -154,7 +154,7 @@ def record(transport: str, case: str, path: Path, scratch: Path) -> Expected | N
         recorded = RecordedConnection(connection, add, transport)
         found = Found(add, recorded.now_ns)
         watch = SystemWatch(
-            recorded,  # type: ignore[arg-type]
+            recorded,
             system,
             system.nodes,
             Bounds(),
