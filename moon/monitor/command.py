@@ -14,6 +14,7 @@ import click
 
 from moon.connection import Network, Watching, connected, fail, finite, network_options, say
 from moon.monitor.subject_options import SECONDS, Choice, read_or_fail, subject_options
+from moon.monitor.verdict_options import json_option, log_option
 
 if TYPE_CHECKING:
     from moon.monitor.connection import Connection, Sink
@@ -29,13 +30,8 @@ FLUSH_S = 0.5
 @click.argument("models", nargs=-1, type=click.Path(path_type=Path), metavar="MODEL...|SYSTEM")
 @network_options
 @subject_options
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line, for pipes.")
-@click.option(
-    "--log",
-    "log_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Append every verdict to this file, a JSON object a line.",
-)
+@json_option
+@log_option
 @click.option(
     "--record",
     "record_file",

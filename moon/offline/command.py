@@ -12,6 +12,7 @@ import click
 
 from moon.connection import fail, say
 from moon.monitor.subject_options import Choice, read_or_fail, subject_options
+from moon.monitor.verdict_options import json_option, log_option
 
 if TYPE_CHECKING:
     from moon.offline.result import CheckResult
@@ -26,13 +27,8 @@ _BAG_METADATA = "metadata.yaml"
     "paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN... [MODEL...]"
 )
 @subject_options
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line, for pipes.")
-@click.option(
-    "--log",
-    "log_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Append every verdict to this file, as `moon monitor --log` does.",
-)
+@json_option
+@log_option
 @click.option(
     "--junit",
     "junit_file",
