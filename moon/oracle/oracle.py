@@ -19,6 +19,7 @@ from m2c.model.system import library_for
 from moon.oracle.anchoring import Anchoring
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.channels import Channels
+from moon.oracle.clock import Clock
 from moon.oracle.explain import explanation_of, told
 from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis
@@ -48,6 +49,7 @@ class Oracle:
         bounds: what is assumed of the middleware.
         synchronised: whether the first observation comes from a machine that has just started.
         losses: whether observations get lost, known to all oracles of one tap.
+        clock: how far time has passed, for all oracles of one monitor.
     """
 
     def __init__(
@@ -58,8 +60,10 @@ class Oracle:
         bounds: Bounds | None = None,
         synchronised: bool = True,
         losses: Losses | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self.losses = losses or Losses()
+        self._clock = clock or Clock()
         self._suspicions = Suspicions()
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
@@ -94,7 +98,8 @@ class Oracle:
         self._uptake = Uptake(self.bounds.deadline)
         self._reason = ""
         self._next_due = FOREVER
-        self._wake = 0
+        self.wake = 0
+        """Until this is settled (ns), time alone changes nothing."""
         self._droppable_until = 0
         self._lost_until = 0
         self._from_start = False
@@ -154,6 +159,8 @@ class Oracle:
             self.late += 1
             text = f"an observation on {observation.channel} cannot be read"
             verdicts += self.lose(observation.stamp_ns, text)
+        if self._clock.settled > self._finished:
+            self._finished = self._clock.settled
         settled = observation.received_ns - self._latency
         progress, order = self._progress, observation.order
         if lane.own and order >= 0:
@@ -163,11 +170,11 @@ class Oracle:
                 progress.take(order, observation.stamp_ns, settled)
             if self._alone and settled >= self._droppable_until:  # before, not all was told
                 settled = max(settled, min(progress.heard, observation.received_ns))
-            if len(facts) == 1 and settled < self._wake and self._at_once(facts[0], settled):
+            if len(facts) == 1 and settled < self.wake and self._at_once(facts[0], settled):
                 return verdicts
         for fact in facts:
             self._take(fact, verdicts)
-        if settled < self._wake:
+        if settled < self.wake:
             self._finished = max(self._finished, settled)
             return verdicts
         return verdicts + self._settle(settled)
@@ -195,7 +202,7 @@ class Oracle:
         self._history.append(fact)
         self._finished = settled
         self._next_due = self.search.next_due(only)
-        self._wake = min(self._next_due, self._uptake.due)
+        self._wake_at(min(self._next_due, self._uptake.due))
         return True
 
     def advance(self, now_ns: int) -> list[Verdict]:
@@ -205,7 +212,7 @@ class Oracle:
             now_ns: on the clock of ``Observation.received_ns``.
         """
         settled = now_ns - self._latency
-        if settled < self._wake:
+        if settled < self.wake:
             self._finished = max(self._finished, settled)
             return []
         return self._settle(settled)
@@ -214,7 +221,7 @@ class Oracle:
         """All that happened until ``settled`` (ns) has been heard."""
         if settled <= self._finished:
             return []
-        if settled < self._wake:
+        if settled < self.wake:
             self._finished = settled
             return []
         verdicts: list[Verdict] = []
@@ -229,13 +236,18 @@ class Oracle:
             verdicts += self._not_taken_up(settled)
         if self._base is None and self._listening_since is not None:
             verdicts += self._try_to_anchor(settled)
-        self._wake = self._next_time()
+        self._wake_at(self._next_time())
         return verdicts
+
+    def _wake_at(self, due: int) -> None:
+        self.wake = due
+        if due < self._clock.wake:
+            self._clock.wake = due
 
     def _next_time(self) -> int:
         """Until this time (ns) nothing is settled, due or to be found."""
         if self._base is None:
-            return 0
+            return FOREVER if self._listening_since is None else 0
         wake = self._next_due
         if self._window:
             wake = min(wake, self._window[0].stamp)
@@ -303,7 +315,7 @@ class Oracle:
         if role is Role.ASKED:
             if stamp > self._lost_until:
                 self._uptake.ask(fact)
-                self._wake = min(self._wake, self._uptake.due)
+                self._wake_at(min(self.wake, self._uptake.due))
             return
         if role is Role.OUTPUT or role is Role.STRANGE:
             self.outputs += 1
@@ -329,6 +341,7 @@ class Oracle:
             self._begin(stamp)
             return
         self._listening_since = stamp
+        self._wake_at(0)
         self._anchoring.begin(stamp)
         self.outcome = Outcome.INCONCLUSIVE
         self._reason = "started in the middle: waiting for a moment that is certain"
@@ -336,7 +349,8 @@ class Oracle:
     def _keep(self, fact: Fact) -> None:
         """Put ``fact`` in its place; mostly that is the last."""
         stamp, window = fact.stamp, self._window
-        self._wake = min(self._wake, stamp)
+        if stamp < self.wake:
+            self._wake_at(stamp)
         if not window or window[-1].stamp <= stamp:
             window.append(fact)
         else:
@@ -346,7 +360,7 @@ class Oracle:
         self._listening_since = self._certain_since = stamp
         self._from_start = True
         self._base = self.search.started(stamp, whole)
-        self._wake = 0
+        self._wake_at(0)
         self.search.last = 0
         self._note_due()
 
@@ -478,7 +492,7 @@ class Oracle:
             self._forget(stamp)
             return
         self._base, search.last = found, stamp
-        self._wake = 0
+        self._wake_at(0)
         self._note_due()
 
     def _unsettled(self, stamp: int) -> tuple[Fact, ...]:
@@ -544,7 +558,7 @@ class Oracle:
         self._synchronised = False
         self._from_start = False
         self._base = None
-        self._wake = 0
+        self._wake_at(0)
         self._window.clear()
         self._uptake.clear()
         self._lost_until = stamp + self._latency
