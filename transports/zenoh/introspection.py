@@ -23,6 +23,9 @@ from transports.zenoh.names import key_of
 from transports.zenoh.outbox import Outbox
 from transports.zenoh.wire import MEDIA_TYPE, attachment
 
+Contents = bytes | zenoh.ZBytes | None
+"""An encoded message, as it was made or as it came; None where there is none."""
+
 _encode = msgspec.msgpack.Encoder().encode
 
 
@@ -30,31 +33,45 @@ class Moment(NamedTuple):
     """When something happened.
 
     Attributes:
-        stamp_ns: on the session's hybrid logical clock, ns since the epoch.
+        stamp: of the session's hybrid logical clock.
         order: its place among all that the node tells.
     """
 
-    stamp_ns: int
+    stamp: zenoh.Timestamp
     order: int
 
 
 class Recorded(NamedTuple):
-    """An event that is still to be published.
+    """An event that is still to be published; it is made of this then, when nobody waits for the node.
 
     Attributes:
         events: of its service.
-        event: what happened.
-        order: its place among all that the node tells.
+        event_type: what happened.
+        moment: when.
+        client, call: whose call it was, and its number.
+        request, response: the encoded message.
+        error: see ``ServiceEvent``.
     """
 
     events: ServiceEvents
-    event: ServiceEvent
-    order: int
+    event_type: int
+    moment: Moment
+    client: str
+    call: int
+    request: Contents
+    response: Contents
+    error: str
 
 
 def publish(recorded: Recorded) -> None:
     """Publish an event; for the outbox, which does so one after the other."""
-    recorded.events.publish(recorded.event, recorded.order)
+    recorded.events.publish(recorded)
+
+
+def _raw(contents: Contents) -> msgspec.Raw | None:
+    if contents is None:
+        return None
+    return msgspec.Raw(contents if isinstance(contents, bytes) else contents.to_bytes())
 
 
 class ServiceEvents:
@@ -101,8 +118,7 @@ class ServiceEvents:
 
     def moment(self) -> Moment:
         """Now: to be asked when something happens, on the node's executor."""
-        stamp = self._session.new_timestamp().get_time_as_ntp64().as_nanos()
-        return Moment(int(stamp), next(self._order))
+        return Moment(self._session.new_timestamp(), next(self._order))
 
     def record(
         self,
@@ -111,24 +127,26 @@ class ServiceEvents:
         client: str,
         call: int,
         *,
-        request: bytes | None = None,
-        response: bytes | None = None,
+        request: Contents = None,
+        response: Contents = None,
         error: str = "",
     ) -> None:
         """Keep an event until the outbox is flushed; the contents are encoded messages."""
-        recorded = ServiceEvent(
-            ServiceEventInfo(event_type, moment.stamp_ns, client, call),
-            None if request is None else msgspec.Raw(request),
-            None if response is None else msgspec.Raw(response),
+        self._outbox.add(Recorded(self, event_type, moment, client, call, request, response, error))
+
+    def publish(self, recorded: Recorded) -> None:
+        """Publish an event; one thread at a time."""
+        _, event_type, moment, client, call, request, response, error = recorded
+        stamp_ns = int(moment.stamp.get_time_as_ntp64().as_nanos())
+        event = ServiceEvent(
+            ServiceEventInfo(event_type, stamp_ns, client, call),
+            _raw(request),
+            _raw(response),
             error,
         )
-        self._outbox.add(Recorded(self, recorded, moment.order))
-
-    def publish(self, recorded: ServiceEvent, order: int) -> None:
-        """Publish an event; one thread at a time."""
-        sent_as = attachment(self.published, order, self._node)
+        sent_as = attachment(self.published, moment.order, self._node)
         self.published += 1
-        self._publisher.put(_encode(recorded), attachment=sent_as)
+        self._publisher.put(_encode(event), attachment=sent_as)
 
     def flush_later(self) -> None:
         """Publish what is recorded, a little later; from any thread."""

@@ -22,9 +22,9 @@ DELAY_S = 0.004
 A monitor hears it within 5 ms then."""
 QUIET_S = 0.002
 """For how long a node must have told nothing: longer than between two calls of a policy."""
-AT_MOST_S = 0.01
-"""How long anything waits where a node is never quiet: well below the 25 ms that a monitor allows for at
-least (``moon.monitor.patience.LEAST_NS``)."""
+AT_MOST_S = 0.012
+"""How long anything waits where a node is never quiet, and how long it is at least from one burst to the
+next: half of the 25 ms that a monitor allows for at least (``moon.monitor.patience.LEAST_NS``)."""
 
 
 class Clockwork(Protocol):
@@ -59,6 +59,7 @@ class Outbox(Generic[Item]):
         self._scheduled = False
         self._closed = False
         self._first_s = self._last_s = 0.0
+        self._burst_s = -AT_MOST_S
 
     def add(self, item: Item) -> None:
         """Keep ``item``; from any thread. ``flush_later`` or ``flush`` has it told."""
@@ -66,17 +67,18 @@ class Outbox(Generic[Item]):
 
     def flush_later(self) -> None:
         """Tell what is kept when the node is quiet; from any thread."""
-        self._last_s = self._clock()
+        self._last_s = now_s = self._clock()
         if not self._scheduled:
             self._scheduled = True
-            self._first_s = self._last_s
-            self._executor.after(DELAY_S, self._look)
+            self._first_s = now_s
+            self._executor.after(max(DELAY_S, self._burst_s + AT_MOST_S - now_s), self._look)
 
     def _look(self) -> None:
         wait_s = min(self._last_s + QUIET_S, self._first_s + AT_MOST_S) - self._clock()
         if wait_s > 0 and self._pending:
             self._executor.after(wait_s, self._look)
         else:
+            self._burst_s = self._clock()
             self._scheduled = False  # before looking: what is kept from now on schedules again
             self.flush()
 

@@ -25,7 +25,7 @@ from transports.interface import CallOutcome, CallResult, Message, Service, Tran
 from transports.payloads import PayloadError
 from transports.timers import Timer
 from transports.zenoh.executor import Executor
-from transports.zenoh.introspection import ServiceEvents
+from transports.zenoh.introspection import Contents, ServiceEvents
 from transports.zenoh.names import key_of
 from transports.zenoh.outbox import DELAY_S
 from transports.zenoh.wire import Codec, attachment, read_attachment, report_payload
@@ -151,7 +151,7 @@ class Server:
                 moment,
                 client,
                 call,
-                request=_NO_CONTENTS if payload is None else payload.to_bytes(),
+                request=_NO_CONTENTS if payload is None else payload,
             )
             events.flush_later()
         self._handler(Request(self, query, call, client, data))
@@ -180,7 +180,7 @@ class _Call:
         if self.done is not None:
             self._end(self.client.timeout, None)
 
-    def _end(self, result: CallResult, payload: bytes | None) -> None:
+    def _end(self, result: CallResult, payload: Contents) -> None:
         done, self.done = self.done, None
         if self.timer is not None:
             self.timer.cancel()
@@ -305,7 +305,7 @@ class Client:
         if moment is not None:
             events.record(event.REQUEST_SENT, moment, self._node, number, request=payload)
 
-    def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, bytes | None]:
+    def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, Contents]:
         """What a reply means, and the encoded response for the service event."""
         sample = reply.ok
         if sample is None:
@@ -318,10 +318,9 @@ class Client:
             report_payload(self._name, "its server", error)
             text = f"{self._name}: bad response: {error}"
             return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
-        contents = sample.payload.to_bytes() if self._events.heard else None
-        return CallResult(CallOutcome.RESPONSE, response), contents
+        return CallResult(CallOutcome.RESPONSE, response), sample.payload
 
-    def ended(self, number: int, result: CallResult, contents: bytes | None) -> None:
+    def ended(self, number: int, result: CallResult, contents: Contents) -> None:
         """Record how call ``number`` ended, for those who listen."""
         events = self._events
         if not events.heard:
