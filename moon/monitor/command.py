@@ -89,10 +89,13 @@ def _recorder(path: Path | None, monitored: Monitored) -> Iterator[RecordingWrit
         yield None
         return
     from moon.recording.definitions import Definitions
+    from moon.recording.offers import declared
     from moon.recording.writer import RecordingWriter
 
     try:
-        writer = RecordingWriter(path, Definitions(monitored.system.library))
+        system = monitored.system
+        offers = declared((*system.nodes, *system.plugins))
+        writer = RecordingWriter(path, Definitions(system.library), offers=offers)
     except FileExistsError:
         fail(f"{path}: is there already; a recording is not written over")
     try:

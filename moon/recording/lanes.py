@@ -5,7 +5,7 @@ A place is a channel, a kind of event, a type, who publishes and who calls.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import msgspec
 
@@ -18,6 +18,7 @@ from moon.recording.definitions import Definitions, UnknownTypeError
 from moon.recording.format import Form
 from moon.recording.mcap_writing import McapWriter
 from moon.recording.numbers import Numbering, numbering_of
+from moon.recording.offers import OFFERED, Offer, text_of
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
 
@@ -62,9 +63,11 @@ class Lanes:
     Args:
         file: where they are declared.
         types: what is known of types, by all files of a recording.
+        offers: what publishers of a topic are known to offer.
     """
 
-    def __init__(self, file: McapWriter, types: Types) -> None:
+    def __init__(self, file: McapWriter, types: Types, offers: Mapping[str, Offer]) -> None:
+        self._offers = offers
         self._file = file
         self._types = types
         self._lanes: dict[tuple[str, ObservationKind, str, str, str, Numbering], Lane | None] = {}
@@ -115,6 +118,8 @@ class Lanes:
             layout.NUMBERS: str(numbering),
         }
         if seen.kind is ObservationKind.MESSAGE:
+            if (offer := self._offers.get(seen.channel)) is not None:
+                metadata[OFFERED] = text_of(offer)
             return self.own(seen.channel, self._types.structure(seen.type_name), metadata)
         base = seen.type_name.rpartition("_")[0]
         metadata[layout.CLIENT] = seen.client

@@ -15,6 +15,7 @@ from typing import IO
 import lz4.frame
 from msgspec.structs import astuple
 
+from moon.recording.offers import OFFERED, note_offer
 from moon.recording.stored import (
     MAX_BYTES,
     StoredChannel,
@@ -96,6 +97,7 @@ class McapFile:
         self.faults: list[str] = []
         self.metadata: dict[str, Mapping[str, str]] = {}
         self.topics: set[str] = set()
+        self.offers: dict[str, set[str]] = {}
         self.complete = False
         """Whether the file was read to its very end."""
         self._all_read = False
@@ -215,6 +217,7 @@ class McapFile:
         topic, encoding, metadata = fields.text(), fields.text(), fields.texts()
         name, schema_encoding, text = self._schemas.get(schema, ("", "", ""))
         self.topics.add(topic)
+        note_offer(self.offers, topic, metadata.get(OFFERED, ""))
         made = StoredChannel(topic, name, encoding, schema_encoding, text, metadata)
         known = self._channels.get(number)
         if known is None or astuple(known) != astuple(made):

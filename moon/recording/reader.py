@@ -19,6 +19,7 @@ from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry
 from moon.recording.format import FORMAT_NAME, Form, form_of
 from moon.recording.jsonlines import JsonLines
+from moon.recording.offers import Offer, offer_of
 from moon.recording.rosbag import BagFiles
 from moon.recording.stored import ZSTD_MAGIC, StoredChannel, Unpacked
 from transports.interface import Observation
@@ -114,6 +115,10 @@ class Recording:
         """Who did what, if this is a bag and was read to its end; see :class:`Attribution`."""
         topics = self._bag.topics if self._bag is not None else ()
         return Attribution(self.contents, topics, nodes, machines, self.contents.on_arrival)
+
+    def offer(self, topic: str) -> Offer:
+        """What the publishers of ``topic`` offered, as far as that was read; the usual if it is not known."""
+        return offer_of(self._bag.offers.get(topic, ())) if self._bag is not None else Offer()
 
     def structure(self, type_name: str) -> Structure:
         """The type ``type_name``, of which something was read; UnknownTypeError if it is not defined."""

@@ -22,6 +22,7 @@ from moon.recording.sorting import Sorting
 from moon.recording.sqlite_file import SqliteFile
 from moon.recording.stored import (
     ZSTD_MAGIC,
+    Storage,
     StoredChannel,
     StoredMessage,
     TooLargeError,
@@ -52,11 +53,13 @@ class BagFiles:
         files: those that there are, in order.
         faults: what could not be read so far.
         topics: those that the files declare, as far as they were read.
+        offers: what was offered on each, as it is written there (``offers.offer_of``).
     """
 
     def __init__(self, path: Path) -> None:
         self.faults: list[str] = []
         self.topics: set[str] = set()
+        self.offers: dict[str, set[str]] = {}
         self.files = self._in_folder(path) if path.is_dir() else [path]
         self._sorting: Sorting | None = Sorting()
 
@@ -169,13 +172,17 @@ class BagFiles:
         if file.fault:
             self.faults.append(f"{path}: {file.fault}: what comes before was read")
 
+    def _share_with(self, file: Storage) -> None:
+        """What is found is told as it is met."""
+        file.faults, file.topics, file.offers = self.faults, self.topics, self.offers
+
     def _mcap(self, file: McapFile, wanted: Wanted) -> Iterator[StoredMessage]:
-        file.faults, file.topics = self.faults, self.topics  # told as they are met
+        self._share_with(file)
         found = file.messages(wanted)
         yield from found if self._sorting is None else self._sorting(found)
 
     def _sqlite(self, file: SqliteFile, wanted: Wanted) -> Iterator[StoredMessage]:
-        file.faults, file.topics = self.faults, self.topics
+        self._share_with(file)
         yield from file.messages(wanted)
 
 

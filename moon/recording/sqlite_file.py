@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from moon.recording.offers import OFFERED, note_offer
 from moon.recording.stored import MAX_BYTES, StoredChannel, StoredMessage, plural
 
 MAGIC = b"SQLite format 3\0"
@@ -28,6 +29,7 @@ class SqliteFile:
         self.faults: list[str] = []
         self.metadata: dict[str, Mapping[str, str]] = {}
         self.topics: set[str] = set()
+        self.offers: dict[str, set[str]] = {}
         self._path = path
         self._name = name or str(path)
 
@@ -90,6 +92,11 @@ class SqliteFile:
                 if len(str(text)) <= _MAX_DEFINITION:
                     definitions[str(name)] = (str(encoding), str(text))
         found = {}
+        if OFFERED in [row[1] for row in connection.execute("PRAGMA table_info(topics)")]:
+            for topic, text in connection.execute(
+                "SELECT name, offered_qos_profiles FROM topics"
+            ).fetchmany(_MAX_TOPICS):
+                note_offer(self.offers, str(topic), str(text))
         for number, topic, type_name, encoding in connection.execute(
             "SELECT id, name, type, serialization_format FROM topics"
         ).fetchmany(_MAX_TOPICS):

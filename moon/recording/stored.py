@@ -68,11 +68,13 @@ class Storage(Protocol):
         faults: what could not be read so far, one sentence each, with its place.
         metadata: named maps that the writer left in the file, as far as it was read.
         topics: those that it declares, as far as it was read.
+        offers: what was offered on each, as it is written there (``offers.offer_of``).
     """
 
     faults: list[str]
     metadata: dict[str, Mapping[str, str]]
     topics: set[str]
+    offers: dict[str, set[str]]
 
     def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
         """The messages of the channels that are ``wanted``, in order; once."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import struct
+from collections.abc import Mapping
 from io import FileIO
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from moon.recording.format import Form, NumberError
 from moon.recording.lanes import Lane, Lanes, Types
 from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import Numbering, Numbers
+from moon.recording.offers import Offer
 from moon.recording.whole import pack_whole
 from moon.sinks.topic import message_of
 from transports.interface import Observation
@@ -57,6 +59,7 @@ class RecordingWriter:
         definitions: the types of what is recorded; what has no type there is kept whole.
         compression: of the files.
         split: when to begin a new file.
+        offers: what publishers of a topic are known to offer.
 
     Attributes:
         observations: how many were written.
@@ -73,7 +76,9 @@ class RecordingWriter:
         definitions: Definitions,
         compression: Compression = Compression.ZSTD,
         split: Split | None = None,
+        offers: Mapping[str, Offer] | None = None,
     ) -> None:
+        self._offers = offers or {}
         self.path = path
         self.observations = 0
         self.whole = 0
@@ -151,7 +156,7 @@ class RecordingWriter:
         file = FileIO(os.open(path, flags, 0o644), "wb")
         metadata = {layout.FORMAT_NAME: {"version": layout.FORMAT_VERSION}}
         self._file = McapWriter(file, self._compression, LIBRARY, metadata)
-        self._lanes = Lanes(self._file, self._types)
+        self._lanes = Lanes(self._file, self._types, self._offers)
         self._numbers = Numbers()
         self._own: dict[str, int] = {}
         self._began_ns: int | None = None

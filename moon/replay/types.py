@@ -6,7 +6,7 @@ from m2c.model.datatypes import Structure
 from m2c.runtime.messages import message_class
 from moon.recording.definitions import UnknownTypeError
 from moon.recording.reader import Recording
-from transports.interface import Action, Service, Topic
+from transports.interface import Action, Reliability, Service, Topic
 from transports.ros_forms import OWN_PACKAGES
 
 
@@ -14,7 +14,10 @@ def topic(recording: Recording, name: str, type_name: str) -> Topic:
     """A topic of the recording; UnknownTypeError if its type is not defined."""
     if not type_name or type_name.startswith(OWN_PACKAGES):
         raise UnknownTypeError(f"{type_name or 'its type'} is not in the recording")
-    return Topic(name, type_name, message_class(recording.structure(type_name)))
+    offer = recording.offer(name)
+    reliability = Reliability.BEST_EFFORT if offer.best_effort else Reliability.RELIABLE
+    message = message_class(recording.structure(type_name))
+    return Topic(name, type_name, message, reliability, offer.latched)
 
 
 def service(recording: Recording, name: str) -> Service:

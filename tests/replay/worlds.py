@@ -13,6 +13,7 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.system import System
 from moon.recording.contents import Contents
 from moon.recording.definitions import Definitions
+from moon.recording.offers import Offer
 from transports.interface import Observation
 from transports.simulated import SimulatedTransport, SimulatedWorld
 
@@ -45,6 +46,9 @@ class Heard:
 
     def structure(self, type_name: str) -> Any:
         return self._definitions.structure(type_name)
+
+    def offer(self, topic: str) -> Offer:
+        return Offer()
 
     def faults(self) -> list[str]:
         return []
