@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import signal
 import sys
 import threading
 from collections.abc import Iterable, Mapping
@@ -54,30 +53,38 @@ def main() -> int:
     from moon.monitor.reading import read_checked
     from transports.interface import TransportError
     from transports.registry import connect
+    from transports.stop_signals import StopSignals
 
     sides: dict[str, Transport] = {}
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+    signals = StopSignals()
     try:
         system = read_checked([arguments.system])
         placement = read_placement(arguments.placement, system)
         found = routes(system, placement)
         for name in placement.sides:
             sides[name] = connect(name, NAME, options_of(name, arguments.endpoint))
-        threads = [threading.Thread(target=side.spin) for side in sides.values()]
+        home, other = sides.values()
         build(found, sides)
-        for thread in threads:
-            thread.start()
+        signals.call(lambda: home.post(home.close))
+        thread = threading.Thread(target=_spin_beside, args=(other, home))
+        thread.start()
         print(f"bridging {len(found)} channels between {' and '.join(sides)}", flush=True)
-        ended.wait()
+        home.spin()
     except (ModelError, PlacementError, TransportError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     finally:
         for side in sides.values():
             side.close()
-    return 0
+    return 0 if signals.asked else 1
+
+
+def _spin_beside(other: Transport, home: Transport) -> None:
+    """Run ``other``; a bridge with one end is none, so ``home`` ends with it."""
+    try:
+        other.spin()
+    finally:
+        home.post(home.close)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ handlers on a thread of its own; here, what is to be done on the other is posted
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 from transports.interface import (
@@ -65,14 +66,21 @@ def forward_action(action: Action, server: Transport, caller: Transport) -> None
     def goal(handle: GoalHandle) -> None:
         forwarded = _Goal(handle, action, caller)
 
+        def over() -> None:
+            ids.pop(handle.goal_id, None)
+
         def send() -> None:
-            ids[handle.goal_id] = client.send_goal(handle.goal, forwarded.events(), PATIENCE_S)
+            events = forwarded.events(over)
+            ids[handle.goal_id] = client.send_goal(handle.goal, events, PATIENCE_S)
 
         server.post(send)
 
     def cancel(handle: GoalHandle) -> None:
-        forwarded_id = handle.goal_id
-        server.post(lambda: client.cancel(ids[forwarded_id]))
+        def pass_on() -> None:
+            if handle.goal_id in ids:  # else it has just ended there
+                client.cancel(ids[handle.goal_id])
+
+        server.post(pass_on)
 
     caller.serve_action(action, goal, cancel)
 
@@ -86,15 +94,24 @@ class _Goal:
         self._caller = caller
         self._accepted = False
 
-    def events(self) -> GoalEvents:
-        """What is to be heard of it there; each is handed on here, in order."""
+    def events(self, over: Callable[[], None]) -> GoalEvents:
+        """What is to be heard of it there; each is handed on here, in order.
+
+        Args:
+            over: called there when the goal has ended.
+        """
         post = self._caller.post
+
+        def post_last(end: Callable[[], None]) -> None:
+            over()
+            post(end)
+
         return GoalEvents(
             accepted=lambda _: post(self._accept),
-            rejected=lambda _: post(self._handle.reject),
+            rejected=lambda _: post_last(self._handle.reject),
             feedback=lambda _, message: post(partial(self._handle.publish_feedback, message)),
-            result=lambda _, status, message: post(partial(self._end, status, message)),
-            failed=lambda _, why: post(self._fail),
+            result=lambda _, status, message: post_last(partial(self._end, status, message)),
+            failed=lambda _, why: post_last(self._fail),
         )
 
     def _accept(self) -> None:
@@ -109,9 +126,7 @@ class _Goal:
         else:
             try:
                 self._handle.canceled(result)
-            except (
-                TransportError
-            ):  # somebody else had it cancelled: nobody on this side asked for it
+            except TransportError:  # nobody on this side asked for it: it was cancelled over there
                 self._handle.abort(result)
 
     def _fail(self) -> None:

@@ -39,8 +39,8 @@ LATENCY_NS = 200_000_000
 DEADLINE_NS = 1_000_000_000
 TICK_S = 0.05
 """How often it is looked whether it is over."""
-STOP_S = 30.0
-"""How long each part may take to stop."""
+STOP_S = 60.0
+"""How long each part may take to stop: ``m2c run`` gives the policy ten seconds, and then its nodes."""
 
 
 class Monitor:

@@ -177,6 +177,52 @@ def test_a_cancel_request_crosses_and_the_goal_ends_canceled(
     assert pursued.heard == ["accepted", (GoalStatus.CANCELED, "enough")]
 
 
+@pytest.mark.parametrize(
+    "end", [lambda handle: handle.succeed(Text("done")), lambda handle: handle.abort(Text("no"))]
+)
+def test_a_goal_that_has_ended_there_is_not_cancelled_any_more(
+    worlds: TwoWorlds, imported: Any, end: Callable[[GoalHandle], None]
+) -> None:
+    imported("forward").forward_action(COUNTING, worlds.bridge_there, worlds.bridge_here)
+    kept: list[GoalHandle] = []
+
+    def goal(handle: GoalHandle) -> None:
+        handle.accept()
+        kept.append(handle)
+
+    pursued = Pursued(worlds, goal)
+    pursued.client.cancel(pursued.id)
+    end(kept[0])  # at the same moment, over there
+    worlds.run(0.5)
+    assert pursued.cancelled == []
+    assert len(pursued.heard) == 2
+
+
+def test_a_bridge_whose_other_side_fails_ends() -> None:
+    code = (
+        "import sys\n"
+        "import transports.registry as registry\n"
+        "connect = registry.connect\n"
+        "def fail():\n"
+        "    raise RuntimeError('the other side fails')\n"
+        "def connect_and_fail(name, node, options):\n"
+        "    made = connect('zenoh', node, {})\n"
+        "    if name == 'ros2':\n"
+        "        made.post(fail)\n"
+        "    return made\n"
+        "registry.connect = connect_and_fail\n"
+        f"sys.path.insert(0, {str(BRIDGE)!r})\n"
+        f"sys.argv[1:] = [{str(SYSTEM)!r}, {str(BRIDGE / 'placement.yaml')!r}, '--endpoint', '']\n"
+        "import bridge\n"
+        "sys.exit(bridge.main())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 1
+    assert "the other side fails" in done.stderr
+
+
 def test_what_crosses_is_what_is_given_on_one_side_and_taken_on_the_other(imported: Any) -> None:
     routes = imported("routes")
     system = read_checked([SYSTEM])

@@ -144,6 +144,14 @@ def test_what_does_not_fit_is_refused_with_its_place(
     assert str(refused.value) == f"conformance/msg/Everything{said}"
 
 
+def test_bytes_are_a_list_of_small_numbers(everything: type[msgspec.Struct]) -> None:
+    from transports.ros2.messages import Codec
+
+    codec = Codec("conformance/msg/Everything", everything)
+    encoded = codec.encode(everything(integers=b"\x01\x02", doubles=b"\x03"))
+    assert (list(encoded.integers), list(encoded.doubles)) == ([1, 2], [3.0])
+
+
 def test_integral_floats_are_integers() -> None:
     """ECMAScript has one kind of number: a model's 3 may be 3.0."""
     from transports.ros2.messages import Codec

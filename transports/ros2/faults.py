@@ -65,8 +65,11 @@ class Faults:
             servers = node.get_subscriptions_info_by_topic(request_topic(service), no_mangle=True)
             if len(servers) < 2 or any(info.node_name == UNKNOWN for info in servers):
                 continue
-            names = " and ".join(sorted(info.node_name for info in servers))
-            self._say(f"two nodes serve {service}: {names}; a call is answered by both")
+            names = sorted(info.node_name for info in servers)
+            text = f"two nodes serve {service}: {' and '.join(names)}; a call is answered by both"
+            if len(set(names)) < len(names):
+                text += " (one that was killed stays in the graph for some 20 s)"
+            self._say(text)
 
     def _compare(self, topic: str, type_name: str, info: Any, how: str) -> None:
         if info.topic_type != type_name and info.node_name != UNKNOWN:

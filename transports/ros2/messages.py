@@ -301,8 +301,10 @@ def _sequence_writer(kind: Any, annotation: Any, place: str) -> Convert:
 
     def packed(value: Any) -> Any:
         check(value)
+        # bytes would be taken for the memory of other types, a float32 for one that fits
+        one_by_one = code == "f" or (code != "B" and isinstance(value, bytes | bytearray))
         try:
-            made = array.array(code, value if code != "f" else items(value))
+            made = array.array(code, items(value) if one_by_one else value)
         except (TypeError, OverflowError):
             made = array.array(code, items(value))  # which says what is wrong, and where
         return _as_numpy(made) if exact else made

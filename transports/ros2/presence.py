@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -143,27 +143,36 @@ class Announcements:
             bytes(info.endpoint_gid)[: native.GID_BYTES]
             for info in self._node.get_publishers_info_by_topic(self._topic)
         }
-        changes: list[tuple[str, bool]] = []
-        for gid in [gid for gid in self._up if gid not in there]:
-            self._heard.pop(gid, None)
-            name = self._up.pop(gid)
-            if name not in self._up.values():
-                changes.append((name, False))
-        for gid, presence in self._heard.items():
-            if gid not in self._up and gid in there and self._is_complete(presence):
-                if presence.node not in self._up.values():
-                    changes.append((presence.node, True))
-                elif presence.node == self.own.node:
-                    LOG.error("two nodes are named %s", presence.node)
-                self._up[gid] = presence.node
-                self._since[presence.node] = presence.since_ns
-        if not changes:
+        gone = [gid for gid in self._up if gid not in there]
+        come = {
+            gid: presence
+            for gid, presence in self._heard.items()
+            if gid not in self._up and gid in there and self._is_complete(presence)
+        }
+        if not gone and not come:
             return
-        with self._changed:
+        with self._changed:  # who begins to watch hears of a change once, by this or by ``watch``
+            changes = [*self._note_gone(gone), *self._note_come(come)]
             self._changed.notify_all()
             for watcher in self._watchers:
                 for name, up in changes:
                     self._executor.post(partial(watcher, name, up))
+
+    def _note_gone(self, gone: list[bytes]) -> Iterator[tuple[str, bool]]:
+        for gid in gone:
+            self._heard.pop(gid, None)
+            name = self._up.pop(gid)
+            if name not in self._up.values():
+                yield name, False
+
+    def _note_come(self, come: dict[bytes, Presence]) -> Iterator[tuple[str, bool]]:
+        for gid, presence in come.items():
+            if presence.node not in self._up.values():
+                yield presence.node, True
+            elif presence.node == self.own.node:
+                LOG.error("two nodes are named %s", presence.node)
+            self._up[gid] = presence.node
+            self._since[presence.node] = presence.since_ns
 
     def _is_complete(self, presence: Presence) -> bool:
         """Whether all that the node has declared has reached this node's graph, and its taps have

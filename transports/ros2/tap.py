@@ -181,16 +181,28 @@ class Tap:
     def _hear(self, topic: str, types: Sequence[str]) -> None:
         heard = self._heard.get(topic)
         count = self._node.count_publishers(topic)
-        if not count or (heard is not None and heard.publishers == count):
+        if heard is not None:
+            if heard.publishers == count:
+                return
+            heard.publishers = count
+        if not count:
             return
         publishers = self._node.get_publishers_info_by_topic(topic)
+        offered = sorted({info.topic_type for info in publishers})
         if heard is not None:
-            heard.publishers = count
+            if heard.type_name not in offered:
+                # a participant that declares a topic anew with another type crashes in rmw_fastrtps
+                self._deaf[topic] = (
+                    f"{topic} is not heard any more: it is published as {', '.join(offered)} now, "
+                    f"and was as {heard.type_name}, the only type that this node can have it as; "
+                    "start anew"
+                )
+                return
+            self._deaf.pop(topic, None)
             if not any(qos.mismatch(info.qos_profile, heard.profile) for info in publishers):
                 return
-            self._drop(heard)  # somebody offers less than those before: ask for less
+            self._drop(heard)  # who publishes now offers less than those before: ask for less
             del self._heard[topic]
-        offered = sorted({info.topic_type for info in publishers})
         if len(offered) > 1:
             self._deaf[topic] = (
                 f"{topic} is published with different types ({', '.join(offered)}): "

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 TICK_S = 0.01
 """How often the run looks whether it is over."""
-STOP_S = 200.0
-"""How long ``m2c run`` may take to stop its nodes: it gives each of them ten seconds."""
+STOP_S = 60.0
+"""How long ``m2c run`` may take to stop: it gives the policy ten seconds, and then its nodes."""
 ROOT = SYSTEM.parents[2]
 
 

@@ -91,6 +91,52 @@ def test_a_best_effort_publisher_that_comes_later_is_heard_too(
     assert heard[0].data == {"data": 2}
 
 
+def gone_after_it_was_heard(network: ThreadedNetwork, bare: Bare) -> tuple[Any, list[Observation]]:
+    """A tap, and what it hears, after ``bare`` published /seen as Int32, and no longer does."""
+    from std_msgs.msg import Empty, Int32
+
+    first = bare.node.create_publisher(Int32, "/seen", 10)
+    _, tap, heard = tapped(network)
+    assert network.until(lambda: first.get_subscription_count() == 1)
+    bare.node.destroy_publisher(first)
+    # who hears what came after that has looked at the graph since
+    marker = bare.node.create_publisher(Empty, "/marker", 10)
+    assert network.until(lambda: marker.get_subscription_count() == 1)
+    return tap, heard
+
+
+def test_a_publisher_that_comes_back_with_another_qos_is_heard(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from rclpy.qos import qos_profile_sensor_data
+    from std_msgs.msg import Int32
+
+    tap, heard = gone_after_it_was_heard(network, bare)
+    second = bare.node.create_publisher(Int32, "/seen", qos_profile_sensor_data)
+
+    def reached() -> bool:
+        second.publish(Int32(data=2))
+        return any(seen.channel == "/seen" for seen in heard)
+
+    assert network.until(reached)
+    assert not any("/seen" in problem for problem in tap.problems())
+
+
+def test_a_publisher_that_comes_back_with_another_type_is_named(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from std_msgs.msg import Int64
+
+    tap, _ = gone_after_it_was_heard(network, bare)
+    other = Bare("other")  # the first one can no more have the topic as another type than a tap can
+    try:
+        other.node.create_publisher(Int64, "/seen", 10)
+        said = "/seen is not heard any more: it is published as std_msgs/msg/Int64 now"
+        assert network.until(lambda: any(said in problem for problem in tap.problems()))
+    finally:
+        other.close()
+
+
 def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     network: ThreadedNetwork, bare: Bare
 ) -> None:
