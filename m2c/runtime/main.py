@@ -25,7 +25,13 @@ def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zen
     )
     parser.add_argument("--zenoh-config", default="", help="a Zenoh configuration file (JSON5)")
     parser.add_argument("--namespace", default="", help="prefix of every channel")
-    parser.add_argument("--log-level", default="INFO", help="DEBUG, INFO, WARNING or ERROR")
+    parser.add_argument(
+        "--log-level",
+        default="INFO",
+        type=str.upper,
+        choices=("DEBUG", "INFO", "WARNING", "ERROR"),
+        help="from which severity on",
+    )
 
 
 def positive(text: str) -> float:
