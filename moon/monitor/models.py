@@ -66,10 +66,11 @@ class ModelMonitor:
         targets = self._targets.get(place)
         if targets is None:
             targets = self._targets[place] = self._find_targets(*place)
+        if len(targets) == 1:
+            return targets[0].feed(observation)
         verdicts: list[Verdict] = []
         for oracle in targets:
-            if found := oracle.feed(observation):
-                verdicts += found
+            verdicts += oracle.feed(observation)
         if not targets:
             self.unconcerned += 1
         return verdicts
@@ -100,7 +101,8 @@ class ModelMonitor:
         if settled >= clock.wake:
             clock.wake = FOREVER  # unless one of them is found anew
             for oracle in self.oracles.values():
-                verdicts += oracle.advance(now_ns)
+                if settled >= oracle.wake:
+                    verdicts += oracle.advance(now_ns)
             clock.wake = min(clock.wake, *(o.wake for o in self.oracles.values()), FOREVER)
         return verdicts if self.policy is None else verdicts + self.policy.advance(now_ns)
 

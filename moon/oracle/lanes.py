@@ -66,16 +66,18 @@ class Lane:
     """Observations of one source, channel and kind.
 
     Attributes:
-        readers: what makes facts of them.
+        read: what makes facts of them; None if nothing does.
+        more: what makes further facts of them, where they are part of several interfaces.
         own: whether the machine's own node is their source.
         count: their numbers; None for what is told by others of their calls, which only adds to what
             is known.
     """
 
-    __slots__ = ("count", "own", "readers")
+    __slots__ = ("count", "more", "own", "read")
 
     def __init__(self, readers: tuple[Reader, ...], own: bool, count: Count | None) -> None:
-        self.readers = readers
+        self.read = readers[0] if readers else None
+        self.more = readers[1:]
         self.own = own
         self.count = count
 

@@ -149,19 +149,23 @@ class Oracle:
                 count.next, count.stamp = number + 1, observation.stamp_ns
             elif number >= 0 and not self._follows(observation, count, verdicts):
                 return verdicts + self.advance(observation.received_ns)
-        facts = []
+        fact: Fact | None = None
+        more: list[Fact] | None = None
+        read = lane.read
         try:
-            for read in lane.readers:
+            if read is not None:
                 fact = read(observation)
-                if fact is not None:
-                    facts.append(fact)
+                if lane.more:
+                    found = (other(observation) for other in lane.more)
+                    more = [item for item in found if item is not None]
         except (KeyError, TypeError, ValueError, AttributeError):
             self.late += 1
             text = f"an observation on {observation.channel} cannot be read"
             verdicts += self.lose(observation.stamp_ns, text)
+        received_ns = observation.received_ns
         if self._clock.settled > self._finished:
             self._finished = self._clock.settled
-        settled = observation.received_ns - self._latency
+        settled = received_ns - self._latency
         progress, order = self._progress, observation.order
         if lane.own and order >= 0:
             if order == progress.next and not progress.ahead:
@@ -169,13 +173,24 @@ class Oracle:
             else:
                 progress.take(order, observation.stamp_ns, settled)
             if self._alone and settled >= self._droppable_until:  # before, not all was told
-                settled = max(settled, min(progress.heard, observation.received_ns))
-            if len(facts) == 1 and settled < self.wake and self._at_once(facts[0], settled):
+                heard = progress.heard
+                if heard > settled:
+                    settled = heard if heard < received_ns else received_ns
+            if (
+                fact is not None
+                and not more
+                and settled < self.wake
+                and self._at_once(fact, settled)
+            ):
                 return verdicts
-        for fact in facts:
+        if fact is not None:
             self._take(fact, verdicts)
+        if more:
+            for fact in more:
+                self._take(fact, verdicts)
         if settled < self.wake:
-            self._finished = max(self._finished, settled)
+            if settled > self._finished:
+                self._finished = settled
             return verdicts
         return verdicts + self._settle(settled)
 
@@ -201,8 +216,8 @@ class Oracle:
         self._base = [only]
         self._history.append(fact)
         self._finished = settled
-        self._next_due = self.search.next_due(only)
-        self._wake_at(min(self._next_due, self._uptake.due))
+        due = self._next_due = self.search.next_due(only)
+        self._wake_at(due if due < self._uptake.due else self._uptake.due)
         return True
 
     def advance(self, now_ns: int) -> list[Verdict]:
@@ -213,7 +228,8 @@ class Oracle:
         """
         settled = now_ns - self._latency
         if settled < self.wake:
-            self._finished = max(self._finished, settled)
+            if settled > self._finished:
+                self._finished = settled
             return []
         return self._settle(settled)
 
@@ -248,10 +264,10 @@ class Oracle:
         """Until this time (ns) nothing is settled, due or to be found."""
         if self._base is None:
             return FOREVER if self._listening_since is None else 0
-        wake = self._next_due
-        if self._window:
-            wake = min(wake, self._window[0].stamp)
-        return min(wake, self._uptake.due)
+        wake = self._next_due if self._next_due < self._uptake.due else self._uptake.due
+        if self._window and self._window[0].stamp < wake:
+            wake = self._window[0].stamp
+        return wake
 
     @property
     def hypotheses(self) -> list[Hypothesis]:

@@ -113,7 +113,7 @@ class Shortcuts(Inputs, Outputs):
             tuple(made),
             waiting=waiting,
             counts=hypothesis.counts,
-            moment=max(stamp, hypothesis.moment),
+            moment=stamp if stamp > hypothesis.moment else hypothesis.moment,
         )
 
     def _effect(self, step: Step) -> Effect | bool:
