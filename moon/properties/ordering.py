@@ -82,8 +82,12 @@ class OrderedProperties:
         self._held.sort(key=lambda observation: observation.stamp_ns)
         ready, rest = self._split(until)
         found: list[Change] = []
-        for cluster in _clusters(ready, self._uncertainty_ns):
-            found += self._take(cluster)
+        if not self._uncertainty_ns:  # there is one order, and one state
+            for item in ready:
+                found += [change for change in self._set.observe(item) if self._is_news(*change)]
+        else:
+            for cluster in _clusters(ready, self._uncertainty_ns):
+                found += self._take(cluster)
         self._held = rest
         # a cluster that has begun keeps time from passing over its first observation
         limit = min([until, *(item.stamp_ns - self._uncertainty_ns - 1 for item in rest)])
