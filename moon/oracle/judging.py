@@ -1,0 +1,367 @@
+"""Judging one machine: what is settled is taken in order, and what cannot be is said.
+
+What time brings about, what a violation is, and how a machine is found anew where something is missing.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import deque
+from operator import attrgetter
+from pathlib import Path
+
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import Machine
+from m2c.model.system import library_for
+from moon.oracle.anchoring import Anchoring
+from moon.oracle.bounds import FOREVER, Bounds, TooManyError
+from moon.oracle.channels import Channels
+from moon.oracle.clock import Clock
+from moon.oracle.explain import explanation_of, told
+from moon.oracle.facts import Fact, Role
+from moon.oracle.hypothesis import Hypothesis
+from moon.oracle.lanes import Lanes
+from moon.oracle.progress import Progress
+from moon.oracle.search import Search
+from moon.oracle.steps import TooOpenError
+from moon.oracle.suspicions import Losses, Suspicions
+from moon.oracle.uptake import Uptake
+from moon.verdict import Evidence, Explanation, Outcome, Verdict
+
+EVIDENCE = 12
+"""So many observations are kept for explanations."""
+
+_STAMP = attrgetter("stamp")
+
+
+class Judging:
+    """The judging half of ``Oracle``; see there for the arguments."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        library: InterfaceLibrary | None = None,
+        node: str = "",
+        bounds: Bounds | None = None,
+        synchronised: bool = True,
+        losses: Losses | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.losses = losses or Losses()
+        self._clock = clock or Clock()
+        self._suspicions = Suspicions()
+        if library is None:
+            library = library_for([Path(machine.position.file)], [], DiagnosticLog())
+        self.machine = machine
+        self.node = node or machine.name
+        self.bounds = bounds or Bounds()
+        self.channels = Channels(machine, library, self.node)
+        self.search = Search(machine, library, self.channels, self.bounds)
+        self._lanes = Lanes(self.channels, self.node)
+        self._latency = self.bounds.latency
+        self._progress = Progress()
+        self._alone = not self.channels.hears_others
+        """Everything that concerns the machine is told by its own node: it is known how far that is."""
+        self._certain_since = 0
+        """Since when (ns) what the machine does is known; what was lost before does not matter."""
+        self._anchoring = Anchoring(self._latency)
+        self.outcome = Outcome.CONFORMING
+        self.violations = 0
+        self.inputs = 0
+        self.outputs = 0
+        self.repeated = 0
+        """Observations heard twice."""
+        self.late = 0
+        """Observations that came after their time, and others that could not be used."""
+        self._base: list[Hypothesis] | None = None
+        self._window: list[Fact] = []
+        """What is not judged yet, in order."""
+        self._history: deque[Fact] = deque(maxlen=EVIDENCE)
+        self._finished = 0
+        self._synchronised = synchronised
+        self._listening_since: int | None = None
+        self._uptake = Uptake(self.bounds.deadline)
+        self._reason = ""
+        self._next_due = FOREVER
+        self.wake = 0
+        """Until this is settled (ns), time alone changes nothing."""
+        self._droppable_until = 0
+        self._lost_until = 0
+        self._from_start = False
+
+    def verdict(self, stamp_ns: int = 0) -> Verdict:
+        """The verdict as it stands."""
+        return Verdict(self.machine.name, self.node, self.outcome, stamp_ns, self._reason)
+
+    def _settle(self, settled: int) -> list[Verdict]:
+        """All that happened until ``settled`` (ns) has been heard."""
+        if settled <= self._finished:
+            return []
+        if settled < self.wake:
+            self._finished = settled
+            return []
+        verdicts: list[Verdict] = []
+        if self._progress.ahead:
+            self._progress.settle(settled)
+        if self._window:
+            verdicts += self._judge(settled)
+        self._finished = settled
+        if self._base is not None and self._next_due <= settled:
+            verdicts += self._time_passed(settled)
+        if self._uptake.due <= settled:
+            verdicts += self._not_taken_up(settled)
+        if self._base is None and self._listening_since is not None:
+            verdicts += self._try_to_anchor(settled)
+        self._wake_at(self._next_time())
+        return verdicts
+
+    def _wake_at(self, due: int) -> None:
+        self.wake = due
+        if due < self._clock.wake:
+            self._clock.wake = due
+
+    def _next_time(self) -> int:
+        """Until this time (ns) nothing is settled, due or to be found."""
+        if self._base is None:
+            return FOREVER if self._listening_since is None else 0
+        wake = self._next_due if self._next_due < self._uptake.due else self._uptake.due
+        if self._window and self._window[0].stamp < wake:
+            wake = self._window[0].stamp
+        return wake
+
+    def _begin(self, stamp: int, whole: bool = False) -> None:
+        self._listening_since = self._certain_since = stamp
+        self._from_start = True
+        self._base = self.search.started(stamp, whole)
+        self._wake_at(0)
+        self.search.last = 0
+        self._note_due()
+
+    def _keep(self, fact: Fact) -> None:
+        """Put ``fact`` in its place; mostly that is the last."""
+        stamp, window = fact.stamp, self._window
+        if stamp < self.wake:
+            self._wake_at(stamp)
+        if not window or window[-1].stamp <= stamp:
+            window.append(fact)
+        else:
+            insort(window, fact, key=_STAMP)
+
+    def _judge(self, settled: int) -> list[Verdict]:
+        """Take in order what can have nothing before it any more."""
+        window, search = self._window, self.search
+        verdicts: list[Verdict] = []
+        taken = 0
+        for fact in window:
+            stamp, base = fact.stamp, self._base
+            if stamp > settled or base is None:
+                break
+            taken += 1
+            only = search.only(base[0], fact) if len(base) == 1 else None
+            if only is not None:
+                search.last = stamp
+                self._base = [only]
+                self._history.append(fact)
+                continue
+            try:
+                after = self.search.after(base, fact)
+            except (TooManyError, TooOpenError) as error:
+                text = str(error) or "too many possibilities to follow"
+                return [*verdicts, *self.lose(stamp, text)]
+            if after:
+                self._base = after
+                self._history.append(fact)
+            else:
+                self._finished = max(self._finished, stamp)
+                verdicts += self._violation(fact)
+                if self._base is None:
+                    return verdicts
+        if taken:
+            del window[:taken]
+            self._note_due()
+            if self.outcome is Outcome.INCONCLUSIVE:
+                self._note_knowledge()
+        return verdicts
+
+    def _note_due(self) -> None:
+        next_due = self.search.next_due
+        self._next_due = min(map(next_due, self._base), default=FOREVER) if self._base else FOREVER
+
+    def _note_knowledge(self) -> None:
+        """Say so once it is known again what the machine does."""
+        if not self._base:
+            return
+        states = {tuple(state for state, _ in h.instances) for h in self._base}
+        if len(states) == 1:
+            self.outcome, self._reason = Outcome.CONFORMING, ""
+
+    def _time_passed(self, settled: int) -> list[Verdict]:
+        """Inputs that must have been taken, outputs that should have come."""
+        search = self.search
+        base = self._base or []
+        try:
+            alive = [h for h in base if not self._owes_since(h, settled)]
+            grown = search.reachable(alive, settled, settled)
+            owing = [*(h for h in base if h.owed), *(h for h in grown if h.owed)]
+            grown = [
+                search.normalised(h, settled) for h in grown if not self._owes_since(h, settled)
+            ]
+        except (TooManyError, TooOpenError) as error:
+            return self.lose(settled, str(error) or "too many possibilities to follow")
+        if not grown and base:
+            return self._overdue(settled, owing or base)
+        self._base = grown
+        self._note_due()
+        return []
+
+    def _owes_since(self, hypothesis: Hypothesis, now: int) -> bool:
+        """Whether it owes an output whose deadline was before ``now``."""
+        owed = hypothesis.owed
+        return bool(owed) and not owed[0].optional and owed[0].high + self.bounds.deadline <= now
+
+    def _not_taken_up(self, settled: int) -> list[Verdict]:
+        """Requests that others sent and the machine's node never received."""
+        verdicts = []
+        for fact in self._uptake.overdue(settled):
+            if self._base is None or not (self.inputs or self._from_start):
+                continue  # perhaps its end is not instrumented
+            observed = "nothing: the request was not taken up"
+            expected = (f"request {fact.call[1]} of {fact.call[0]} to be received",)
+            verdicts += self._say(fact.stamp, observed, expected, "unresponsive: ")
+        return verdicts
+
+    # --- verdicts ---------------------------------------------------------------------------------
+
+    def _violation(self, fact: Fact) -> list[Verdict]:
+        """``fact`` cannot be: say so, and go on from what is still certain."""
+        before = self._base or []
+        explanation = explanation_of(self.search, before, fact, self._history)
+        certain = fact.role is Role.STRANGE
+        verdicts = self._convict(self._verdict_of(fact.stamp, explanation), certain)
+        self._history.append(fact)
+        if self._is_doubtful() and not certain:
+            self._forget(fact.stamp)
+        else:
+            self._recover(before, fact)
+        return verdicts
+
+    def _overdue(self, settled: int, base: list[Hypothesis]) -> list[Verdict]:
+        explanation = explanation_of(self.search, base, None, self._history)
+        verdicts = self._convict(self._verdict_of(settled, explanation, "unresponsive: "))
+        if self._is_doubtful():
+            self._forget(settled)
+        else:
+            self._recover(base, None)
+        return verdicts
+
+    def _is_doubtful(self) -> bool:
+        """Whether something that its node told since its doing is known was not heard, and may concern it."""
+        return self._progress.gap > self._certain_since
+
+    def _recover(self, before: list[Hypothesis], fact: Fact | None) -> None:
+        """After a violation: as if what was owed had come, else from any state."""
+        search = self.search
+        stamp = self._finished if fact is None else fact.stamp
+        found: list[Hypothesis] = []
+        try:
+            if fact is not None and fact.role is Role.STRANGE:
+                found = before
+            elif fact is None or fact.role is Role.INPUT:
+                settled = [h.with_owed(()) for h in search.reachable(before, stamp, stamp)]
+                found = settled if fact is None else search.take_input(settled, fact)
+            if not found:
+                found = search.anything(stamp, self._unsettled(stamp))
+        except (TooManyError, TooOpenError):
+            self._forget(stamp)
+            return
+        self._base, search.last = found, stamp
+        self._wake_at(0)
+        self._note_due()
+
+    def _unsettled(self, stamp: int) -> tuple[Fact, ...]:
+        """Messages that may or may not have been taken by ``stamp``."""
+        kept = {id(f): f for h in self._base or () for f in h.pending}
+        facts = sorted(kept.values(), key=lambda f: f.stamp)
+        recent = [f for f in facts if f.stamp > stamp - self.bounds.latency]
+        for fact in recent:
+            fact.droppable = True
+        return tuple(recent)
+
+    def _say(
+        self, stamp: int, observed: str, expected: tuple[str, ...], prefix: str = ""
+    ) -> list[Verdict]:
+        evidence = tuple(Evidence(f.stamp, told(f)) for f in self._history)
+        explanation = Explanation(expected, observed, (), evidence)
+        return self._convict(self._verdict_of(stamp, explanation, prefix))
+
+    def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
+        expected = " or ".join(explanation.expected) or "nothing"
+        reason = f"{prefix}expected {expected}, observed {explanation.observed}"
+        return Verdict(self.machine.name, self.node, Outcome.VIOLATED, stamp, reason, explanation)
+
+    def _convict(self, verdict: Verdict, certain: bool = False) -> list[Verdict]:
+        """Say ``verdict``; where observations get lost, only once none can be missing.
+
+        None is, when the next observation of every channel concerned has come and its number
+        follows.
+        """
+        if not certain and (self.losses.happen or self._is_doubtful()):
+            self._suspicions.add(verdict, self._lanes.counts.values())
+            if self.outcome is Outcome.INCONCLUSIVE:
+                return []
+            self.outcome = Outcome.INCONCLUSIVE
+            self._reason = f"observations were lost; if none is missing here: {verdict.reason}"
+            return [self.verdict(verdict.stamp_ns)]
+        self.violations += 1
+        self.outcome = Outcome.VIOLATED
+        self._reason = verdict.reason
+        return [verdict]
+
+    # --- losing and finding the thread ------------------------------------------------------------
+
+    def lose(self, stamp: int, text: str) -> list[Verdict]:
+        """Something is missing: nothing is said until the machine's doing is certain again.
+
+        Args:
+            stamp: since when (ns).
+            text: what is missing, for people.
+        """
+        self._forget(stamp)
+        if self.outcome is Outcome.INCONCLUSIVE:
+            return []
+        self.outcome = Outcome.INCONCLUSIVE
+        self._reason = text
+        return [self.verdict(stamp)]
+
+    def _forget(self, stamp: int) -> None:
+        stamps = (min(fact.stamp, fact.observation.received_ns) for fact in self._window)
+        newest = max(stamps, default=0)
+        if self._base is not None:
+            newest = max(newest, self.search.last)
+        self._synchronised = False
+        self._from_start = False
+        self._base = None
+        self._wake_at(0)
+        self._window.clear()
+        self._uptake.clear()
+        self._lost_until = stamp + self._latency
+        self._listening_since = stamp
+        self._anchoring.begin(max(stamp, newest))
+
+    def _try_to_anchor(self, settled: int) -> list[Verdict]:
+        """Begin anew where the machine was certainly between two steps."""
+        found = self._anchoring.find(settled)
+        if found is None:
+            return []
+        anchor, pending, later = found
+        try:
+            self._base = self.search.anything(anchor, pending)
+        except TooManyError:
+            return []
+        self._anchoring.found()
+        self.search.last = self._certain_since = anchor
+        self._note_due()
+        for fact in later:
+            self._keep(fact)
+        return self._judge(settled)
