@@ -279,7 +279,7 @@ class _Account:
 
 
 def _settle() -> None:
-    """Events leave after the call (4 to 12 ms), acknowledgements after that: they belong to the ticks."""
+    """Events leave after the call (3.5 to 12 ms), acknowledgements after that: they belong to the ticks."""
     threading.Event().wait(0.25)
 
 

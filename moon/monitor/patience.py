@@ -12,8 +12,8 @@ from __future__ import annotations
 from moon.monitor.pace import NS, PERIOD_S
 
 LEAST_NS = 25_000_000
-"""Several times what a message takes on an idle machine, service events' 4 ms at their node included (12 on a
-busy one)."""
+"""Several times what a message takes on an idle machine, service events' 3.5 ms at their node included (12
+on a busy one)."""
 MARGIN = 2
 """How much later than the latest so far the next one may be."""
 WINDOW_NS = 30 * NS
