@@ -155,9 +155,10 @@ def multiply(left: Any, right: Any) -> int | float:
 
 
 def _product(left: int | float, right: int | float) -> int | float:
-    if (left == 0 or right == 0) and (left < 0 or right < 0):
-        return -0.0 * abs(left) * abs(right) if (left < 0) != (right < 0) else left * right
-    return left * right
+    product = left * right
+    if isinstance(product, int) and product == 0 and (left < 0 or right < 0):
+        return -0.0  # integers have one zero; floats keep its sign themselves
+    return product
 
 
 def divide(left: Any, right: Any) -> float:
