@@ -411,7 +411,8 @@ class Cell:
             assert self._doubt is not None
             reasons = list(dict.fromkeys(self._doubt.unknown.values())) or [self._lost]
             return Verdict(status, now, reason="; ".join(reasons))
-        true_at = self._reported if self.verdicts[number].status is Status.TRUE else -1
+        # changes are made one by one: until just before, the verdict was the one said last
+        true_at = now - 1 if self.verdicts[number].since_ns >= 0 else -1
         witness = explain(
             self._formulas[number], self._logs, self.started, now, self._reported, true_at
         )

@@ -62,7 +62,7 @@ def explain(
         start: when monitoring began.
         now: the instant (ns).
         not_before: an instant at which it was not false yet: nothing that it did not see matters.
-        true_at: an instant at which it was true. (A value that was replaced at its very own stamp
+        true_at: an instant at which it was not false. (A value that was replaced at its very own stamp
             counts, and leaves no trace in the signals.)
     """
     reach = horizon(formula)
