@@ -84,10 +84,10 @@ class Timers:
             heapq.heappop(heap)
         return max(heap[0][0] - self._clock_ns(), 0) if heap else None
 
-    def take_due(self) -> Callable[[], None] | None:
-        """The handler of a timer that is due, which is started again if it is periodic."""
+    def take_due(self, until_ns: int | None = None) -> Callable[[], None] | None:
+        """The handler of a timer that is due (by ``until_ns``, or now), started again if it is periodic."""
         heap = self._heap
-        while heap and heap[0][0] <= self._clock_ns():
+        while heap and heap[0][0] <= (self._clock_ns() if until_ns is None else until_ns):
             timer = heapq.heappop(heap)[2]
             handler = timer.handler
             if handler is None:

@@ -176,7 +176,14 @@ class Executor:
                 function, argument = get(timeout=None if wait_ns is None else wait_ns / NS)
             except Empty:
                 continue
+            if wait_ns is not None:
+                self._run_due(time.monotonic_ns())
             function(argument)
+
+    def _run_due(self, until_ns: int) -> None:
+        """Run what was due by ``until_ns``: who is held up does it before what came meanwhile."""
+        while not self._closed and (due := self._timers.take_due(until_ns)) is not None:
+            due()
 
     def _run_here(self, handler: Callable[[], None]) -> None:
         if self.is_current():

@@ -111,7 +111,8 @@ class ServiceEvents:
             zenoh.handlers.Callback(self._matching, indirect=False)
         )
         status: Any = self._publisher.matching_status  # the stub says bool: it is none
-        self.heard = bool(status.matching)
+        if status.matching:  # if not, it is old: the listener may have been told otherwise by now
+            self.heard = True
 
     def _matching(self, status: zenoh.MatchingStatus) -> None:
         self.heard = bool(status.matching)

@@ -136,7 +136,6 @@ class Server:
 
     def _receive(self, query: zenoh.Query) -> None:
         events = self.events
-        moment = events.moment() if events.heard else None
         call, _, client = read_attachment(query.attachment)
         try:
             data = self.codec.request.decode(query.payload, query.encoding)
@@ -144,11 +143,11 @@ class Server:
             report_payload(self.name, client, error)
             Request(self, query, call, client, None).fail(f"bad request: {error}")
             return
-        if moment is not None:
+        if events.heard:
             payload = query.payload
             events.record(
                 event.REQUEST_RECEIVED,
-                moment,
+                events.moment(),
                 client,
                 call,
                 request=_NO_CONTENTS if payload is None else payload,

@@ -1,0 +1,44 @@
+"""What is due and what has come, in the order in which it should have been done."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from transports.zenoh.executor import Executor
+
+
+class HeldUp:
+    """A queue whose reader is held up: it wakes late, and something has come meanwhile."""
+
+    def __init__(self, executor: Executor, work: Any) -> None:
+        self._work = [work]
+        self._get = executor._queue.get
+        executor._queue = self  # type: ignore[assignment]  # a thread cannot be held up at will
+
+    def get(self, timeout: float | None = None) -> Any:
+        if timeout is None or not self._work:
+            return self._get(timeout=timeout)
+        late = time.monotonic() + timeout + 0.01
+        while time.monotonic() < late:
+            pass
+        return self._work.pop()
+
+
+def test_a_timer_that_was_slept_through_comes_before_what_came_meanwhile():
+    executor = Executor()
+    done: list[str] = []
+    HeldUp(executor, (done.append, "work"))
+    executor.after(0.005, lambda: done.append("timer"))
+    executor.spin(lambda: len(done) == 2)
+    assert done == ["timer", "work"]
+
+
+def test_a_timer_that_another_one_cancels_does_not_run_though_both_were_slept_through():
+    executor = Executor()
+    done: list[str] = []
+    HeldUp(executor, (done.append, "work"))
+    executor.after(0.005, lambda: (done.append("first"), second.cancel()))
+    second = executor.after(0.006, lambda: done.append("second"))
+    executor.spin(lambda: "work" in done)
+    assert done == ["first", "work"]
