@@ -47,6 +47,7 @@ class ModelMonitor:
             )
             for machine in machines
         }
+        self._all = tuple(self.oracles.values())
         self.watched: dict[str, Oracle | PolicyOracle] = dict(self.oracles)
         """All oracles by the node they watch, the policy's included."""
         if policy is not None:
@@ -99,11 +100,13 @@ class ModelMonitor:
         if settled > clock.settled:
             clock.settled = settled
         if settled >= clock.wake:
-            clock.wake = FOREVER  # unless one of them is found anew
-            for oracle in self.oracles.values():
-                if settled >= oracle.wake:
+            wake = FOREVER
+            for oracle in self._all:
+                if oracle.wake <= settled:
                     verdicts += oracle.advance(now_ns)
-            clock.wake = min(clock.wake, *(o.wake for o in self.oracles.values()), FOREVER)
+                if oracle.wake < wake:
+                    wake = oracle.wake
+            clock.wake = wake
         return verdicts if self.policy is None else verdicts + self.policy.advance(now_ns)
 
     def node_started(self, node: str, stamp_ns: int) -> None:

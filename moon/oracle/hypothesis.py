@@ -291,6 +291,10 @@ class Hypothesis:
             )
         return self._key
 
+    def forget_key(self) -> None:
+        """It was changed."""
+        self._key = None
+
     def core(self) -> Any:
         """The key without the messages under way."""
         return self.key()[1:]

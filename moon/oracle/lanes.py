@@ -93,18 +93,19 @@ class Lanes:
     def __init__(self, channels: Channels, node: str) -> None:
         self._channels = channels
         self._node = node
-        self._lanes: dict[tuple[str, str, ObservationKind], Lane] = {}
+        self.opened: dict[tuple[str, str, ObservationKind], Lane] = {}
+        """By source, channel and kind."""
         self.counts: dict[Place, Count] = {}
 
     def of(self, observation: Observation) -> Lane:
         """The lane that ``observation`` is in."""
         key = (observation.source, observation.channel, observation.kind)
-        return self._lanes.get(key) or self._open(*key)
+        return self.opened.get(key) or self._open(*key)
 
     def _open(self, source: str, channel: str, kind: ObservationKind) -> Lane:
-        if len(self._lanes) >= KEPT_LANES:
+        if len(self.opened) >= KEPT_LANES:
             # those that are in use come back; a first number says nothing about losses
-            self._lanes.clear()
+            self.opened.clear()
             self.counts.clear()
         message = kind is ObservationKind.MESSAGE
         own = source == self._node
@@ -113,7 +114,7 @@ class Lanes:
         if own or (message and readers):
             place = (source, channel, message)
             count = self.counts.setdefault(place, Count(place))
-        lane = self._lanes[source, channel, kind] = Lane(readers, own, count)
+        lane = self.opened[source, channel, kind] = Lane(readers, own, count)
         return lane
 
     def restart(self) -> None:

@@ -18,6 +18,9 @@ from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 
 _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
+# looked up for every observation
+_ASKED, _OUTPUT, _STRANGE, _INPUT = Role.ASKED, Role.OUTPUT, Role.STRANGE, Role.INPUT
+_INCONCLUSIVE = Outcome.INCONCLUSIVE
 
 
 class Oracle(Judging):
@@ -63,7 +66,8 @@ class Oracle(Judging):
 
     def feed(self, observation: Observation) -> list[Verdict]:
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
-        lane = self._lanes.of(observation)
+        key = (observation.source, observation.channel, observation.kind)
+        lane = self._lanes.opened.get(key) or self._lanes.of(observation)
         verdicts: list[Verdict] = []
         count = lane.count
         if count is not None:
@@ -126,10 +130,12 @@ class Oracle(Judging):
         base, stamp = self._base, fact.stamp
         if base is None or len(base) != 1 or self._window or not self._finished < stamp <= settled:
             return False
-        only = self.search.only(base[0], fact)
-        if only is None or self.outcome is Outcome.INCONCLUSIVE:
+        if self.outcome is _INCONCLUSIVE:
             return False
-        if fact.role is Role.OUTPUT:
+        only = self.search.only(base[0], fact)
+        if only is None:
+            return False
+        if fact.role is _OUTPUT:
             self.outputs += 1
         else:
             self.inputs += 1
@@ -215,17 +221,19 @@ class Oracle(Judging):
 
     def _take(self, fact: Fact, verdicts: list[Verdict]) -> None:
         role, stamp = fact.role, fact.stamp
-        if role is Role.ASKED:
+        if role is _ASKED:
             if stamp > self._lost_until:
                 self._uptake.ask(fact)
                 self._wake_at(min(self.wake, self._uptake.due))
             return
-        if role is Role.OUTPUT or role is Role.STRANGE:
+        if role is _OUTPUT or role is _STRANGE:
             self.outputs += 1
-        elif role is Role.MESSAGE or role is Role.INPUT:
+        elif role is _INPUT:
             self.inputs += 1
-        if role is Role.INPUT and fact.event is not None and fact.event[0] in _TAKEN_UP:
-            self._uptake.take(fact, self._finished)
+            if fact.event is not None and fact.event[0] in _TAKEN_UP:
+                self._uptake.take(fact, self._finished)
+        elif role is Role.MESSAGE:
+            self.inputs += 1
         if self._listening_since is None:
             self._listen(stamp)
         if self._base is None:

@@ -14,6 +14,12 @@ from moon.oracle.step import Step
 
 _CALLS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR)
 _PLAIN = (OutputKind.PUBLISH, OutputKind.REQUEST, OutputKind.RESPONSE)
+_OUTPUT, _INPUT, _REQUEST, _RESPONSE = (  # looked up for every observation
+    Role.OUTPUT,
+    Role.INPUT,
+    EventKind.REQUEST,
+    OutputKind.RESPONSE,
+)
 
 
 class Effect:
@@ -40,7 +46,8 @@ class Shortcuts(Inputs, Outputs):
         """What ``hypothesis`` is after ``fact``, where that is one thing and plain to see.
 
         That is so for an input or an output stamped where it was taken or made, while nothing else can
-        have been taken since. None: ask ``reachable`` and ``take_…``.
+        have been taken since. None: ask ``reachable`` and ``take_…``. ``hypothesis`` itself is changed, as a
+        rule: nobody else may hold it.
         """
         owed = hypothesis.owed
         if (
@@ -51,21 +58,16 @@ class Shortcuts(Inputs, Outputs):
             or not self.certain
         ):
             return None
-        if fact.role is Role.OUTPUT:
+        if fact.role is _OUTPUT:
             if not owed or owed[0].optional or not self._is(hypothesis, owed[0], fact):
                 return None
             if owed[0].alarm is not None or fact.output not in _PLAIN:
                 return self._paid(hypothesis, 0, fact)
-            return Hypothesis(
-                hypothesis.instances,
-                owed[1:],
-                alarms=hypothesis.alarms,
-                waiting=hypothesis.waiting,
-                counts=hypothesis.counts,
-                moment=hypothesis.moment,
-            )
+            hypothesis.owed = owed[1:]
+            hypothesis.forget_key()
+            return hypothesis
         event = fact.event
-        if owed or fact.role is not Role.INPUT or event is None or event[0] not in _CALLS:
+        if owed or fact.role is not _INPUT or event is None or event[0] not in _CALLS:
             return None
         stamp = fact.stamp
         if hypothesis.alarms:
@@ -74,7 +76,7 @@ class Shortcuts(Inputs, Outputs):
             hypothesis = self.normalised(hypothesis, stamp)
         state, data = hypothesis.instances[0]
         ((taken, step),) = self.programs[0].take(state, data, event, fact.data, {}, False)
-        asked = event[0] is EventKind.REQUEST
+        asked = event[0] is _REQUEST
         if not taken and (asked or not (step.outputs or step.scheduled)):
             return hypothesis  # a request that the state discards is never answered
         return self._affected(hypothesis, step, fact, fact.call if asked else None)
@@ -106,15 +108,15 @@ class Shortcuts(Inputs, Outputs):
             waiting = waiting[:place] + waiting[place + 1 :]
         made = []
         for kind, interface, fields, position, transition in effect.owed:
-            answers = answered[1] if answered and kind is OutputKind.RESPONSE else None
+            answers = answered[1] if answered and kind is _RESPONSE else None
             made.append(Owed(kind, interface, fields, stamp, stamp, position, transition, answers))
-        return Hypothesis(
-            ((step.state, effect.data),),
-            tuple(made),
-            waiting=waiting,
-            counts=hypothesis.counts,
-            moment=stamp if stamp > hypothesis.moment else hypothesis.moment,
-        )
+        hypothesis.instances = ((step.state, effect.data),)
+        hypothesis.owed = tuple(made)
+        hypothesis.waiting = waiting
+        if stamp > hypothesis.moment:
+            hypothesis.moment = stamp
+        hypothesis.forget_key()
+        return hypothesis
 
     def _effect(self, step: Step) -> Effect | bool:
         """What ``step`` comes to; False where that depends on more than requests that wait."""

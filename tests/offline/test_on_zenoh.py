@@ -56,11 +56,11 @@ def test_a_live_run_and_its_recording_are_told_the_same(tmp_path: Path) -> None:
         timeout=WAIT_S,
     )
     summary = json.loads(done.stdout.splitlines()[-1])
-    assert summary["counts"]["heard"] == heard > 100
+    assert summary["counts"]["heard"] == heard > 50
     entries = list(open_recording(alone).entries())
     assert isinstance(entries[0], Began)
     assert isinstance(entries[-1], Ended)
-    assert sum(isinstance(entry, Observation) for entry in entries) > 100
+    assert sum(isinstance(entry, Observation) for entry in entries) > 50
     ups = {entry.node for entry in entries if isinstance(entry, NodeChange) and entry.up}
     assert "BatteryLevelSkill" in ups
     assert any("recorded" in line for line in recorder.err)
