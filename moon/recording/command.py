@@ -85,6 +85,8 @@ def record(
     except GlobError as error:
         raise click.BadParameter(str(error), param_hint="CHANNELS") from error
     limit = _split(split) if split is not None else None
+    if output.exists():
+        fail(f"{output}: is there already; a recording is not written over")
     definitions = _definitions(interfaces, network.transport)
     with connected(network, "moon_record", writing="the recording") as connection:
         try:

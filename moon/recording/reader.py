@@ -9,6 +9,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from m2c.model.datatypes import Structure
+from m2c.model.file_size import size_of
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
 from moon.recording import mcap_file, sqlite_file
@@ -187,6 +188,7 @@ def _form_of(path: Path) -> str:
             what = "; ".join(found.faults) or "it has no .mcap or .db3 file"
             raise RecordingError(f"{path}: a folder that is no recording: {what}")
         return OWN if FORMAT_NAME in found.leading_metadata() else ROSBAG
+    size_of(path)  # a pipe or a device may never end
     with path.open("rb") as opened:
         head = opened.read(_HEAD_BYTES)
     if not head:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import struct
 import zlib
@@ -195,6 +196,12 @@ def test_files_that_are_no_recording_are_refused_with_what_they_are(tmp_path: Pa
             open_recording(path)
         assert said in str(caught.value)
         assert str(path) in str(caught.value)
+
+
+def test_a_pipe_is_refused_instead_of_waited_for(tmp_path: Path):
+    os.mkfifo(tmp_path / "run.mcap")
+    with pytest.raises(RecordingError, match="may never end"):
+        open_recording(tmp_path / "run.mcap")
 
 
 def test_what_is_not_there_and_folders_without_a_bag_are_refused(tmp_path: Path):
