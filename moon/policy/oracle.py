@@ -23,9 +23,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
-from m2c.policy.ticking import STATUS_CODES
 from moon.oracle.bounds import Bounds
-from moon.policy.follow import Fit, Follower, Run, TooManyError
+from moon.policy.calls import Call, call_of, doing_of, status_of
+from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.run import Ask
 from moon.policy.shape import shape_of
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
@@ -43,9 +43,6 @@ KEPT_CHANNELS = 4096
 _OWN = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 _PARTS = "/_action/"
 """What the names of an action's services have in them; a policy has none but its plugins'."""
-
-Call = tuple[str, str, int]
-"""Service, who calls, number."""
 
 
 class PolicyOracle:
@@ -216,7 +213,7 @@ class PolicyOracle:
 
     def states(self) -> list[str]:
         """What the policy may be doing."""
-        return sorted({_doing(run, self._pending) for run in self._follower.runs})
+        return sorted({doing_of(run, self._pending) for run in self._follower.runs})
 
     # --- taking observations -----------------------------------------------------------------------
 
@@ -262,14 +259,18 @@ class PolicyOracle:
                 break
             answer = observation.kind is ObservationKind.RESPONSE_RECEIVED
             pending = self._pending
-            if answer if pending is None else not answer or _call(observation) != _call(pending):
+            if (
+                answer
+                if pending is None
+                else not answer or call_of(observation) != call_of(pending)
+            ):
                 continue
             return place
         return 0
 
     def _heard_elsewhere(self, observation: Observation) -> None:
         """The other end of a call of the policy was heard: the policy's own end must be, too."""
-        kept, call = self._elsewhere, _call(observation)
+        kept, call = self._elsewhere, call_of(observation)
         if observation.client != self.node or call in self._own:
             return
         if observation.channel in self._shape.hidden:
@@ -291,13 +292,13 @@ class PolicyOracle:
         if channel in self._shape.hidden or (channel not in self._leaves and self._shape.strangers):
             return []  # a plugin's
         self._begin()
-        self._keep_own(_call(observation))
+        self._keep_own(call_of(observation))
         verdicts: list[Verdict] = []
         self.outputs += 1
         if self._pending is not None:
             # its answer was lost on the way to here, or the policy did not wait for it
             unanswered = self._pending
-            self._keep_unanswered(_call(unanswered), observation)
+            self._keep_unanswered(call_of(unanswered), observation)
             verdicts += self._doubt(stamp, f"no answer to {self._told(unanswered)} was heard")
         if self._missed_before(stamp):
             verdicts += self._doubt(stamp, f"a call of {self.node} was heard at its other end only")
@@ -316,20 +317,20 @@ class PolicyOracle:
         return verdicts
 
     def _judge_answer(self, observation: Observation) -> list[Verdict]:
-        stamp, call = observation.stamp_ns, _call(observation)
+        stamp, call = observation.stamp_ns, call_of(observation)
         self._keep_own(call)
         later = self._unanswered.pop(call, None)
         if later is not None:
             return [self._impatient(observation, later)]
         pending = self._pending
-        if pending is None or _call(pending) != call:
+        if pending is None or call_of(pending) != call:
             if observation.channel not in self._leaves or not self._follower.certain:
                 return []
             return self._doubt(stamp, f"an answer on {observation.channel} to a call not heard")
         self._pending, self._last_ns = None, stamp
         self.inputs += 1
         tick = self._leaves.get(observation.channel, "").startswith("tick")
-        status = _status(observation) if tick else "done"
+        status = status_of(observation) if tick else "done"
         if status is None:
             return self._doubt(stamp, f"an answer on {observation.channel} cannot be read")
         self._remember(stamp, f"answer {status} on {observation.channel}")
@@ -439,24 +440,3 @@ class PolicyOracle:
     def _forget(self) -> None:
         self._synchronised = self._fresh = self._owed = False
         self._follower.forget()
-
-
-def _call(observation: Observation) -> Call:
-    return (observation.channel, observation.client, observation.call)
-
-
-def _status(answer: Observation) -> str | None:
-    """What the policy takes ``answer`` for; None if it cannot be read."""
-    if answer.error:
-        return "FAILURE"
-    if not isinstance(answer.data, Mapping) or not isinstance(answer.data.get("status"), int):
-        return None
-    return STATUS_CODES.get(answer.data["status"], "FAILURE")
-
-
-def _doing(run: Run, pending: Observation | None) -> str:
-    ask = run.ask
-    if pending is not None and ask.leaf is not None and ask.channel:
-        return f"{ask.kind.value} {ask.leaf.name}"
-    names = sorted(leaf.name for leaf in run.running.values())
-    return f"{', '.join(names)} RUNNING" if names else "nothing RUNNING"
