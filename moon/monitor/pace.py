@@ -90,7 +90,14 @@ class Pace:
         """Whether the clock is further behind than oracles can bear."""
         return self.now_ns - self.clock_ns > 3 * self._latency_ns
 
-    def restart(self, now_ns: int) -> None:
-        """Go on from ``now_ns``: what was before is given up."""
+    def restart(self, now_ns: int, held_up: bool = False) -> None:
+        """Go on from ``now_ns``: what was before is given up.
+
+        Args:
+            now_ns: the time of day.
+            held_up: what waits to be heard comes as late as can be waited for, and one channel later
+                than another: for a while that is expected.
+        """
         self.clock_ns = self.now_ns = self._since_ns = now_ns
-        self._late_ns = self._late_before_ns = 0
+        self._late_before_ns = 0
+        self._late_ns = self.limit_ns if held_up else 0

@@ -225,7 +225,7 @@ class SystemWatch:
             self._properties.lose_all(self._pace.clock_ns - self._bounds.latency, now_ns)
         self._listening_since = now_ns
         self._monotonic_ns = self._read_monotonic()
-        self._pace.restart(now_ns)
+        self._pace.restart(now_ns, held_up=True)
         self._say(f"warning: {why}: all machines are found anew")
         for name, node in self._nodes.items():
             if node.is_seen:

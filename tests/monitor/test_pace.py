@@ -91,3 +91,16 @@ def test_of_clocks_that_are_never_read_together_the_nearest_readings_count() -> 
         return now
 
     assert read_together(time_of_day, lambda: now) == (70 * MS, 50 * MS)
+
+
+def test_after_being_held_up_what_still_waits_is_waited_for() -> None:
+    pace = Pace(0, LATENCY)
+    pace.restart(1_000 * MS, held_up=True)
+    assert pace.tick(1_010 * MS) == 1_000 * MS
+    behind = pace.limit_ns - LATENCY // 2
+    for now in range(1_020, 1_990, 10):
+        assert pace.tick(now * MS) <= max(1_000 * MS, now * MS - behind)
+    for now in range(1_990, 5_000, 10):
+        pace.tick(now * MS)
+    assert pace.clock_ns == 4_990 * MS
+    assert not pace.is_lost
