@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from enum import IntEnum
 from typing import Any
 
@@ -100,7 +99,16 @@ class Fact:
         if self.droppable:
             return self
         if self._perhaps is None:
-            twin = copy.copy(self)
+            twin = Fact(
+                self.observation,
+                self.role,
+                self.interface,
+                self.event,
+                self.output,
+                self.data,
+                self.goal,
+            )
+            twin.stamp, twin.call = self.stamp, self.call
             twin.droppable, twin._base = True, self
             self._perhaps = twin
         return self._perhaps

@@ -6,8 +6,7 @@ Hypotheses are values: nothing in them changes once they are made.
 
 from __future__ import annotations
 
-import copy
-from typing import Any, TypeVar
+from typing import Any
 
 from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, OutputKind
@@ -74,9 +73,19 @@ class Owed:
 
     def due(self, low: int, high: int) -> Owed:
         """The same output, of a step taken between ``low`` and ``high``."""
-        made = copy.copy(self)
-        made.low, made.high = low, high
-        return made
+        return Owed(
+            self.kind,
+            self.interface,
+            self.data,
+            low,
+            high,
+            self.position,
+            self.transition,
+            self.call,
+            self.goal,
+            self.optional,
+            self.alarm,
+        )
 
     def key(self) -> tuple[Any, ...]:
         """What two owed outputs must share to be the same."""
@@ -373,14 +382,15 @@ class Hypothesis:
         return made
 
 
-Timed = TypeVar("Timed", Owed, Alarm, Posted)
+Timed = Any
+"""An ``Owed``, ``Alarm`` or ``Posted``; mypyc cannot compile a function over a variable of those types."""
 
 
 def _spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, ...]:
     """``mine``, each with all the times that its like in ``theirs`` allows; ``mine`` if it has."""
     if all(a.low <= b.low and a.high >= b.high for a, b in zip(mine, theirs, strict=True)):
         return mine
-    made = []
+    made: list[Any] = []
     for first, second in zip(mine, theirs, strict=True):
         made.append(first.due(min(first.low, second.low), max(first.high, second.high)))
     return tuple(made)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -16,14 +15,14 @@ from moon.oracle.hypothesis import (
     Owed,
     distinct,
 )
+from moon.oracle.inputs import Inputs
 from moon.oracle.matching import agree, learned
-from moon.oracle.running import Running
 from moon.oracle.unknowns import Unknown, is_unknown
 
 _ENDS = (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL)
 
 
-class Outputs(Running):
+class Outputs(Inputs):
     """What a machine that sent something may be doing then."""
 
     def take_output(self, candidates: Iterable[Hypothesis], fact: Fact) -> list[Hypothesis]:
@@ -172,6 +171,6 @@ def _substituted(hypothesis: Hypothesis, found: Mapping[int, tuple[Unknown, Any]
 def _owed_with(owed: Owed, put: Any) -> Owed:
     if not is_unknown(owed.data) and not isinstance(owed.goal, Unknown):
         return owed
-    made = copy.copy(owed)
+    made = owed.due(owed.low, owed.high)
     made.data, made.goal = put(owed.data), put(owed.goal)
     return made

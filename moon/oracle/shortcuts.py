@@ -8,7 +8,6 @@ from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import interface_kind_of
 from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis, Owed
-from moon.oracle.inputs import Inputs
 from moon.oracle.outputs import Outputs
 from moon.oracle.step import Step
 
@@ -39,7 +38,7 @@ class Effect:
         self.answers = answers
 
 
-class Shortcuts(Inputs, Outputs):
+class Shortcuts(Outputs):
     """See ``Running`` for the arguments."""
 
     def only(self, hypothesis: Hypothesis, fact: Fact) -> Hypothesis | None:
