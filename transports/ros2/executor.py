@@ -1,4 +1,4 @@
-"""One thread that runs everything: a wait set of rcl, posted work, and timers.
+"""One thread that runs everything: what has arrived, posted work, and timers.
 
 rclpy's own executors want a service's answer from its callback; this one takes requests and
 responses itself and hands them on, so that an answer can come later. What rclpy declares on the
@@ -11,8 +11,6 @@ node for itself (parameter services, the ``/clock`` subscription) runs here as w
 from __future__ import annotations
 
 import logging
-import signal
-import socket
 import threading
 import time
 from collections import deque
@@ -21,11 +19,9 @@ from typing import Any
 
 from rclpy.clock import ClockChange, JumpThreshold
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidHandle
-from rclpy.guard_condition import GuardCondition
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports.interface import TransportError
+from transports.ros2.arrivals import Arrivals, Take
 from transports.timers import Timer, Timers
 
 LOG = logging.getLogger("transports.ros2")
@@ -79,20 +75,19 @@ class Executor:
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        self._context = node.context
+        self._arrivals = Arrivals()
         self._posted: deque[Callable[[], None]] = deque()
-        self._takers: dict[int, tuple[Any, Callable[[], bool]]] = {}
-        self._guard = GuardCondition(callback=None, callback_group=None, context=self._context)
+        self._takers: dict[int, tuple[Any, Take]] = {}
         self._clock = RosClock(node.get_clock(), lambda: self._ros_timers)
         self._ros_timers = Timers(self._clock.now_ns, self._run_here)
         self._steady_timers = Timers(time.monotonic_ns, self._run_here)
         self._spinner = threading.Lock()
         self._thread = 0
+        self._ready: dict[Take, None] = {}
+        """What may have something to take, in turn: told once of each arrival, it is known until then."""
         self._ignored: list[Any] = []
         self._stale = True
         self._closed = False
-        self._wait_set: Any = None
-        self._waiting_for: list[tuple[str, Any, Callable[[], bool]]] = []
         node.executor = self
 
     # What rclpy's Node asks of its executor.
@@ -107,7 +102,7 @@ class Executor:
     def wake(self) -> None:
         """Something was declared or withdrawn."""
         self._stale = True
-        self._trigger()
+        self._arrivals.ring()
 
     # Ours.
 
@@ -119,7 +114,7 @@ class Executor:
         """Whether any thread spins."""
         return self._thread != 0
 
-    def handle(self, entity: Any, take: Callable[[], bool]) -> None:
+    def handle(self, entity: Any, take: Take) -> None:
         """Call ``take()`` when ``entity`` (a subscription, service or client) has something.
 
         ``take`` handles one message and returns whether there was one.
@@ -133,15 +128,17 @@ class Executor:
         self.wake()
 
     def forget(self, entity: Any) -> None:
-        """Undo ``handle``."""
-        self._takers.pop(id(entity), None)
+        """Undo ``handle``; on the executor's thread, or when nobody spins."""
+        _, take = self._takers.pop(id(entity), (None, None))
+        if take is not None:
+            self._ready.pop(take, None)
         self.wake()
 
     def post(self, handler: Callable[[], None]) -> None:
         """Run ``handler`` on the executor's thread; callable from any thread."""
         self._posted.append(handler)
         if threading.get_ident() != self._thread:
-            self._trigger()
+            self._arrivals.ring()
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """Call ``handler`` once, on the ROS clock."""
@@ -158,7 +155,7 @@ class Executor:
     def close(self) -> None:
         """End ``spin``; idempotent, from any thread."""
         self._closed = True
-        self._trigger()
+        self._arrivals.ring()
 
     def wait_until_idle(self) -> None:
         """Wait until no thread spins (unless the calling one does)."""
@@ -169,28 +166,20 @@ class Executor:
     def destroy(self) -> None:
         """Release what the executor holds; nothing spins any more."""
         self._takers.clear()
-        self._waiting_for = []
-        self._wait_set = None
-        self._guard.destroy()
+        self._ready.clear()
+        self._arrivals.close()
 
     def spin(self, until: Callable[[], bool] | None = None) -> None:
         """Run until ``close()`` or until ``until()`` holds, which is asked before each piece of work."""
         if not self._spinner.acquire(blocking=False):
             raise TransportError("this transport is already spinning on another thread")
         self._thread = threading.get_ident()
-        signals = _SignalWake(self._trigger)
         try:
-            self._run(until)
+            with self._arrivals.woken_by_signals():
+                self._run(until)
         finally:
-            signals.close()
             self._thread = 0
             self._spinner.release()
-
-    def _trigger(self) -> None:
-        try:
-            self._guard.trigger()
-        except InvalidHandle:  # closed meanwhile
-            return
 
     def _run_here(self, handler: Callable[[], None]) -> None:
         if self.is_current():
@@ -213,44 +202,25 @@ class Executor:
                     handler()
                     if self._closed or (until is not None and until()):
                         return
-            for take in self._ready():
-                for _ in range(_AT_ONCE):
-                    if self._closed or (until is not None and until()):
-                        return
-                    if not take():
-                        break
+            if not self._take_what_arrived(until):
+                return
 
-    def _ready(self) -> list[Callable[[], bool]]:
-        """Wait for something to do; what has something to take."""
+    def _take_what_arrived(self, until: Callable[[], bool] | None) -> bool:
+        """Wait, and take some of everything there is; False if the executor is to end."""
+        arrivals, ready = self._arrivals, self._ready
         if self._stale:
             self._stale = False
-            self._waiting_for = self._collect()
-            kinds = [kind for kind, _, _ in self._waiting_for]
-            self._wait_set = _rclpy.WaitSet(
-                *(kinds.count("subscription"), 1, 0),
-                *(kinds.count("client"), kinds.count("service"), 0),
-                self._context.handle,
-            )
-        wait_set = self._wait_set
-        wait_set.clear_entities()
-        add = {
-            "subscription": wait_set.add_subscription,
-            "client": wait_set.add_client,
-            "service": wait_set.add_service,
-        }
-        pointers: dict[int, Callable[[], bool]] = {}
-        for kind, entity, take in self._waiting_for:
-            handle = entity.handle
-            add[kind](handle)
-            pointers[handle.pointer] = take
-        wait_set.add_guard_condition(self._guard.handle)
-        wait_set.wait(0 if self._posted or self._stale or self._closed else self._wait_ns())
-        return [
-            pointers[pointer]
-            for kind in add
-            for pointer in wait_set.get_ready_entities(kind)
-            if pointer in pointers
-        ]
+            ready.update(dict.fromkeys(arrivals.watch_only(self._collect())))
+        is_idle = not (ready or self._posted or self._stale or self._closed)
+        ready.update(dict.fromkeys(arrivals.wait(self._wait_ns() if is_idle else 0)))
+        for take in list(ready):
+            for _ in range(_AT_ONCE):
+                if self._closed or (until is not None and until()):
+                    return False
+                if not take():
+                    ready.pop(take, None)
+                    break
+        return True
 
     def _wait_ns(self) -> int:
         """Until the next timer; -1 means for ever. Simulated time is moved by what arrives."""
@@ -261,8 +231,8 @@ class Executor:
             waits.append(ros_ns)
         return min((wait for wait in waits if wait is not None), default=-1)
 
-    def _collect(self) -> list[tuple[str, Any, Callable[[], bool]]]:
-        found: list[tuple[str, Any, Callable[[], bool]]] = []
+    def _collect(self) -> list[tuple[str, Any, Take]]:
+        found: list[tuple[str, Any, Take]] = []
         node, takers = self._node, self._takers
         for kind, entities in (
             ("subscription", node.subscriptions),
@@ -282,7 +252,7 @@ class Executor:
         return found
 
 
-def _take_for_rclpy(subscription: Any) -> Callable[[], bool]:
+def _take_for_rclpy(subscription: Any) -> Take:
     def take() -> bool:
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
@@ -294,7 +264,7 @@ def _take_for_rclpy(subscription: Any) -> Callable[[], bool]:
     return take
 
 
-def _serve_for_rclpy(service: Any) -> Callable[[], bool]:
+def _serve_for_rclpy(service: Any) -> Take:
     def take() -> bool:
         with service.handle:
             request, header = service.handle.service_take_request(service.srv_type.Request)
@@ -304,37 +274,3 @@ def _serve_for_rclpy(service: Any) -> Callable[[], bool]:
         return True
 
     return take
-
-
-class _SignalWake:
-    """Wakes a wait that signals do not interrupt, so that Python can run their handlers.
-
-    Python runs a signal's handler on the main thread once that is back from C; rcl's wait does not
-    return for a signal. Where the main thread spins, a byte that the interpreter writes when a
-    signal arrives (``signal.set_wakeup_fd``) wakes another thread, which triggers the wait's guard.
-    """
-
-    def __init__(self, wake: Callable[[], None]) -> None:
-        self._active = threading.current_thread() is threading.main_thread()
-        if not self._active:
-            return
-        self._reader, self._writer = socket.socketpair()
-        self._writer.setblocking(False)
-        self._before = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
-        self._thread = threading.Thread(
-            target=self._listen, args=(wake,), name="ros2-signals", daemon=True
-        )
-        self._thread.start()
-
-    def _listen(self, wake: Callable[[], None]) -> None:
-        while self._reader.recv(64):
-            wake()
-
-    def close(self) -> None:
-        """Stop listening."""
-        if not self._active:
-            return
-        signal.set_wakeup_fd(self._before)
-        self._writer.close()
-        self._thread.join()
-        self._reader.close()

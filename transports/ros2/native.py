@@ -79,7 +79,8 @@ class Taken(msgspec.Struct, frozen=True):
     gid: bytes
 
 
-def _library(name: str) -> Any:
+def _library(name: str | None) -> Any:
+    """A library by its name; None: what the process has loaded, the C library among it."""
     try:
         return ctypes.CDLL(name)  # loaded by rclpy already: found by its soname
     except OSError as error:
@@ -99,6 +100,15 @@ class _Libraries:
         self.take = self._declare(rcl, "rcl_take_serialized_message")
         self.client_handle = self._declare(rcl, "rcl_client_get_rmw_handle", pointer)
         self.gid_of_client = self._declare(rmw, "rmw_get_gid_for_client")
+        self.on_new = {
+            kind: self._declare(rcl, f"rcl_{kind}_set_on_new_{what}_callback")
+            for kind, what in (
+                ("subscription", "message"),
+                ("service", "request"),
+                ("client", "response"),
+            )
+        }
+        self.ring = ctypes.cast(_library(None).eventfd_write, pointer)
         self.bytes_init = self._declare(utils, "rcutils_uint8_array_init")
         self.bytes_fini = self._declare(utils, "rcutils_uint8_array_fini")
         self.default_allocator = self._declare(utils, "rcutils_get_default_allocator", _Allocator)
@@ -108,6 +118,8 @@ class _Libraries:
         self.take.argtypes = [pointer, pointer, pointer, pointer]
         self.client_handle.argtypes = [pointer]
         self.gid_of_client.argtypes = [pointer, pointer]
+        for function in self.on_new.values():
+            function.argtypes = [pointer, pointer, pointer]
         self.bytes_init.argtypes = [pointer, size, pointer]
         self.bytes_fini.argtypes = [pointer]
 
@@ -145,6 +157,31 @@ def add_guard(wait_set: Any, guard: int) -> None:
     if _functions().add_guard(wait_set.pointer, guard, None) != _RCL_RET_OK:
         _functions().reset_error()
         raise TransportError("cannot wait for graph events")
+
+
+def ring_for(kind: str, handle: Any, bell: int | None) -> None:
+    """Have rcl write to a file at each arrival, at once if there is something already.
+
+    Args:
+        kind: of the entity: ``subscription``, ``service`` or ``client``.
+        handle: its handle, in use.
+        bell: an eventfd; None: no longer.
+
+    Raises:
+        TransportError: this RMW does not tell of arrivals.
+    """
+    functions = _functions()
+    set_callback = functions.on_new[kind]
+    code = (
+        set_callback(handle.pointer, None, None)
+        if bell is None
+        else set_callback(handle.pointer, functions.ring, bell)
+    )
+    if code != _RCL_RET_OK:
+        functions.reset_error()
+        raise TransportError(
+            f"{get_rmw_implementation_identifier()} does not tell when something arrives"
+        )
 
 
 def gid_of_client(handle: Any) -> bytes:

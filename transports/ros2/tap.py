@@ -30,6 +30,7 @@ from transports.ros2.numbering import Numbers
 from transports.ros2.presence import TOPIC as NODES_TOPIC
 from transports.ros2.presence import Announcements
 from transports.service_events import EVENT_SUFFIX
+from transports.timers import Timer
 
 _QUIET = ("/rosout", "/parameter_events", "/clock")
 """Topics of ROS 2 itself, which every node has: heard only when a glob is their name."""
@@ -40,10 +41,14 @@ _NAMELESS_S = 1.0
 _RETRY_S = 0.02
 _QUIET_S = 0.05
 """How long after a look at the graph there is none."""
+_CLOSELY_S = 0.3
+"""How long after the last look there is a close one: whether who publishes is still as it was. Counting
+them, as the others do, takes a fifth of the time, and takes one that was replaced for the same."""
 _TURN_S = 0.01
 """How long the tap subscribes before what else is to be done has its turn."""
 _SILENT_S = 1.0
 """A service that has had no events for so long has none: its endpoints come and go one by one."""
+_UNKNOWN = -1
 _HOW = (
     "switch it on at both ends: configure_introspection(clock, qos, "
     "ServiceIntrospectionState.CONTENTS) on the service and on the client"
@@ -86,6 +91,7 @@ class Tap:
         self._heard: dict[str, _Heard] = {}
         self._looking = False
         self._quiet_until = 0.0
+        self._close_look: Timer | None = None
         self._to_hear: deque[tuple[str, Sequence[str]]] = deque()
         """What the graph showed when it was last looked at, and has not been heard yet."""
         self._deaf: dict[str, str] = {}
@@ -149,6 +155,18 @@ class Tap:
         self._quiet_until = time.monotonic() + _QUIET_S
         if self._closed:
             return
+        if self._close_look is not None:
+            self._close_look.cancel()
+        self._close_look = self._executor.after_real(_CLOSELY_S, self._look_closely)
+        self._look_around()
+
+    def _look_closely(self) -> None:
+        for heard in self._heard.values():
+            heard.publishers = _UNKNOWN
+        if not self._closed:
+            self._look_around()
+
+    def _look_around(self) -> None:
         self._graph.learn_participants()
         self._deliver()
         self._note_silence()
