@@ -1,0 +1,49 @@
+"""Compiled modules run only while they are what is written."""
+
+from __future__ import annotations
+
+import importlib.machinery
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import moon
+
+ROOT = Path(__file__).parents[2]
+SUFFIX = importlib.machinery.EXTENSION_SUFFIXES[-1]
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A clone with one compiled module."""
+    (tmp_path / "setup.py").touch()
+    package = tmp_path / "moon"
+    (package / "oracle").mkdir(parents=True)
+    for name in (f"compiled__mypyc{SUFFIX}", f"oracle/search{SUFFIX}", "oracle/search.py"):
+        (package / name).touch()
+        os.utime(package / name, ns=(10**18, 10**18))
+    return package
+
+
+def test_a_module_changed_after_it_was_compiled_is_refused(package: Path) -> None:
+    moon._refuse_stale(package)
+    os.utime(package / "oracle/search.py", ns=(10**18 + 1, 10**18 + 1))
+    with pytest.raises(ImportError, match=r"search\.py was changed .* `make compiled`"):
+        moon._refuse_stale(package)
+
+
+def test_a_module_that_was_never_compiled_may_change(package: Path) -> None:
+    (package / "oracle/explain.py").touch()
+    moon._refuse_stale(package)
+
+
+def test_the_interpreted_form_is_there_beside_the_compiled_one() -> None:
+    """What ``make unit-interpreted`` relies on."""
+    shown = "import tests.interpreted, moon.oracle.search as s; print(s.__file__)"
+    ran = subprocess.run(
+        [sys.executable, "-c", shown], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.strip() == str(ROOT / "moon/oracle/search.py")
