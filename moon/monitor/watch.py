@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 
 import msgspec
@@ -346,6 +346,10 @@ class SystemWatch:
     def certain_violations(self) -> int:
         """Those of them that will not be taken back."""
         return self._violations + self._properties.certain_violations
+
+    def oracles(self) -> Mapping[str, Oracle | PolicyOracle]:
+        """The oracle of each watched node, until all are found anew."""
+        return self._models.watched
 
     def statuses(self) -> list[MachineStatus]:
         """Each machine as it stands, then each property."""

@@ -94,6 +94,19 @@ class Judging:
         """The verdict as it stands."""
         return Verdict(self.machine.name, self.node, self.outcome, stamp_ns, self._reason)
 
+    @property
+    def judged_until(self) -> int:
+        """What was taken or made by then (ns) has been judged."""
+        until = self._finished if self._finished > self._clock.settled else self._clock.settled
+        if self._window and self._window[0].stamp <= until:
+            return self._window[0].stamp - 1
+        return until
+
+    @property
+    def is_synchronised(self) -> bool:
+        """Whether it is known what the machine may be doing."""
+        return self._base is not None
+
     def _settle(self, settled: int) -> list[Verdict]:
         """All that happened until ``settled`` (ns) has been heard."""
         if settled <= self._finished:
