@@ -1,5 +1,7 @@
 """What a tap hears on Zenoh, and what it says it could not."""
 
+import subprocess
+import sys
 import threading
 
 import msgspec
@@ -169,3 +171,20 @@ def test_globs_become_subscriptions_without_overlap(globs, keys):
     assert names.subscriptions(globs) == keys
     for key in keys:
         zenoh.KeyExpr(key)
+
+
+ENDING = """
+from transports.zenoh import connect
+
+node = connect("ending", {"listen": "tcp/127.0.0.1:0"})
+node.tap([], lambda observation: None)
+node.close()
+"""
+
+
+def test_a_process_may_end_as_soon_as_its_tap_is_closed():
+    """A thread that came back from Zenoh while the interpreter ended aborted two processes of five."""
+    command = [sys.executable, "-c", ENDING]
+    processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(12)]
+    said = [process.communicate(timeout=60)[1] for process in processes]
+    assert [process.returncode for process in processes] == [0] * 12, said

@@ -74,10 +74,14 @@ class Tap:
             session.declare_subscriber(key, zenoh.handlers.RingChannel(RING_CAPACITY))
             for key in subscriptions(globs)
         ]
-        for subscriber in self._subscribers:
+        self._threads = [
             threading.Thread(
                 target=self._listen, args=(subscriber.handler,), name="zenoh-tap", daemon=True
-            ).start()
+            )
+            for subscriber in self._subscribers
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to, directly or by a router."""
@@ -100,6 +104,9 @@ class Tap:
         for declared in (*self._subscribers, *self._watches):
             declared.undeclare()
         self._free.release()
+        # one that came back from Zenoh while the interpreter ends would abort the process
+        for thread in self._threads:
+            thread.join()
 
     def _links(self) -> tuple[list[str], list[str]]:
         """``(linked, up but not linked)`` names of nodes."""
@@ -142,6 +149,9 @@ class Tap:
         receive, take = ring.recv, ring.try_recv
         while True:
             self._free.acquire()
+            if self._closed:
+                self._free.release()
+                return
             try:
                 sample = receive()
                 batch: list[Observation] = []
