@@ -1,4 +1,4 @@
-"""When a node on Zenoh tells its taps what it did: on a clock of the test's own."""
+"""When a node tells its taps what it did: on a clock of the test's own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable
 
 from moon.monitor.patience import LEAST_NS
-from transports.zenoh.outbox import AT_MOST_S, DELAY_S, QUIET_S, Outbox
+from transports.outbox import AT_MOST_S, DELAY_S, QUIET_S, Outbox
 
 
 class Time:

@@ -67,10 +67,13 @@ def through_cdr(type_name: str, message: Any) -> tuple[Any, Any]:
     """What a receiver makes of ``message``: our struct, and plain values."""
     from rclpy.serialization import deserialize_message, serialize_message
 
+    from transports.ros2 import cdr
     from transports.ros2.messages import Codec, plain_of
 
     codec = Codec(type_name, type(message))
-    received = deserialize_message(serialize_message(codec.encode(message)), codec.ros)
+    sent = serialize_message(codec.encode(message))
+    received = deserialize_message(sent, codec.ros)
+    assert repr(cdr.reader(codec.ros)(sent)) == repr(plain_of(received))
     return codec.decode(received), plain_of(received)
 
 
@@ -88,6 +91,30 @@ def test_every_standard_message_comes_back_as_it_left(type_name: str, data: st.D
     assert type(struct) is type(message)
     assert as_text(struct) == as_text(message)
     assert repr(plain) == as_text(message)
+
+
+@settings(max_examples=300, deadline=None)
+@given(data=st.data())
+def test_bytes_that_are_no_message_are_an_error_and_nothing_else(data: st.DataObject) -> None:
+    from rclpy.serialization import serialize_message
+
+    from transports.ros2 import cdr
+    from transports.ros2.messages import Codec
+
+    type_name = data.draw(st.sampled_from(TYPES))
+    message = data.draw(values(LIBRARY.message(type_name)))
+    codec = Codec(type_name, type(message))
+    sent = bytearray(serialize_message(codec.encode(message)))
+    for place, byte in data.draw(
+        st.lists(st.tuples(st.integers(4, len(sent) - 1), st.integers(0, 255)))
+    ):
+        sent[place] = byte
+    cut = bytes(sent[: data.draw(st.integers(0, len(sent)))])
+    try:
+        read = cdr.reader(codec.ros)(b"\x00\x01\x00\x00" + cut[4:])
+    except cdr.CdrError:
+        return
+    assert set(read) == set(codec.ros.get_fields_and_field_types())
 
 
 @pytest.fixture(scope="module")

@@ -106,6 +106,10 @@ class Executor:
 
     # Ours.
 
+    def simulated_ns(self) -> int | None:
+        """The simulation's time, ns since the epoch; None if there is none."""
+        return self._clock.now_ns() if self._clock.simulated else None
+
     def is_current(self) -> bool:
         """Whether the calling thread is the one that spins."""
         return threading.get_ident() == self._thread

@@ -3,7 +3,7 @@
 The topic, type and contents are those of ``configure_introspection(…, CONTENTS)``. rcl would publish
 each event on the call's way, whether anybody listens or not, and stamp what was sent after it has
 left; that made a tapped call 1.6 times as slow. Here an event is stamped before its message leaves,
-kept only while somebody listens, and published ``FLUSH_DELAY_S`` later.
+kept only while somebody listens, and published with the others of its node (``transports.outbox``).
 """
 
 # rclpy leaves some of its functions without types
@@ -11,37 +11,72 @@ kept only while somebody listens, and published ``FLUSH_DELAY_S`` later.
 
 from __future__ import annotations
 
-import threading
+import functools
 import time
-from collections import deque
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy  # rosidl keeps arrays of fixed size in it
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
+from transports.outbox import Outbox
 from transports.ros2 import qos
 from transports.ros2.executor import Executor
 from transports.ros2.interfaces import ros_class
 from transports.service_events import EVENT_SUFFIX, REQUEST_RECEIVED, TYPE_SUFFIX
 
 FLUSH_DELAY_S = 0.006
-"""How long an event waits: several times what a call takes, also on a busy machine, far below what a monitor
-allows for. (At 2 ms, calls that took longer were slowed down by their own events: a tick at 10 Hz took 1.7
-times as long, with more to do than processors. At 10 ms, those of a tick at 100 Hz met the next tick.)"""
+"""How long an event waits at least: as long as a tick of a few skills takes. (At 2 ms, calls that took
+longer were slowed down by their own events: a tick took 1.7 times as long on a busy machine.)"""
+
+
+class Recorded(NamedTuple):
+    """An event that is still to be published.
+
+    Attributes:
+        events: of its service.
+        event_type: of ``service_msgs/msg/ServiceEventInfo``.
+        stamp_ns: when it happened, ns since the epoch.
+        gid: the client's, as this end knows it.
+        call: the number of the client's call.
+        message: rclpy's request or response.
+    """
+
+    events: ServiceEvents
+    event_type: int
+    stamp_ns: int
+    gid: bytes
+    call: int
+    message: Any
+
+
+def outbox(executor: Executor) -> Outbox[Recorded]:
+    """What one node has yet to tell, of all its services."""
+    return Outbox(_RealTime(executor), _publish, delay_s=FLUSH_DELAY_S)
+
+
+class _RealTime:
+    """Events leave in real time, also where a simulation stands still."""
+
+    def __init__(self, executor: Executor) -> None:
+        self.after = executor.after_real
+
+
+def _publish(recorded: Recorded) -> None:
+    recorded.events.publish(recorded)
 
 
 class ServiceEvents:
     """The events of one service as one node sees them (as its server, its client, or both)."""
 
-    def __init__(self, node: Any, executor: Executor, name: str, type_name: str) -> None:
-        self._executor = executor
-        self._event = ros_class(type_name + TYPE_SUFFIX)
-        self._pending: deque[tuple[int, int, bytes, int, Any]] = deque()
-        self._scheduled = False
+    def __init__(self, node: Any, outbox: Outbox[Recorded], name: str, type_name: str) -> None:
+        self._outbox = outbox
+        event = ros_class(type_name + TYPE_SUFFIX)
+        self._request, self._response = event(), event()
+        """What is published, one after the other: only what changes is written, and not checked again."""
         self._closed = False
-        self._lock = threading.Lock()
         self._publisher = node.create_publisher(
-            self._event,
+            event,
             name + EVENT_SUFFIX,
             qos.profile(reliable=True, latched=False, depth=qos.DEPTH),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
@@ -53,49 +88,41 @@ class ServiceEvents:
         return time.time_ns() if not self._closed and self._listeners() else 0
 
     def record(self, event_type: int, stamp_ns: int, gid: bytes, call: int, message: Any) -> None:
-        """Keep an event for ``flush``.
-
-        Args:
-            event_type: of ``service_msgs/msg/ServiceEventInfo``.
-            stamp_ns: what ``stamp`` said when it happened.
-            gid: the client's, as this end knows it.
-            call: the number of the client's call.
-            message: rclpy's request or response.
-        """
-        self._pending.append((event_type, stamp_ns, gid, call, message))
+        """Keep an event until the outbox is flushed; see :class:`Recorded`."""
+        self._outbox.add(Recorded(self, event_type, stamp_ns, gid, call, message))
 
     def flush_later(self) -> None:
-        """Publish what is recorded in ``FLUSH_DELAY_S``."""
-        if self._pending and not self._scheduled:
-            self._scheduled = True
-            self._executor.after_real(FLUSH_DELAY_S, self.flush)
+        """Publish what is recorded when the node is quiet; from any thread."""
+        self._outbox.flush_later()
 
     def flush(self) -> None:
         """Publish what is recorded, in order; from any thread."""
-        import numpy  # rosidl keeps arrays of fixed size in it
+        self._outbox.flush()
 
-        self._scheduled = False  # before looking: what is recorded from now on schedules again
-        pending = self._pending
-        with self._lock:
-            while pending:
-                event_type, stamp_ns, gid, call, message = pending.popleft()
-                event = self._event()
-                info = event.info
-                info.event_type = event_type
-                info.stamp.sec, info.stamp.nanosec = divmod(stamp_ns, 10**9)
-                info.client_gid = numpy.frombuffer(gid, dtype=numpy.uint8)
-                info.sequence_number = call
-                if event_type <= REQUEST_RECEIVED:
-                    event.request = [message]
-                else:
-                    event.response = [message]
-                try:
-                    self._publisher.publish(event)
-                except _rclpy.InvalidHandle:  # a caller's thread was ending its call as it closed
-                    return
+    def publish(self, recorded: Recorded) -> None:
+        """Publish an event; one thread at a time."""
+        _, event_type, stamp_ns, gid, call, message = recorded
+        if event_type <= REQUEST_RECEIVED:
+            event = self._request
+            event._request = [message]
+        else:
+            event = self._response
+            event._response = [message]
+        info = event._info
+        info._event_type = event_type
+        info._stamp._sec, info._stamp._nanosec = divmod(stamp_ns, 10**9)
+        info._client_gid = _array(gid)
+        info._sequence_number = call
+        try:
+            self._publisher.publish(event)
+        except _rclpy.InvalidHandle:  # a caller's thread was ending its call as it closed
+            return
 
     def close(self) -> None:
-        """Publish what is left, and no more: the node is about to close."""
-        if not self._closed:
-            self._closed = True
-            self.flush()
+        """Nothing happens any more that is to be recorded: the node is about to close."""
+        self._closed = True
+
+
+@functools.lru_cache(maxsize=256)
+def _array(gid: bytes) -> Any:
+    return numpy.frombuffer(gid, dtype=numpy.uint8)

@@ -6,7 +6,6 @@ thousand); DDS numbers what a publisher sends, so the gaps tell how many were mi
 
 from __future__ import annotations
 
-import functools
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -15,18 +14,15 @@ from typing import Any
 import msgspec
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from rclpy.serialization import deserialize_message
 
 from transports import ros_forms
 from transports.channel_filter import matches
 from transports.interface import Observation, TransportError
-from transports.losses import Losses
-from transports.ros2 import native, qos
+from transports.ros2 import cdr, native, qos
 from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph, is_event_topic
 from transports.ros2.interfaces import ros_class
-from transports.ros2.messages import plain_of
-from transports.ros2.numbering import Numbers
+from transports.ros2.observing import Errors, Events, Messages, Notes, Observing
 from transports.ros2.presence import TOPIC as NODES_TOPIC
 from transports.ros2.presence import Announcements
 from transports.service_events import EVENT_SUFFIX
@@ -65,6 +61,15 @@ class _Heard(msgspec.Struct):
     publishers: int
 
 
+class _Waiting(msgspec.Struct):
+    """What was taken, and until when it waits for a name."""
+
+    observing: Observing
+    taken: native.Taken
+    data: Any
+    deadline: float = 0.0
+
+
 class Tap:
     """A passive listener; see ``transports.interface.Tap``."""
 
@@ -86,8 +91,7 @@ class Tap:
         self._globs = [prefix + glob for glob in globs] or [f"{prefix}/*"]
         self._handler = handler
         self._taker = native.Taker()
-        self._losses = Losses()
-        self._numbers = Numbers()
+        self._notes = Notes(graph, prefix)
         self._heard: dict[str, _Heard] = {}
         self._looking = False
         self._quiet_until = 0.0
@@ -95,7 +99,7 @@ class Tap:
         self._to_hear: deque[tuple[str, Sequence[str]]] = deque()
         """What the graph showed when it was last looked at, and has not been heard yet."""
         self._deaf: dict[str, str] = {}
-        self._waiting: deque[tuple[float, str, Callable[..., Any], native.Taken, Any]] = deque()
+        self._waiting: deque[_Waiting] = deque()
         self._retrying = False
         self._gone: set[bytes] = set()
         self._silent_since: dict[str, float] = {}
@@ -111,7 +115,9 @@ class Tap:
         """What was missed or not decoded, which topics cannot be heard, which services have no
         introspection.
         """
-        return [*self._losses.sentences(), *self._deaf.copy().values(), *self._silent_services()]
+        notes = self._notes
+        deaf = {**notes.without_contents.copy(), **self._deaf.copy()}
+        return [*notes.losses.sentences(), *deaf.values(), *self._silent_services()]
 
     def close(self) -> None:
         """Stop listening; idempotent."""
@@ -248,30 +254,31 @@ class Tap:
             )
         except (_rclpy.RCLError, ValueError) as error:
             raise TransportError(" ".join(str(error).split())) from error
-        if topic == self._prefix + ros_forms.CALL_ERRORS:
-            observe: Callable[..., Observation | None] = self._observe_error
-        elif is_event_topic(topic):
-            observe = self._observe_event
-        else:
-            observe = self._observe_message
-        observe = functools.partial(observe, topic, type_name)
-        handle = subscription.handle
+        observing = self._observing(topic, type_name)
+        handle, read = subscription.handle, cdr.reader(ros)
 
         def take() -> bool:
             taken = None if self._closed else self._taker.take(handle)
             if taken is None:
                 return False
             try:
-                message = deserialize_message(taken.payload, ros)
-            except (_rclpy.RMWError, _rclpy.RCLError, RuntimeError) as error:
-                self._losses.undecodable(topic, self._graph.publisher_of(topic, taken.gid), error)
+                data = read(taken.payload)
+            except cdr.CdrError as error:
+                source = self._graph.publisher_of(topic, taken.gid)
+                self._notes.losses.undecodable(topic, source, error)
                 return True
-            self._waiting.append((time.monotonic() + _NAMELESS_S, topic, observe, taken, message))
+            self._waiting.append(_Waiting(observing, taken, data))
             self._deliver()
             return True
 
         self._executor.handle(subscription, take)
         return subscription, ros
+
+    def _observing(self, topic: str, type_name: str) -> Observing:
+        if topic == self._prefix + ros_forms.CALL_ERRORS:
+            return Errors(self._notes, topic, self._globs)
+        made = Events if is_event_topic(topic) else Messages
+        return made(self._notes, topic, type_name)
 
     def _deliver(self) -> None:
         """Hand on what was taken, in its order, once the graph tells the names in it.
@@ -281,100 +288,25 @@ class Tap:
         """
         waiting = self._waiting
         while waiting and not self._closed:
-            deadline, topic, observe, taken, message = waiting[0]
-            nameless = self._nameless(topic, taken, message)
-            if nameless and time.monotonic() < deadline:
-                if not self._retrying:
-                    self._retrying = True
-                    self._executor.after_real(_RETRY_S, self._retry)
-                return
-            self._gone |= nameless
+            first = waiting[0]
+            nameless = first.observing.nameless(first.taken, first.data)
+            if nameless and not self._gone.issuperset(nameless):
+                now = time.monotonic()
+                first.deadline = first.deadline or now + _NAMELESS_S
+                if now < first.deadline:
+                    if not self._retrying:
+                        self._retrying = True
+                        self._executor.after_real(_RETRY_S, self._retry)
+                    return
+                self._gone.update(nameless)
             waiting.popleft()
-            observation = observe(taken, message)
+            observation = first.observing.observation(first.taken, first.data)
             if observation is not None:
                 self._handler(observation)
 
     def _retry(self) -> None:
         self._retrying = False
         self._deliver()
-
-    def _nameless(self, topic: str, taken: native.Taken, message: Any) -> set[bytes]:
-        """The GIDs in a message that have no name yet, but may still get one."""
-        gids = set()
-        if not self._graph.publisher_of(topic, taken.gid):
-            gids.add(taken.gid)
-        if is_event_topic(topic):
-            client = bytes(message.info.client_gid)
-            if not self._graph.client_of(topic.removesuffix(EVENT_SUFFIX), client):
-                gids.add(client)
-        return gids - self._gone
-
-    def _numbered(self, topic: str, channel: str, taken: native.Taken) -> tuple[str, int]:
-        source = self._graph.publisher_of(topic, taken.gid)
-        number = self._numbers.number(channel, source, taken.gid, taken.number)
-        if number >= 0:
-            self._losses.number(channel, source, number)
-        return source, number
-
-    def _observe_message(
-        self, topic: str, type_name: str, taken: native.Taken, message: Any
-    ) -> Observation:
-        channel = topic.removeprefix(self._prefix)
-        source, number = self._numbered(topic, channel, taken)
-        received_ns = taken.received_ns or time.time_ns()
-        return ros_forms.of_message(
-            channel,
-            type_name,
-            plain_of(message),
-            taken.source_ns or received_ns,
-            received_ns,
-            source,
-            number,
-        )
-
-    def _observe_event(
-        self, topic: str, type_name: str, taken: native.Taken, message: Any
-    ) -> Observation:
-        service = topic.removesuffix(EVENT_SUFFIX)
-        channel = service.removeprefix(self._prefix)
-        source, number = self._numbered(topic, channel, taken)
-        info = message.info
-        asks = ros_forms.is_request(info.event_type)
-        contents = message.request if asks else message.response
-        if not contents:
-            self._deaf.setdefault(
-                service,
-                f"the events of {service} carry no contents: ask for "
-                "ServiceIntrospectionState.CONTENTS instead of METADATA",
-            )
-        return ros_forms.of_event(
-            channel,
-            type_name,
-            info.event_type,
-            info.stamp.sec * 10**9 + info.stamp.nanosec,
-            info.sequence_number,
-            plain_of(contents[0]) if contents else None,
-            self._graph.client_of(service, bytes(info.client_gid)),
-            taken.received_ns or time.time_ns(),
-            source,
-            number,
-        )
-
-    def _observe_error(
-        self, topic: str, type_name: str, taken: native.Taken, message: Any
-    ) -> Observation | None:
-        try:
-            error = ros_forms.read_call_error(message.data)
-        except msgspec.DecodeError as fault:
-            self._losses.undecodable(topic, self._graph.publisher_of(topic, taken.gid), fault)
-            return None
-        if not matches(error.service, self._globs):
-            return None
-        return ros_forms.of_call_error(
-            error,
-            error.service.removeprefix(self._prefix),
-            taken.received_ns or time.time_ns(),
-        )
 
     def _note_silence(self) -> None:
         """Note since when services have no events: rcl and this transport publish them only where

@@ -22,7 +22,7 @@ from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import Executor
 from transports.ros2.faults import Declared, Faults
 from transports.ros2.graph import Graph
-from transports.ros2.introspection import ServiceEvents
+from transports.ros2.introspection import ServiceEvents, outbox
 from transports.ros2.logs import RosLogHandler
 from transports.ros2.parameters import positive
 from transports.ros2.presence import Announcements
@@ -73,6 +73,7 @@ class Ros2Transport(OnExecutor):
         self._faults = Faults(ros_node, self._declared)
         self._faults_timer: Timer | None = None
         self._errors: CallErrors | None = None
+        self._outbox = outbox(self._executor)
         self._events: dict[str, ServiceEvents] = {}
         self._clients: dict[str, Client] = {}
         self._taps: list[Tap] = []
@@ -98,7 +99,8 @@ class Ros2Transport(OnExecutor):
 
     def now_ns(self) -> int:
         """The ROS clock, ns since the epoch (the simulation's time with ``use_sim_time``)."""
-        return int(self._clock.now().nanoseconds)
+        simulated_ns = self._executor.simulated_ns()  # rclpy's takes 6 µs to say what time it is
+        return time.time_ns() if simulated_ns is None else simulated_ns
 
     def publisher(self, topic: Topic) -> topics.Publisher:
         """Declare a publisher."""
@@ -183,6 +185,7 @@ class Ros2Transport(OnExecutor):
         self._executor.wait_until_idle()
         for events in self._events.values():
             events.close()
+        self._outbox.close()
         self._wait_for_last_words()
         self._graph.stop()
         self._announcements.release()
@@ -219,7 +222,7 @@ class Ros2Transport(OnExecutor):
     def _events_of(self, name: str, service: Service) -> ServiceEvents:
         events = self._events.get(name)
         if events is None:
-            events = ServiceEvents(self._ros, self._executor, name, service.type_name)
+            events = ServiceEvents(self._ros, self._outbox, name, service.type_name)
             self._events[name] = events
         return events
 

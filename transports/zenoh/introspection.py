@@ -18,9 +18,9 @@ import msgspec
 import zenoh
 
 from transports.interface import Service
+from transports.outbox import Outbox
 from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX, ServiceEvent, ServiceEventInfo
 from transports.zenoh.names import key_of
-from transports.zenoh.outbox import Outbox
 from transports.zenoh.wire import MEDIA_TYPE, attachment
 
 Contents = bytes | zenoh.ZBytes | None

@@ -22,12 +22,12 @@ import zenoh
 
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
+from transports.outbox import DELAY_S
 from transports.payloads import PayloadError
 from transports.timers import Timer
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Contents, ServiceEvents
 from transports.zenoh.names import key_of
-from transports.zenoh.outbox import DELAY_S
 from transports.zenoh.wire import Codec, attachment, read_attachment, report_payload
 
 _GRACE_S = 1.0

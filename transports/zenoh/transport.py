@@ -19,10 +19,10 @@ from transports.interface import (
     TransportError,
 )
 from transports.on_executor import OnExecutor
+from transports.outbox import Outbox
 from transports.zenoh import presence, topics
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Recorded, ServiceEvents, publish
-from transports.zenoh.outbox import Outbox
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.session import open_session
 from transports.zenoh.tap import Tap

@@ -1,0 +1,157 @@
+"""What a tap took from a topic, as an observation: a message, an event of a service, or how a call ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import msgspec
+
+from transports import ros_forms
+from transports.channel_filter import matches
+from transports.interface import Observation
+from transports.losses import Losses
+from transports.ros2.graph import Graph
+from transports.ros2.native import Taken
+from transports.ros2.numbering import Numbers
+from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT
+
+
+class Notes:
+    """What a tap keeps of all that it has heard.
+
+    Args:
+        graph: who knows names.
+        prefix: put before every channel.
+    """
+
+    def __init__(self, graph: Graph, prefix: str) -> None:
+        self.graph = graph
+        self.prefix = prefix
+        self.losses = Losses()
+        self.without_contents: dict[str, str] = {}
+        """By service, that its events have no contents."""
+        self._numbers = Numbers()
+
+    def numbered(self, topic: str, channel: str, taken: Taken) -> tuple[str, int]:
+        """Who published, and the number of it; what is missing before it is noted."""
+        source = self.graph.publisher_of(topic, taken.gid)
+        number = self._numbers.number(channel, source, taken.gid, taken.number)
+        if number >= 0:
+            self.losses.number(channel, source, number)
+        return source, number
+
+
+class Observing(Protocol):
+    """Makes observations of what was taken from one topic (data: as ``cdr.reader`` reads it)."""
+
+    def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
+        """The GIDs in it that have no name yet, but may still get one."""
+        ...
+
+    def observation(self, taken: Taken, data: Any) -> Observation | None:
+        """What happened; None if that is no concern of the tap's."""
+        ...
+
+
+class Messages:
+    """Of an ordinary topic."""
+
+    def __init__(self, notes: Notes, topic: str, type_name: str) -> None:
+        self._notes = notes
+        self._topic = topic
+        self._channel = topic.removeprefix(notes.prefix)
+        self._type_name = type_name
+
+    def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
+        """See ``Observing``."""
+        return () if self._notes.graph.publisher_of(self._topic, taken.gid) else (taken.gid,)
+
+    def observation(self, taken: Taken, data: Any) -> Observation | None:
+        """See ``Observing``."""
+        source, number = self._notes.numbered(self._topic, self._channel, taken)
+        received_ns = taken.received_ns or time.time_ns()
+        stamp_ns = taken.source_ns or received_ns
+        return ros_forms.of_message(
+            self._channel, self._type_name, data, stamp_ns, received_ns, source, number
+        )
+
+
+class Events:
+    """Of a service's event topic."""
+
+    def __init__(self, notes: Notes, topic: str, type_name: str) -> None:
+        self._notes = notes
+        self._topic = topic
+        self._service = topic.removesuffix(EVENT_SUFFIX)
+        self._channel = self._service.removeprefix(notes.prefix)
+        self._type_name = type_name
+
+    def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
+        """See ``Observing``."""
+        graph, client = self._notes.graph, bytes(data["info"]["client_gid"])
+        known = graph.publisher_of(self._topic, taken.gid)
+        asker = graph.client_of(self._service, client)
+        if known and asker:
+            return ()
+        return (*(() if known else (taken.gid,)), *(() if asker else (client,)))
+
+    def observation(self, taken: Taken, data: Any) -> Observation | None:
+        """See ``Observing``."""
+        source, number = self._notes.numbered(self._topic, self._channel, taken)
+        info = data["info"]
+        event_type, stamp = info["event_type"], info["stamp"]
+        if event_type >= len(KIND_OF_EVENT):
+            fault = ValueError(f"unknown event type {event_type}")
+            self._notes.losses.undecodable(self._topic, source, fault)
+            return None
+        contents = data["request" if ros_forms.is_request(event_type) else "response"]
+        if not contents:
+            self._notes.without_contents.setdefault(
+                self._service,
+                f"the events of {self._service} carry no contents: ask for "
+                "ServiceIntrospectionState.CONTENTS instead of METADATA",
+            )
+        return ros_forms.of_event(
+            self._channel,
+            self._type_name,
+            event_type,
+            stamp["sec"] * 10**9 + stamp["nanosec"],
+            info["sequence_number"],
+            contents[0] if contents else None,
+            self._notes.graph.client_of(self._service, bytes(info["client_gid"])),
+            taken.received_ns or time.time_ns(),
+            source,
+            number,
+        )
+
+
+class Errors:
+    """Of the topic on which it is said how calls ended without a response."""
+
+    def __init__(self, notes: Notes, topic: str, globs: Sequence[str]) -> None:
+        self._notes = notes
+        self._topic = topic
+        self._globs = globs
+
+    def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
+        """See ``Observing``."""
+        return () if self._notes.graph.publisher_of(self._topic, taken.gid) else (taken.gid,)
+
+    def observation(self, taken: Taken, data: Any) -> Observation | None:
+        """See ``Observing``."""
+        notes = self._notes
+        try:
+            error = ros_forms.read_call_error(data["data"])
+        except msgspec.DecodeError as fault:
+            source = notes.graph.publisher_of(self._topic, taken.gid)
+            notes.losses.undecodable(self._topic, source, fault)
+            return None
+        if not matches(error.service, self._globs):
+            return None
+        return ros_forms.of_call_error(
+            error,
+            error.service.removeprefix(notes.prefix),
+            taken.received_ns or time.time_ns(),
+        )
