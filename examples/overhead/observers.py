@@ -121,9 +121,10 @@ def observed(configuration: Configuration, plant: Plant) -> Iterator[Observers]:
     observers.processes.append(child)
     try:
         yield observers
-        plant.rest()
     finally:
+        # while the tree is still ticked: where nobody rings the alarm any more, P2 is false 2 s later
         observers.heard = told(child.stop())
+    plant.rest()
 
 
 @contextlib.contextmanager
@@ -131,6 +132,7 @@ def _in_the_middle(
     configuration: Configuration, plant: Plant, observers: Observers
 ) -> Iterator[None]:
     variables = plant.where.environment
+    heard = Heard()
     oracle: Child | None = None
     properties: Child | None = None
     middle: Child | None = None
@@ -150,10 +152,13 @@ def _in_the_middle(
             properties = _moon(plant, models=False, properties=True)
             observers.processes.append(properties)
         yield
+        heard = told(properties.stop()) if properties is not None else Heard()
+        properties = None
         plant.rest()
     finally:
         said: dict[str, Any] = {}
-        heard = told(properties.stop()) if properties is not None else Heard()
+        if properties is not None:
+            properties.stop()
         for child in (middle, oracle):
             for line in child.stop() if child is not None else ():
                 said |= line
