@@ -13,6 +13,7 @@ that finds the other peers by gossip from those it connects to, and stamps what 
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -43,6 +44,14 @@ _DEFAULTS: Mapping[str, object] = {
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
 }
 
+_THREADS = (
+    "(rx: (worker_threads: 5), app: (handover: rx), acc: (handover: rx), net: (handover: rx))"
+)
+"""Zenoh's threads (``zenoh_runtime``), unless ``ZENOH_RUNTIME`` says otherwise. By default a message that
+comes is noticed by one pool of threads and handled by another, as its link belongs to the pool that opened
+it; here it is one pool, as large as those together: a tick wakes a third fewer threads. Sending keeps its own
+thread, so that a receiver that waits for room in a queue cannot wait for itself."""
+
 _RUST_PLACE = re.compile(r" at /\S+\.rs:\d+\.?")
 
 
@@ -54,6 +63,7 @@ def open_session(options: Mapping[str, str]) -> zenoh.Session:
             f"the zenoh transport has no option {unknown[0]!r}; it has {', '.join(OPTIONS)}"
         )
     config = configuration(options)
+    os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # read once, when the first session is opened
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
