@@ -28,7 +28,7 @@ LOG = logging.getLogger("transports.ros2")
 """Where this transport reports what it dropped and what cannot work."""
 
 _AT_ONCE = 64
-"""Messages taken from one subscription before the others have their turn."""
+"""Messages taken from one subscription before the others have their turn, if nothing else is said."""
 
 
 class RosClock:
@@ -78,6 +78,8 @@ class Executor:
         self._arrivals = Arrivals()
         self._posted: deque[Callable[[], None]] = deque()
         self._takers: dict[int, tuple[Any, Take]] = {}
+        self._most: dict[Take, int] = {}
+        self._after_taking: list[Callable[[], None]] = []
         self._clock = RosClock(node.get_clock(), lambda: self._ros_timers)
         self._ros_timers = Timers(self._clock.now_ns, self._run_here)
         self._steady_timers = Timers(time.monotonic_ns, self._run_here)
@@ -118,13 +120,22 @@ class Executor:
         """Whether any thread spins."""
         return self._thread != 0
 
-    def handle(self, entity: Any, take: Take) -> None:
+    def handle(self, entity: Any, take: Take, most: int = _AT_ONCE) -> None:
         """Call ``take()`` when ``entity`` (a subscription, service or client) has something.
 
-        ``take`` handles one message and returns whether there was one.
+        ``take`` handles one message and returns whether there was one; ``most`` are taken in a turn.
         """
         self._takers[id(entity)] = (entity, take)
+        self._most[take] = most
         self.wake()
+
+    def after_taking(self, handler: Callable[[], None]) -> None:
+        """Call ``handler`` behind each turn in which something was taken, before anything else."""
+        self._after_taking.append(handler)
+
+    def no_longer_after_taking(self, handler: Callable[[], None]) -> None:
+        """Undo ``after_taking``."""
+        self._after_taking.remove(handler)
 
     def ignore(self, entity: Any) -> None:
         """Leave ``entity`` to somebody else."""
@@ -136,6 +147,7 @@ class Executor:
         _, take = self._takers.pop(id(entity), (None, None))
         if take is not None:
             self._ready.pop(take, None)
+            self._most.pop(take, None)
         self.wake()
 
     def post(self, handler: Callable[[], None]) -> None:
@@ -217,13 +229,17 @@ class Executor:
             ready.update(dict.fromkeys(arrivals.watch_only(self._collect())))
         is_idle = not (ready or self._posted or self._stale or self._closed)
         ready.update(dict.fromkeys(arrivals.wait(self._wait_ns() if is_idle else 0)))
+        if not ready:
+            return True
         for take in list(ready):
-            for _ in range(_AT_ONCE):
+            for _ in range(self._most.get(take, _AT_ONCE)):
                 if self._closed or (until is not None and until()):
                     return False
                 if not take():
                     ready.pop(take, None)
                     break
+        for handler in list(self._after_taking):
+            handler()
         return True
 
     def _wait_ns(self) -> int:

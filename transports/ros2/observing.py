@@ -46,6 +46,10 @@ class Notes:
 class Observing(Protocol):
     """Makes observations of what was taken from one topic (data: as ``cdr.reader`` reads it)."""
 
+    def stamp_ns(self, taken: Taken, data: Any) -> int:
+        """When it happened."""
+        ...
+
     def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
         """The GIDs in it that have no name yet, but may still get one."""
         ...
@@ -63,6 +67,10 @@ class Messages:
         self._topic = topic
         self._channel = topic.removeprefix(notes.prefix)
         self._type_name = type_name
+
+    def stamp_ns(self, taken: Taken, data: Any) -> int:
+        """See ``Observing``."""
+        return taken.source_ns
 
     def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
         """See ``Observing``."""
@@ -88,6 +96,12 @@ class Events:
         self._channel = self._service.removeprefix(notes.prefix)
         self._type_name = type_name
 
+    def stamp_ns(self, taken: Taken, data: Any) -> int:
+        """See ``Observing``."""
+        stamp = data["info"]["stamp"]
+        seconds: int = stamp["sec"]
+        return seconds * 10**9 + int(stamp["nanosec"])
+
     def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
         """See ``Observing``."""
         graph, client = self._notes.graph, bytes(data["info"]["client_gid"])
@@ -101,7 +115,7 @@ class Events:
         """See ``Observing``."""
         source, number = self._notes.numbered(self._topic, self._channel, taken)
         info = data["info"]
-        event_type, stamp = info["event_type"], info["stamp"]
+        event_type = info["event_type"]
         if event_type >= len(KIND_OF_EVENT):
             fault = ValueError(f"unknown event type {event_type}")
             self._notes.losses.undecodable(self._topic, source, fault)
@@ -117,7 +131,7 @@ class Events:
             self._channel,
             self._type_name,
             event_type,
-            stamp["sec"] * 10**9 + stamp["nanosec"],
+            self.stamp_ns(taken, data),
             info["sequence_number"],
             contents[0] if contents else None,
             self._notes.graph.client_of(self._service, bytes(info["client_gid"])),
@@ -134,6 +148,10 @@ class Errors:
         self._notes = notes
         self._topic = topic
         self._globs = globs
+
+    def stamp_ns(self, taken: Taken, data: Any) -> int:
+        """See ``Observing``."""
+        return taken.source_ns
 
     def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
         """See ``Observing``."""

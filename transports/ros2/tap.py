@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import Any
 
 import msgspec
@@ -64,10 +65,14 @@ class _Heard(msgspec.Struct):
 class _Waiting(msgspec.Struct):
     """What was taken, and until when it waits for a name."""
 
+    stamp_ns: int
     observing: Observing
     taken: native.Taken
     data: Any
     deadline: float = 0.0
+
+
+_STAMP = attrgetter("stamp_ns")
 
 
 class Tap:
@@ -99,12 +104,17 @@ class Tap:
         self._to_hear: deque[tuple[str, Sequence[str]]] = deque()
         """What the graph showed when it was last looked at, and has not been heard yet."""
         self._deaf: dict[str, str] = {}
+        self._taken: list[_Waiting] = []
+        """In the present turn, topic by topic: all that had come when it began."""
+        self._newest: dict[bytes, int] = {}
+        """Of these, the latest stamp of each publisher."""
         self._waiting: deque[_Waiting] = deque()
         self._retrying = False
         self._gone: set[bytes] = set()
         self._silent_since: dict[str, float] = {}
         self._closed = False
         announcements.own.taps += self._globs
+        executor.after_taking(self._pass_on)
         executor.post(self.refresh)
 
     def peers(self) -> Sequence[str]:
@@ -132,6 +142,7 @@ class Tap:
             self._executor.post(self._release)
 
     def _release(self) -> None:
+        self._executor.no_longer_after_taking(self._pass_on)
         for heard in self._heard.values():
             self._drop(heard)
         self._heard.clear()
@@ -267,11 +278,13 @@ class Tap:
                 source = self._graph.publisher_of(topic, taken.gid)
                 self._notes.losses.undecodable(topic, source, error)
                 return True
-            self._waiting.append(_Waiting(observing, taken, data))
-            self._deliver()
+            # what one publisher sends stays in its order, by which it is numbered
+            newest, gid = self._newest, taken.gid
+            newest[gid] = stamp_ns = max(newest.get(gid, 0), observing.stamp_ns(taken, data))
+            self._taken.append(_Waiting(stamp_ns, observing, taken, data))
             return True
 
-        self._executor.handle(subscription, take)
+        self._executor.handle(subscription, take, qos.TAP_DEPTH)
         return subscription, ros
 
     def _observing(self, topic: str, type_name: str) -> Observing:
@@ -279,6 +292,16 @@ class Tap:
             return Errors(self._notes, topic, self._globs)
         made = Events if is_event_topic(topic) else Messages
         return made(self._notes, topic, type_name)
+
+    def _pass_on(self) -> None:
+        """Hand on what was taken in one turn in the order in which it happened: what one node told on several
+        topics would be told topic by topic else, and look as if it had come late.
+        """
+        self._taken.sort(key=_STAMP)
+        self._waiting += self._taken
+        self._taken.clear()
+        self._newest.clear()
+        self._deliver()
 
     def _deliver(self) -> None:
         """Hand on what was taken, in its order, once the graph tells the names in it.
