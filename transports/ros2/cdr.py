@@ -1,9 +1,10 @@
 """Messages read from the wire as maps, lists and scalars, past rclpy's classes.
 
 A tap hands on plain values. rclpy makes an object of each message first, whose constructor fills and
-checks every field of every part of it: 60 µs for an event of a service, of which it is a tenth to read its
-bytes. (Plain CDR: OMG CORBA 3.0, formal/02-06-51, 15.3, behind RTPS's encapsulation header. What
-``moon.recording.cdr`` reads has the types of a file; these are those of the installed packages.)
+checks every field of every part of it: an event of a service takes 18 µs so, and 7 from its bytes (one after
+the other; more where something else runs between). Plain CDR: OMG CORBA 3.0, formal/02-06-51, 15.3, behind
+RTPS's encapsulation header. What ``moon.recording.cdr`` reads has the types that a file says; these are
+those of the installed packages.
 """
 
 # rclpy leaves some of its functions without types
