@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import weakref
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
@@ -105,24 +106,38 @@ class PolicyRunner:
         except RuntimeError as error:
             raise PolicyError(f"BehaviorTree.CPP refuses the policy: {error}") from error
 
+    # The tree's callbacks know the runner weakly: it holds the tree, and Python cannot see references that
+    # go through C++, so the two would keep each other alive for ever.
+
     def _tick_of(self, leaf: Leaf, run: RunsLeaf) -> Callable[..., Any]:
+        known = weakref.ref(self)
+        failure = self._statuses["FAILURE"]
+
         def tick(node: TreeNode) -> Any:
-            began_ns = self._transport.now_ns()
-            place = len(self._ticked)
-            status = self._guarded(leaf, lambda: run.tick(node)) or "FAILURE"
-            if status == "RUNNING" and not leaf.action:
-                self._log.error("condition %s answers RUNNING; taken as FAILURE", leaf.name)
-                status = "FAILURE"
-            micros = (self._transport.now_ns() - began_ns) / 1e3
-            self._ticked.insert(place, LeafTick(leaf.name, status, micros))
-            return self._statuses[status]
+            runner = known()
+            return failure if runner is None else runner._tick_leaf(leaf, run, node)
 
         return tick
 
+    def _tick_leaf(self, leaf: Leaf, run: RunsLeaf, node: TreeNode) -> Any:
+        began_ns = self._transport.now_ns()
+        place = len(self._ticked)
+        status = self._guarded(leaf, lambda: run.tick(node)) or "FAILURE"
+        if status == "RUNNING" and not leaf.action:
+            self._log.error("condition %s answers RUNNING; taken as FAILURE", leaf.name)
+            status = "FAILURE"
+        micros = (self._transport.now_ns() - began_ns) / 1e3
+        self._ticked.insert(place, LeafTick(leaf.name, status, micros))
+        return self._statuses[status]
+
     def _halt_of(self, leaf: Leaf, run: RunsLeaf) -> Callable[..., None]:
+        known = weakref.ref(self)
+
         def halt(node: TreeNode) -> None:
-            self._guarded(leaf, lambda: run.halt(node))
-            self._ticked.append(LeafTick(leaf.name, "HALTED"))
+            runner = known()
+            if runner is not None:  # a tree that is thrown away halts itself
+                runner._guarded(leaf, lambda: run.halt(node))
+                runner._ticked.append(LeafTick(leaf.name, "HALTED"))
 
         return halt
 

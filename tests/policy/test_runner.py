@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import threading
+import weakref
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -207,3 +209,13 @@ def test_a_plugin_that_does_not_answer_fails_and_is_replaced() -> None:
     tree, _ = runner("<A/>", {}, leaf("A", plugin="P"), plugins={"P": Plugin})
     assert [tree.tick().status for _ in range(2)] == ["FAILURE", "SUCCESS"]
     assert Plugin.made == 2
+
+
+def test_a_runner_that_nobody_holds_is_freed_with_its_tree():
+    """Its tree's callbacks go through C++, where Python sees no cycle."""
+    tree, _ = runner("<A/>", {"/A/tick": 0}, leaf("A"))
+    tree.tick()
+    known = weakref.ref(tree)
+    del tree
+    gc.collect()
+    assert known() is None
