@@ -72,21 +72,21 @@ unit-interpreted: $(VENV)/.installed
 	$(BIN)/pytest -n 2 --dist loadfile -p tests.interpreted tests/oracle
 
 # Every figure of docs/performance.md, which is rewritten.
-benchmarks: $(VENV)/.installed
+benchmarks: $(VENV)/.installed compiled
 	$(BIN)/python -m benchmarks
 
 # What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (twenty minutes).
-overhead: $(VENV)/.installed
+overhead: $(VENV)/.installed compiled
 	$(BIN)/python -m examples.overhead --full --update-docs -o build/overhead
 
 # Every fault that one change can make in a lab-tour model, against the oracle: docs/mutants.md.
-mutants: $(VENV)/.installed
+mutants: $(VENV)/.installed compiled
 	$(BIN)/python -m tests.mutation.run
 
 # Hours: the oracle against a brute-force checker, properties against Reelay and their readers against
 # damaged files, the nominal tour under every condition and on a busy machine, and what is tested on ROS 2
 # twenty times.
-soak: $(VENV)/.installed
+soak: $(VENV)/.installed compiled
 	$(BIN)/python -m tests.oracle.agreement --pairs 100000
 	$(BIN)/python -m tests.oracle.test_no_false_alarm 10000
 	$(BIN)/python -m tests.properties.soak --pairs 100000 --seconds 600
