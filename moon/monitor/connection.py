@@ -37,6 +37,15 @@ class Connection(Protocol):
         ...
 
 
+def repair_ns(connection: Connection) -> int:
+    """How long after it was held up a monitor cannot tell yet what is missing from what is on its way.
+
+    A transport whose middleware drops what a process that stands still does not take, and sends it again
+    later, says so by a constant ``REPAIR_S``; others deliver late, and in order.
+    """
+    return round(float(getattr(connection, "REPAIR_S", 0.0)) * 1e9)
+
+
 class Sink(Protocol):
     """Takes verdicts."""
 

@@ -12,7 +12,7 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
-from moon.monitor.connection import Connection, Sink
+from moon.monitor.connection import Connection, Sink, repair_ns
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.pace import NS, PERIOD_S, Pace, read_together
@@ -89,6 +89,8 @@ class SystemWatch:
         self._late: dict[str, int] = {}
         """When each source was last heard too late."""
         self._listening_since = 0
+        """What is stamped before is not judged."""
+        self._repair_ns = repair_ns(transport)
         self._pace = Pace(transport.now_ns(), bounds.latency)
         self._read_monotonic = monotonic_ns
         self._monotonic_ns = monotonic_ns()
@@ -194,7 +196,8 @@ class SystemWatch:
             for name, since in zip(self._up, up_since, strict=True):
                 if since != self._nodes[name].since:
                     self._node_up(name, self._nodes[name])
-        self._take(self._models.advance(clock_ns))
+        if clock_ns >= self._listening_since:
+            self._take(self._models.advance(clock_ns))
         self._properties.patience.ticked(self._transport.now_ns())
         self._tell_properties(self._properties.advance(clock_ns))
         for name, node in self._gone:
@@ -221,11 +224,13 @@ class SystemWatch:
         for name, oracle in self._models.watched.items():
             self._nodes[name].leave(oracle)
         self._models = self._fresh_models()
+        since_ns = now_ns
         if now_ns < self._pace.now_ns:
             self._tell_properties(self._properties.begin_anew(now_ns, why))
         else:
-            self._properties.lose_all(self._pace.clock_ns - self._bounds.latency, now_ns)
-        self._listening_since = now_ns
+            since_ns += self._repair_ns if held_up else 0
+            self._properties.lose_all(self._pace.clock_ns - self._bounds.latency, since_ns)
+        self._listening_since = since_ns
         self._monotonic_ns = self._read_monotonic()
         self._pace.restart(now_ns, held_up)
         self._say(f"warning: {why}: all machines are found anew")

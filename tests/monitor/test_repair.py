@@ -1,0 +1,50 @@
+"""A monitor that was held up, on a middleware that sends again what it could not take meanwhile."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.monitor.hand_driven import HandDriven, S
+
+
+class Repairing(HandDriven):
+    """As Fast DDS: what came while a process stood still is there at the latest 3.2 s after."""
+
+    REPAIR_S = 3.2
+
+
+@pytest.fixture
+def held_up(tmp_path: Path) -> Repairing:
+    hand = Repairing(tmp_path)
+    hand.watch._read_monotonic = hand.now_ns
+    hand.node("Level", True)
+    hand.pass_time(1000)
+    hand.message(90)
+    hand.tick(1, status=0)
+    hand.pass_time(1000)
+    assert hand.watch.violations == 0
+    hand.jump(3 * S)
+    assert any("stood still for 3.0 s" in text for text in hand.said)
+    return hand
+
+
+def test_nobody_is_blamed_while_something_may_still_be_sent_again(held_up: Repairing) -> None:
+    held_up.message(90)
+    held_up.pass_time(1000)
+    held_up.tick(2, status=1)  # the level of 20 before it comes a second later
+    held_up.pass_time(1000)
+    held_up.message(20, stamp_ns=held_up.now - 3 * S // 2)
+    held_up.pass_time(3000)
+    assert held_up.watch.violations == 0
+    assert held_up.watch.summary().counts.stalls == 1
+
+
+def test_what_happens_after_that_is_judged_again(held_up: Repairing) -> None:
+    held_up.pass_time(3500)
+    held_up.message(90)
+    held_up.pass_time(1000)
+    held_up.tick(2, status=1)
+    held_up.pass_time(1000)
+    assert held_up.watch.violations == 1
