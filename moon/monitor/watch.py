@@ -152,7 +152,8 @@ class SystemWatch:
         recent = [source for source, at in self._late.items() if now_ns - at < NS]
         if len(recent) > 1:
             self._late.clear()
-            self._start_anew(now_ns, why, held_up=True)
+            now_ns, monotonic_ns = read_together(self._transport.now_ns, self._read_monotonic)
+            self._start_anew(now_ns, monotonic_ns, why, held_up=True)
             return
         for oracle in self._concerned(seen):
             self._lose(oracle, f"{why} from {seen.source}")
@@ -188,9 +189,8 @@ class SystemWatch:
         self._monotonic_ns = monotonic_ns
         clock_ns = self._pace.tick(now_ns)
         if self._pace.is_lost:
-            self._start_anew(
-                now_ns, "this monitor does not keep up with what it hears", held_up=True
-            )
+            why = "this monitor does not keep up with what it hears"
+            self._start_anew(now_ns, monotonic_ns, why, held_up=True)
         up_since = list(map(self._transport.up_since, self._up))
         if up_since != self._up_since:  # a hundred times a second, and hardly ever true
             for name, since in zip(self._up, up_since, strict=True):
@@ -214,11 +214,12 @@ class SystemWatch:
                 what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
             else:
                 what = f"the clock was set forward by {(gap_ns - passed_ns) / NS:.1f} s"
-            self._start_anew(now_ns, what, held_up=passed_ns > self._bounds.latency)
+            self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self._bounds.latency)
         elif gap_ns < -self._bounds.latency:
-            self._start_anew(now_ns, f"the clock was set back by {-gap_ns / NS:.1f} s")
+            what = f"the clock was set back by {-gap_ns / NS:.1f} s"
+            self._start_anew(now_ns, monotonic_ns, what)
 
-    def _start_anew(self, now_ns: int, why: str, held_up: bool = False) -> None:
+    def _start_anew(self, now_ns: int, monotonic_ns: int, why: str, held_up: bool = False) -> None:
         """Find every machine in the middle of what it does: something is not known to be heard."""
         self.counts.stalls += 1
         for name, oracle in self._models.watched.items():
@@ -231,7 +232,7 @@ class SystemWatch:
             since_ns += self._repair_ns if held_up else 0
             self._properties.lose_all(self._pace.clock_ns - self._bounds.latency, since_ns)
         self._listening_since = since_ns
-        self._monotonic_ns = self._read_monotonic()
+        self._monotonic_ns = monotonic_ns
         self._pace.restart(now_ns, held_up)
         self._say(f"warning: {why}: all machines are found anew")
         for name, node in self._nodes.items():

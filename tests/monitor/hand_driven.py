@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from pathlib import Path
 
 from m2c.model import load
@@ -58,6 +59,8 @@ class HandDriven:
     ) -> None:
         self.now = START
         self.since: dict[str, int] = {}
+        self.set_forward_ns = 0
+        """By how much the time of day was set forward since the beginning."""
         self.said: list[str] = []
         self.verdicts: list[Verdict] = []
         self.heard_by_tap: list[str] = []
@@ -69,14 +72,28 @@ class HandDriven:
         assert not log.has_errors
         if not monitored:
             system = no_system()
+        self.held_up: deque[int] = deque()
+        """So many ns pass in the next readings of the clock that nobody sets, one after the other."""
         self.watch = SystemWatch(
-            self, system, system.nodes, Bounds(), [self], self.said.append, properties
+            self,
+            system,
+            system.nodes,
+            Bounds(),
+            [self],
+            self.said.append,
+            properties,
+            monotonic_ns=self._monotonic_ns,
         )
         self.watch.start()
 
     # what the watch calls
     def now_ns(self) -> int:
         return self.now
+
+    def _monotonic_ns(self) -> int:
+        if self.held_up:
+            self.now += self.held_up.popleft()
+        return self.now - self.set_forward_ns
 
     def tap(self, channels, handler):
         self._handler = handler

@@ -158,7 +158,7 @@ def test_what_a_node_sent_wrongly_before_it_went_away_is_still_judged(started) -
 def test_a_monitor_that_stood_still_says_so_and_finds_machines_anew(started) -> None:
     started.tick(1)  # the answer is not heard
     started.jump(60 * S)
-    assert [text for text in started.said if "stood still" in text or "set forward" in text]
+    assert [text for text in started.said if "stood still for 60.0 s" in text]
     assert started.watch.violations == 0
     started.pass_time(200)
     assert started.outcomes[-1] == "inconclusive"
@@ -175,6 +175,22 @@ def test_a_monitor_that_stood_still_says_so_and_finds_machines_anew(started) -> 
     started.pass_time(1000)
     assert started.watch.violations == 1
     assert started.watch.summary().counts.stalls == 1
+
+
+def test_a_monitor_held_up_while_it_finds_machines_anew_does_not_blame_the_clock(started) -> None:
+    started.now += 2 * S
+    started.held_up.extend((0, 0, 3 * S))
+    started.message(90)
+    started.message(90)
+    started.pass_time(1000)
+    assert not [text for text in started.said if "clock" in text]
+    assert len([text for text in started.said if "stood still" in text]) == 2
+
+
+def test_a_clock_set_forward_is_said(started) -> None:
+    started.set_forward_ns += 60 * S
+    started.jump(60 * S)
+    assert [text for text in started.said if "the clock was set forward by 60.0 s" in text]
 
 
 def test_what_happened_while_it_stood_still_is_not_judged(started) -> None:
