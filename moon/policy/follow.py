@@ -6,8 +6,6 @@ from collections import Counter, deque
 from collections.abc import Iterable
 from enum import Enum
 
-import msgspec
-
 from m2c.policy.program import Leaf, Policy
 from moon.policy.memories import Memories, memories_of
 from moon.policy.remembered import RememberedRun, RememberedTree
@@ -43,10 +41,8 @@ class Fit(Enum):
     WRONG = 2
 
 
-class Stop(msgspec.Struct, frozen=True):
-    """The tree is being halted, as when the policy ends: these leaves' halts are still to come."""
-
-    halts: tuple[Leaf, ...]
+Stop = tuple[Leaf, ...]
+"""The tree is being halted, as when the policy ends: these leaves' halts are still to come."""
 
 
 class Follower:
@@ -122,9 +118,7 @@ class Follower:
             self._assume_a_tick(channel)
         before = self.runs
         stops = [_without(stop, channel) for stop in self._stops]
-        stops += [
-            _without(Stop(_halts(run)), channel) for run in before if run.ask.kind is AskKind.END
-        ]
+        stops += [_without(_halts(run), channel) for run in before if run.ask.kind is AskKind.END]
         self.runs = []
         self._stops = [stop for stop in stops if stop is not None]
         try:
@@ -278,15 +272,15 @@ class Follower:
         return Fit.EXPECTED if self.runs or self._stops else Fit.WRONG
 
 
-def _halts(run: Run) -> tuple[Leaf, ...]:
+def _halts(run: Run) -> Stop:
     return tuple(leaf for leaf in run.running.values() if leaf.halt)
 
 
 def _without(stop: Stop, channel: str) -> Stop | None:
     """``stop`` after the halt on ``channel``; None if it does not call it."""
-    for place, leaf in enumerate(stop.halts):
+    for place, leaf in enumerate(stop):
         if leaf.halt == channel:
-            return Stop((*stop.halts[:place], *stop.halts[place + 1 :]))
+            return (*stop[:place], *stop[place + 1 :])
     return None
 
 

@@ -16,7 +16,6 @@ What is not: what plugins do inside the policy, and when the clock ends a ``Slee
 
 from __future__ import annotations
 
-import weakref
 from bisect import insort
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,7 +25,7 @@ from m2c.policy.program import Policy
 from moon.oracle.bounds import Bounds
 from moon.policy.calls import Call, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
-from moon.policy.run import Ask
+from moon.policy.run import Ask, Life
 from moon.policy.shape import shape_of
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
@@ -122,7 +121,7 @@ class PolicyOracle:
         """Something is known to be missing of what happened until then."""
         self._unanswered: dict[Call, Observation] = {}
         """Calls that were followed by another before their answer was heard."""
-        weakref.finalize(self, self._follower.close)  # its runs' threads end
+        self._life = Life(self._follower.close)  # its runs' threads end with it
         self._history: deque[Evidence] = deque(maxlen=EVIDENCE)
         self._reason = ""
         if self._shape.unchecked:

@@ -8,6 +8,7 @@ Threads are used for their stacks alone: whoever asks a run to go on waits until
 from __future__ import annotations
 
 import threading
+import weakref
 from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Any
@@ -111,6 +112,13 @@ class Trees:
                 run.halt_leaf(leaf, node)
 
         return halt
+
+
+class Life:
+    """Of something that has runs: when it is thrown away, so is this, and ``end`` is called."""
+
+    def __init__(self, end: Callable[[], None]) -> None:
+        weakref.finalize(self, end)
 
 
 class _Timed:
