@@ -11,6 +11,7 @@ than one bound away.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from operator import attrgetter
 from typing import Any
 
 import msgspec
@@ -42,12 +43,15 @@ _OUTCOMES = {
 }
 
 
-class _Loss(msgspec.Struct, order=True):
+class _Loss(msgspec.Struct):
     """Messages of ``channel`` stamped in ``[start, end)`` that were missed."""
 
     start: int
     end: int
     channel: str
+
+
+_IN_ORDER = attrgetter("start", "end", "channel")
 
 
 class _Tally:
@@ -77,6 +81,8 @@ class PropertyWatch:
         self.properties = {item.name: item for item in properties}
         self.late = 0
         """Observations that came too late to be judged."""
+        self.turns = 0
+        """Turns at which there was something to look at."""
         self.patience = Patience(latency_ns)
         self._latency_ns = latency_ns
         self._tallies = {
@@ -164,6 +170,7 @@ class PropertyWatch:
         """The time is ``now_ns``; the verdicts that changed."""
         if now_ns < self._quiet_until:
             return []
+        self.turns += 1
         found, until = self._count_for_good(now_ns - self._latency_ns)
         found += self._taken_back(until) + self._foreseen(now_ns)
         self._quiet_until = self._next_ns()
@@ -237,7 +244,7 @@ class PropertyWatch:
 
     def _first_losses(self) -> list[_Loss]:
         """The earliest loss and those that overlap with it, the earliest first."""
-        self._losses.sort()
+        self._losses.sort(key=_IN_ORDER)
         group: list[_Loss] = []
         for loss in self._losses:
             if group and loss.start > max(item.end for item in group):

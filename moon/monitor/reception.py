@@ -13,23 +13,13 @@ import msgspec
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.runtime.messages import message_class
-from moon.monitor.status import Counts
+from moon.monitor.status import Counts, Rejected
 from moon.oracle.channels import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from transports.interface import Observation, ObservationKind
 
 MAX_UNKNOWN = 1_000
 """Channels that no model names, counted by name; names come from the wire, and never end."""
 _OTHERS = "(others)"
-
-
-class Rejected(msgspec.Struct, frozen=True):
-    """An observation that cannot be judged.
-
-    Attributes:
-        reason: what its machines missed by that; "" if they missed nothing.
-    """
-
-    reason: str = ""
 
 
 class Reception:

@@ -66,6 +66,16 @@ class Counts(msgspec.Struct):
     unknown: Counter[str] = msgspec.field(default_factory=Counter)
 
 
+class Rejected(msgspec.Struct, frozen=True):
+    """An observation that cannot be judged.
+
+    Attributes:
+        reason: what its machines missed by that; "" if they missed nothing.
+    """
+
+    reason: str = ""
+
+
 class Summary(msgspec.Struct, frozen=True):
     """The end of a monitor's run.
 

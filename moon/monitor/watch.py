@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from operator import attrgetter
 
 import msgspec
 
@@ -17,8 +16,8 @@ from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.pace import NS, PERIOD_S, Pace, read_together
 from moon.monitor.properties import PropertyWatch
-from moon.monitor.reception import Reception, Rejected
-from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Summary
+from moon.monitor.reception import Reception
+from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
@@ -27,7 +26,6 @@ from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap
 
 _PERIOD_NS = round(PERIOD_S * NS)
-_OUTCOME, _SAID = attrgetter("outcome"), attrgetter("said")
 
 MIDDLE = "started in the middle: waiting for a moment that is certain"
 GONE = "its node went away"
@@ -320,10 +318,7 @@ class SystemWatch:
 
     def _tell_changes(self, now_ns: int) -> None:
         """What else has changed: a machine is known again, or no longer."""
-        oracles, nodes = self._models.watched.values(), self._nodes.values()
-        if list(map(_OUTCOME, oracles)) == list(map(_SAID, nodes)):  # as nearly always
-            return
-        for oracle, node in zip(oracles, nodes, strict=True):
+        for oracle, node in zip(self._models.watched.values(), self._nodes.values(), strict=True):
             outcome = oracle.outcome
             if outcome is node.said or outcome is Outcome.VIOLATED:
                 continue

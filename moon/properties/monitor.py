@@ -60,7 +60,8 @@ class PropertySet:
         Raises:
             TimeOrderError: its stamp lies before the last one, or not after the last ``advance``.
         """
-        stamp = observation.stamp_ns
+        taken: Any = observation  # its stamp need not be one
+        stamp = taken.stamp_ns
         if stamp.__class__ is not int or stamp < self._earliest:
             self._refuse(stamp)
         self._earliest = stamp

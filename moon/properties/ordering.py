@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
 
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.foresight import Foresight
@@ -61,7 +62,8 @@ class OrderedProperties:
         Raises:
             TimeOrderError: it is later than the latency bound allows.
         """
-        stamp = observation.stamp_ns
+        taken: Any = observation  # its stamp need not be one
+        stamp = taken.stamp_ns
         if stamp.__class__ is not int or stamp < 0:
             raise TimeOrderError(f"{stamp!r} is not a stamp in ns")
         if stamp <= self._closed_ns:
