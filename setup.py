@@ -7,13 +7,38 @@ It needs a C compiler, mypy and the project's dependencies: ``make compiled`` in
 Without it the same modules run as they are written; see docs/decisions/0016-monitors-may-be-compiled.md.
 """
 
+import ast
 import os
 from pathlib import Path
 
 from setuptools import Extension, setup
 
-PACKAGES = ("moon/oracle",)
-"""What runs for every observation."""
+MODULES = {
+    "moon/monitor": "models nodes pace patience properties reception watch",
+    "moon/offline": "engine playing",
+    "moon/oracle": "*",
+    "moon/policy": "calls follow oracle remembered",
+    "moon/properties": "cell foresight monitor ordering",
+    "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
+}
+"""What runs for every observation, by package."""
+
+
+def is_fit(module: Path) -> bool:
+    """Whether mypyc leaves nothing out: of ``class C(Struct, frozen=True)`` it would, the keyword."""
+    tree = ast.parse(module.read_text(encoding="utf-8"))
+    classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    return not any(node.keywords for node in classes)
+
+
+def modules() -> list[str]:
+    """The files that are compiled."""
+    found: list[str] = []
+    for package, names in MODULES.items():
+        for name in names.split():
+            files = sorted(Path(package).glob(f"{name}.py"))
+            found += [str(file) for file in files if file.stem != "__init__" and is_fit(file)]
+    return found
 
 
 def extensions() -> list[Extension]:
@@ -22,10 +47,11 @@ def extensions() -> list[Extension]:
         return []
     from mypyc.build import mypycify
 
-    modules = [str(path) for package in PACKAGES for path in sorted(Path(package).glob("[!_]*.py"))]
-    options = ["--config-file", "mypyc.ini"]
     made: list[Extension] = mypycify(
-        [*options, *modules], opt_level="2", debug_level="0", group_name="moon.compiled"
+        ["--config-file", "mypyc.ini", *modules()],
+        opt_level="2",
+        debug_level="0",
+        group_name="moon.compiled",
     )
     return made
 
