@@ -69,7 +69,7 @@ unit: $(VENV)/.installed compiled
 	$(BIN)/pytest -n 2 --dist loadfile
 
 # What was compiled, not compiled.
-unit-interpreted: $(VENV)/.installed
+unit-interpreted: $(VENV)/.installed compiled
 	$(BIN)/pytest -n 2 --dist loadfile -p tests.interpreted tests/oracle tests/monitor_policy/test_oracle.py tests/recordings \
 	  tests/properties/test_monitor.py tests/properties/test_ordering.py tests/offline/test_same_verdicts.py
 

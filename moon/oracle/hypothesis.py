@@ -12,7 +12,6 @@ from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.facts import Fact
 from moon.oracle.matching import SCALARS, frozen
-from moon.oracle.unknowns import Unknown
 
 EventKey = tuple[EventKind, str]
 
@@ -87,9 +86,10 @@ class Owed:
             self.alarm,
         )
 
-    def key(self) -> tuple[Any, ...]:
-        """What two owed outputs must share to be the same."""
-        return (self.kind, self.interface, frozen(self.data), self.call, frozen(self.goal))
+    def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
+        """What two owed outputs must share to be the same; ``numbers``: see ``frozen``."""
+        data, goal = frozen(self.data, numbers), frozen(self.goal, numbers)
+        return (self.kind, self.interface, data, self.call, goal)
 
 
 AlarmKey = tuple[int, EventKey]
@@ -127,6 +127,10 @@ class Alarm:
         self.data = data
         self.id = identifier
 
+    def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
+        """What two timers must share to be the same; ``numbers``: see ``frozen``."""
+        return (self.instance, self.event, self.id, frozen(self.data, numbers))
+
     def due(self, low: int, high: int) -> Alarm:
         """The same timer, due between ``low`` and ``high``."""
         return Alarm(self.instance, self.event, low, high, self.period, self.data, self.id)
@@ -159,6 +163,11 @@ class Posted:
         self.parts = parts
         self.low = low
         self.high = high
+
+    def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
+        """What two events must share to be the same; ``numbers``: see ``frozen``."""
+        message, parts = frozen(self.message, numbers), frozen(self.parts, numbers)
+        return (self.instance, self.event, message, parts)
 
     def due(self, low: int, high: int) -> Posted:
         """The same event, sent between ``low`` and ``high``."""
@@ -282,18 +291,13 @@ class Hypothesis:
     def key(self) -> Any:
         """What two hypotheses must share to be one; times of timers are left out."""
         if self._key is None:
+            numbers: dict[int, int] = {}
             self._key = (
                 tuple(map(id, self.pending)) if self.pending else (),
-                _data_key(self.instances),
-                tuple(owed.key() for owed in self.owed) if self.owed else (),
-                tuple(
-                    (p.instance, p.event, frozen(p.message), frozen(p.parts)) for p in self.posted
-                )
-                if self.posted
-                else (),
-                tuple((a.instance, a.event, a.id, frozen(a.data)) for a in self.alarms)
-                if self.alarms
-                else (),
+                _data_key(self.instances, numbers),
+                tuple(owed.key(numbers) for owed in self.owed) if self.owed else (),
+                tuple(posted.key(numbers) for posted in self.posted) if self.posted else (),
+                tuple(alarm.key(numbers) for alarm in self.alarms) if self.alarms else (),
                 self.waiting,
                 tuple(goal.key() for goal in self.goals) if self.goals else (),
                 self.free,
@@ -396,28 +400,12 @@ def _spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, .
     return tuple(made)
 
 
-def _data_key(instances: tuple[tuple[int, tuple[Any, ...]], ...]) -> Any:
+def _data_key(instances: tuple[tuple[int, tuple[Any, ...]], ...], numbers: dict[int, int]) -> Any:
     for _, data in instances:
         for value in data:
             if value.__class__ not in SCALARS:  # arrays, structures, unknown values
-                return _numbered(instances)
+                return frozen(instances, numbers)
     return instances
-
-
-def _numbered(instances: tuple[tuple[int, tuple[Any, ...]], ...]) -> Any:
-    """Unknown values by their shape and by which of them are the same."""
-    numbers: dict[int, int] = {}
-
-    def freeze(value: Any) -> Any:
-        if isinstance(value, Unknown):
-            return (*value.shape(), numbers.setdefault(id(value), len(numbers)))
-        if isinstance(value, list | tuple):
-            return tuple(freeze(item) for item in value)
-        if isinstance(value, dict):
-            return tuple((name, freeze(item)) for name, item in value.items())
-        return value
-
-    return tuple((state, tuple(freeze(value) for value in data)) for state, data in instances)
 
 
 def distinct(made: list[Hypothesis]) -> list[Hypothesis]:

@@ -11,16 +11,23 @@ from moon.oracle.unknowns import Unknown, is_unknown
 SCALARS = frozenset({int, float, str, bool, type(None)})
 
 
-def frozen(value: Any) -> Any:
-    """``value`` as something that can be compared and hashed."""
+def frozen(value: Any, numbers: dict[int, int]) -> Any:
+    """``value`` as something that can be compared and hashed.
+
+    Unknown values are known by their shape and by which of them are the same.
+
+    Args:
+        value: of a model.
+        numbers: those of the unknown values that were met before, by identity; new ones are added.
+    """
     if value.__class__ in SCALARS:
         return value
     if value.__class__ is dict:
-        return tuple((name, frozen(item)) for name, item in value.items())
+        return tuple((name, frozen(item, numbers)) for name, item in value.items())
     if isinstance(value, list | tuple):
-        return tuple(frozen(item) for item in value)
+        return tuple(frozen(item, numbers) for item in value)
     if isinstance(value, Unknown):
-        return (*value.shape(), id(value))
+        return (*value.shape(), numbers.setdefault(id(value), len(numbers)))
     return value
 
 
