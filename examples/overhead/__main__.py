@@ -26,7 +26,7 @@ TRANSPORTS = ("zenoh", "ros2")
 
 FULL = table3.Plan(rounds=6, ticks={1.0: 8, 10.0: 30, 0.0: 150}, few=2)
 SLOW_ROUNDS = 4
-QUICK = table3.Plan(rounds=2, ticks={10.0: 15, 0.0: 60}, warm_up=5)
+QUICK = table3.Plan(rounds=2, ticks={10.0: 15, 0.0: 60}, settle=20, warm_up=5)
 QUICK_CONFIGURATIONS = ("none", "control", "models", "both", "both-websocket", "both-in-process")
 EXPERIMENTS = {"zenoh": growth_points.EXPERIMENTS, "ros2": ("taps", "rate")}
 """Of a full run, by transport."""

@@ -6,7 +6,7 @@ from examples.overhead import table3
 from examples.overhead.load import ROOT
 from examples.overhead.observers import CONFIGURATIONS
 
-PLAN = table3.Plan(rounds=1, ticks={20.0: 25}, warm_up=5, run_in=50)
+PLAN = table3.Plan(rounds=1, ticks={20.0: 25}, settle=20, warm_up=5, run_in=50)
 NAMES = ("none", "both", "models-in-process")
 """Without the WebSocket, whose libraries a plain install does not have."""
 

@@ -57,6 +57,8 @@ class Plan(msgspec.Struct, frozen=True):
         rounds: how often each configuration has its turn.
         few: how often those have it that are far from any target (``CORE`` is the others).
         ticks: by rate (ticks of the tree a second; 0: saturation), how many in each block.
+        settle: ticks at ten a second, not measured, once the monitors of a turn (or none) are there: who
+            joins in the middle has to find every machine, and what it runs is cold.
         warm_up: ticks before each block, not measured.
         run_in: ticks once, before the first round, not measured.
         seed: of the order.
@@ -64,6 +66,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     rounds: int
     ticks: dict[float, int]
+    settle: int = 30
     warm_up: int = 10
     run_in: int = 200
     seed: int = 3
@@ -135,6 +138,8 @@ class Cell(msgspec.Struct, frozen=True):
     processor: float
 
 
+SETTLE_HZ = 10.0
+
 Say = Callable[[str], None]
 
 
@@ -179,6 +184,7 @@ def measure(
             heard = Heard()
             try:
                 with observed(configuration, plant) as observers:
+                    _settle(plant, plan.settle)
                     for rate_hz in draw.sample(list(plan.ticks), len(plan.ticks)):
                         turn.append(
                             _block(
@@ -187,7 +193,7 @@ def measure(
                         )
                 blocks += turn
                 heard = observers.heard
-                ticks = sum(plan.ticks.values()) + plan.warm_up * len(plan.ticks)
+                ticks = plan.settle + sum(plan.ticks.values()) + plan.warm_up * len(plan.ticks)
                 why = deaf(configuration, heard, ticks)
             except ChildError as error:  # one turn less is better than none of the others
                 why = f"not measured: {error}"
@@ -195,6 +201,17 @@ def measure(
                 say(f"{transport}: {configuration.label}: {why}")
             attachments.append(Attachment(transport, configuration.name, number, heard, why))
     return Measured(tuple(blocks), tuple(attachments))
+
+
+def _settle(plant: Plant, ticks: int) -> None:
+    """Tick until all is warm and known.
+
+    Raises:
+        ChildError: ticks fail already.
+    """
+    taken = plant.run(Order(ticks, SETTLE_HZ, 0))
+    if any(taken.failures.values()):
+        raise ChildError(f"ticks failed before anything was measured: {taken.reasons[:3]}")
 
 
 def _block(

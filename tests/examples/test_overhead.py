@@ -158,7 +158,7 @@ def test_ticks_that_fail_are_counted_and_keep_their_time(plant: Plant) -> None:
 def test_the_table_is_measured_in_every_way_of_monitoring() -> None:
     names = ("none", "both", "models-in-process", "models-websocket")
     chosen = [item for item in CONFIGURATIONS if item.name in names]
-    plan = table3.Plan(rounds=1, ticks={20.0: 4, 0.0: 4}, warm_up=2, run_in=0)
+    plan = table3.Plan(rounds=1, ticks={20.0: 4, 0.0: 4}, settle=2, warm_up=2, run_in=0)
     measured = table3.measure("zenoh", plan, quiet, chosen)
     assert {(b.configuration, b.rate_hz) for b in measured.blocks} == {
         (name, rate_hz) for name in names for rate_hz in (20.0, 0.0)
@@ -183,7 +183,7 @@ def test_a_point_of_each_growth_is_measured() -> None:
     runs = [run for measure in growth.MEASURES.values() for run in measure("zenoh", plan, quiet)]
     points = growth_points.points(runs)
     assert {point.experiment for point in points} == set(growth_points.EXPERIMENTS)
-    assert not any(point.failures for point in points)
+    assert not any(point.failures for point in points), runs
     assert all(run.heard > 0 for run in runs if run.watchers)
 
 
@@ -243,7 +243,7 @@ def test_ros_2_that_is_not_installed_is_one_clear_error(monkeypatch) -> None:
 @pytest.mark.zenoh
 @pytest.mark.slow
 def test_the_command_prints_json_for_machines(tmp_path: Path, monkeypatch, capsys) -> None:
-    tiny = table3.Plan(rounds=1, ticks={0.0: 3}, warm_up=1, run_in=0)
+    tiny = table3.Plan(rounds=1, ticks={0.0: 3}, settle=2, warm_up=1, run_in=0)
     monkeypatch.setattr(command, "QUICK", tiny)
     monkeypatch.setattr(command, "QUICK_CONFIGURATIONS", ("none", "both"))
     code = command.main(["--quick", "--only", "table3", "--json", "-o", str(tmp_path)])
@@ -271,7 +271,7 @@ def test_targets_alone_are_measured_without_monitors_in_the_middle() -> None:
 @pytest.mark.zenoh
 @pytest.mark.slow
 def test_the_demos_three_lines_are_measured(monkeypatch) -> None:
-    monkeypatch.setattr(brief, "PLAN", table3.Plan(1, {0.0: 3}, warm_up=1, run_in=0))
+    monkeypatch.setattr(brief, "PLAN", table3.Plan(1, {0.0: 3}, settle=2, warm_up=1, run_in=0))
     ours, middle, paper = brief.three_lines()
     assert re.match(
         r"a tick of four skills: [\d,]+ µs, with all of it monitored passively [\d,]+ µs", ours
