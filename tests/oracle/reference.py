@@ -13,6 +13,7 @@ What is asked is whether the machine *can* have done what was heard (design, sec
   ``latency_ns`` later; so is tick ``k`` of a timer, whose stamp is ``start_ns + k * period``, give
   or take ``tolerance_ns``; but a machine that was busy then, owing outputs, takes them as soon as
   these are out. Whatever had to be taken before the moment of judging, ``end_ns``, has been taken.
+* How far a tick may be from its time may add up (``adds_up``): then tick ``k`` may be ``k`` times as far.
 * An output is heard after the moment of its take, and no later than ``deadline_ns`` after it; one
   that is never heard is not overdue at ``end_ns``.
 * Messages of one channel and source are taken in the order of their stamps; so is all that the
@@ -69,6 +70,7 @@ def conforms(
     *,
     start_ns: int = 0,
     tolerance_ns: int = 0,
+    adds_up: bool = False,
     check_calls: bool = False,
 ) -> bool:
     """Whether ``machine`` can have done what ``trace`` says.
@@ -81,6 +83,7 @@ def conforms(
         end_ns: the moment of judging.
         start_ns: when the machine entered its initial state.
         tolerance_ns: how much earlier or later than its period says a timer may tick.
+        adds_up: whether that may be so once for each period, not once in all.
         check_calls: whether a response must answer the call that decision 2 says.
 
     Raises:
@@ -88,7 +91,7 @@ def conforms(
     """
     stepper = Stepper(machine)
     ordered = sorted(trace, key=lambda item: item.stamp_ns)
-    inputs = inputs_of(machine, ordered, latency_ns, end_ns, start_ns, tolerance_ns)
+    inputs = inputs_of(machine, ordered, latency_ns, end_ns, start_ns, tolerance_ns, adds_up)
     heard = outputs_of(machine, ordered)
 
     seen: set[tuple[Any, ...]] = set()
@@ -169,6 +172,7 @@ def inputs_of(
     end_ns: int,
     start_ns: int,
     tolerance_ns: int,
+    adds_up: bool = False,
 ) -> list[Input]:
     """The inputs that were heard, and the timers' ticks, which nobody hears."""
     found: list[Input] = []
@@ -193,8 +197,11 @@ def inputs_of(
             continue
         period_ns = round(SECOND_NS / timer.rate_hz)
         number = 1
-        while start_ns + number * period_ns - tolerance_ns < end_ns:
+        while True:
             nominal_ns = start_ns + number * period_ns
+            off_ns = tolerance_ns * number if adds_up else tolerance_ns
+            if nominal_ns - off_ns >= end_ns:
+                break
             found.append(
                 Input(
                     event=Event(EventKind.TIMER, timer.name),
@@ -202,8 +209,8 @@ def inputs_of(
                     call=None,
                     line=f"timer {timer.name}",
                     number=number,
-                    earliest_ns=nominal_ns - tolerance_ns,
-                    latest_ns=nominal_ns + tolerance_ns + latency_ns,
+                    earliest_ns=nominal_ns - off_ns,
+                    latest_ns=nominal_ns + off_ns + latency_ns,
                 )
             )
             number += 1
