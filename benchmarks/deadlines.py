@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import argparse
 import random
-import socket
 import statistics
 import subprocess
 import sys
 from collections.abc import Sequence
 
 import msgspec
+from loopback import busy, free_endpoint
 from row import Row, publish
 
 from moon.monitor.properties import PropertyWatch
@@ -88,14 +88,8 @@ class Judge:
         self.said.append((self.connection.now_ns(), verdict))
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def run(count: int, busy: int) -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+def run(count: int, burning: int) -> None:
+    endpoint = free_endpoint()
     connection = connect("monitor", {"listen": endpoint})
     judge = Judge(connection)
     ports = (Port("asked", "/asked", event=True), Port("answered", "/answered", event=True))
@@ -103,19 +97,18 @@ def run(count: int, busy: int) -> None:
     watch = PropertyWatch([Property("answers", parse_formula(FORMULA), ports)], bounds.latency)
     system = no_system()
     monitor = SystemWatch(connection, system, (), bounds, [judge], print, watch)
-    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
     command = [sys.executable, __file__, "--ask", endpoint, "--count", str(count)]
     asker = subprocess.Popen(command)
     try:
         monitor.start()
         connection.tap(["/asked", "/answered"], judge.hear)
-        connection.spin(until=lambda: asker.poll() is not None)
+        with busy(burning):
+            connection.spin(until=lambda: asker.poll() is not None)
     finally:
-        for process in (*burners, asker):
-            process.kill()
-            process.wait()
+        asker.kill()
+        asker.wait()
         connection.close()
-    report(judge, busy)
+    report(judge, burning)
 
 
 def report(judge: Judge, busy: int) -> None:

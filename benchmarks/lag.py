@@ -14,13 +14,13 @@ import argparse
 import heapq
 import os
 import signal
-import socket
 import statistics
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from loopback import busy, free_endpoint
 from row import Row, publish
 
 from m2c.model import DiagnosticLog, load
@@ -64,19 +64,12 @@ class Looker:
         return seen.source == self.oracle.node or seen.kind is ObservationKind.MESSAGE
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def measured(ticks: int, busy: int) -> tuple[list[Looker], int]:
+def measured(ticks: int) -> tuple[list[Looker], int]:
     """Watch one tour of ``ticks`` ticks; what was found, and how many violations."""
     system = load([SYSTEM], DiagnosticLog())
     assert system is not None
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = free_endpoint()
     lookers: list[Looker] = []
-    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
     command = [sys.executable, "-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
     command += ["--quiet", "--ticks", str(ticks), "--rate", str(RATE_HZ)]
     tour = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
@@ -90,9 +83,6 @@ def measured(ticks: int, busy: int) -> tuple[list[Looker], int]:
         if tour.poll() is None:
             os.killpg(tour.pid, signal.SIGINT)
         said = tour.communicate(timeout=30)[1]
-        for process in burners:
-            process.kill()
-            process.wait()
     if tour.returncode:
         sys.exit(f"the tour ended with exit code {tour.returncode}: {said}")
     return lookers, violations
@@ -122,7 +112,8 @@ def main() -> None:
     parser.add_argument("--ticks", type=int, default=300)
     parser.add_argument("--busy", type=int, default=0, help="processes that keep processors busy")
     options = parser.parse_args()
-    lookers, violations = measured(options.ticks, options.busy)
+    with busy(options.busy):
+        lookers, violations = measured(options.ticks)
     bound_ms = Bounds().latency / MS
     where = f", {options.busy} processes busy" if options.busy else ""
     rows = []

@@ -13,7 +13,6 @@ import argparse
 import os
 import random
 import signal
-import socket
 import statistics
 import subprocess
 import sys
@@ -23,6 +22,7 @@ import time
 from pathlib import Path
 
 import msgspec
+from loopback import free_endpoint
 from row import publish, slower
 
 from m2c.codegen.package import system_files
@@ -34,13 +34,6 @@ from transports.zenoh import connect
 
 SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
 TARGET = 1.10
-
-
-def endpoint() -> str:
-    """A loopback endpoint that is free."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
 
 
 def start_monitor(where: str) -> subprocess.Popen[str]:
@@ -95,7 +88,7 @@ def main() -> None:
     kind = system.library.service("bt_interfaces/srv/TickCondition")
     request, response = message_class(kind.request), message_class(kind.response)
     tick = Service("/BatteryLevelSkill/tick", kind.name, request, response)
-    where = endpoint()
+    where = free_endpoint()
     with tempfile.TemporaryDirectory() as scratch:
         write_files(system_files(system), Path(scratch) / "generated")
         policy = connect("policy", {"listen": where})

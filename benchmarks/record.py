@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import logging
 import resource
-import socket
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import msgspec
+from loopback import free_endpoint
 
 from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model.datatypes import Primitive, Structure
@@ -103,9 +103,7 @@ def publish(endpoint: str, rate_hz: float, count: int) -> None:
 
 def over_zenoh(folder: Path, rate_hz: float, count: int) -> tuple[float, int]:
     """The rate at which was sent, and how many of ``count`` are in the recording."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = free_endpoint()
     path = folder / "heard.mcap"
     here = connect("recorder", {"listen": endpoint})
     command = [sys.executable, __file__, "--publish", endpoint, str(rate_hz), str(count)]

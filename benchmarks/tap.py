@@ -14,7 +14,6 @@ import argparse
 import multiprocessing
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import msgspec
+from loopback import free_endpoint
 from row import Row, publish, slower
 
 from transports.interface import Observation, Topic
@@ -86,9 +86,7 @@ def main() -> None:
     arguments = parser.parse_args()
     job = (arguments.rate, arguments.seconds)
 
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = free_endpoint()
     transport = connect("monitor", {"listen": endpoint})
     spinner = threading.Thread(target=transport.spin)
     spinner.start()

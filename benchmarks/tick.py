@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import socket
 import statistics
 import threading
 import time
@@ -21,6 +20,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 import msgspec
+from loopback import free_endpoint
 from row import Row, publish, slower
 
 from transports.interface import CallOutcome, Observation, Service
@@ -105,9 +105,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=100.0, help="ticks per second")
     arguments = parser.parse_args()
 
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = free_endpoint()
     transport = connect("policy", {"listen": endpoint})
     bare = open_session({"endpoint": endpoint})
     spinner = threading.Thread(target=transport.spin)

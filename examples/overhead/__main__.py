@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="under two minutes (the default)")
-    size.add_argument("--full", action="store_true", help="twenty minutes")
+    size.add_argument("--full", action="store_true", help="half an hour")
     size.add_argument("--summary", action="store_true", help="three lines, in 15 s, on Zenoh")
     size.add_argument("--from", dest="source", type=Path, help="show a results.json again")
     parser.add_argument(
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--only",
         choices=("targets", "table3", "growth", "cost"),
         action="append",
-        help="targets: of table III what there are targets for (with --full: ten minutes)",
+        help="targets: of table III what there are targets for (with --full: twelve minutes)",
     )
     parser.add_argument("--rounds", type=int, help="of table III and growth")
     parser.add_argument("--seed", type=int, help="of the order; another one each time by default")

@@ -108,7 +108,6 @@ class Fact:
                 self.data,
                 self.goal,
             )
-            twin.stamp, twin.call = self.stamp, self.call
             twin.droppable, twin._base = True, self
             self._perhaps = twin
         return self._perhaps

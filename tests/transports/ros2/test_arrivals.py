@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from collections.abc import Sequence
 
 import pytest
 from rclpy.duration import Duration
@@ -16,34 +17,40 @@ from transports.ros2 import arrivals, connect
 from transports.ros2.arrivals import Arrivals
 
 
+class Late:
+    """A node that has not spun yet, and to which ``numbers`` were sent already."""
+
+    def __init__(self, network: ThreadedNetwork, bare: Bare, numbers: Sequence[int]) -> None:
+        publisher = bare.node.create_publisher(Int32, "/early", 10)
+        self.node = connect("late", {})
+        self.heard: list[int] = []
+        self.node.ros_node.create_subscription(
+            Int32, "/early", lambda seen: self.heard.append(seen.data), 10
+        )
+        assert network.until(lambda: publisher.get_subscription_count() == 1)
+        for number in numbers:
+            publisher.publish(Int32(data=number))
+        assert publisher.wait_for_all_acked(Duration(seconds=10))
+
+    def spin_until(self, count: int) -> None:
+        """Until so many were heard; after 10 s one is made up, so that the test fails."""
+        self.node.after(10.0, lambda: self.heard.append(-1))
+        self.node.spin(lambda: len(self.heard) >= count)
+
+
 def test_what_came_before_anybody_watched_is_taken(network: ThreadedNetwork, bare: Bare) -> None:
-    publisher = bare.node.create_publisher(Int32, "/early", 10)
-    late = connect("late", {})
-    heard: list[int] = []
-    late.ros_node.create_subscription(Int32, "/early", lambda seen: heard.append(seen.data), 10)
-    assert network.until(lambda: publisher.get_subscription_count() == 1)
-    publisher.publish(Int32(data=7))
-    assert publisher.wait_for_all_acked(Duration(seconds=10))
-    late.after(10.0, lambda: heard.append(0))
-    late.spin(lambda: bool(heard))
-    late.close()
-    assert heard == [7]
+    late = Late(network, bare, [7])
+    late.spin_until(1)
+    late.node.close()
+    assert late.heard == [7]
 
 
 def test_what_one_spin_left_the_next_one_takes(network: ThreadedNetwork, bare: Bare) -> None:
-    publisher = bare.node.create_publisher(Int32, "/burst", 10)
-    twice = connect("twice", {})
-    heard: list[int] = []
-    twice.ros_node.create_subscription(Int32, "/burst", lambda seen: heard.append(seen.data), 10)
-    assert network.until(lambda: publisher.get_subscription_count() == 1)
-    for number in range(3):
-        publisher.publish(Int32(data=number))
-    assert publisher.wait_for_all_acked(Duration(seconds=10))
+    late = Late(network, bare, range(3))
     for most in (1, 2, 3):
-        twice.after(10.0, lambda: heard.append(-1))
-        twice.spin(lambda most=most: len(heard) >= most)  # type: ignore[misc]
-        assert heard == list(range(most))
-    twice.close()
+        late.spin_until(most)
+        assert late.heard == list(range(most))
+    late.node.close()
 
 
 def test_more_topics_than_bells_are_all_heard(

@@ -1,0 +1,28 @@
+"""What benchmarks need around them: a place on the loopback link, and processors that are busy."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+
+
+def free_endpoint() -> str:
+    """A loopback endpoint that nobody uses at the moment."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
+
+
+@contextlib.contextmanager
+def busy(count: int) -> Iterator[None]:
+    """Meanwhile so many processes keep processors busy."""
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in burners:
+            process.kill()
+            process.wait()
