@@ -109,6 +109,12 @@ class ModelMonitor:
             clock.wake = wake
         return verdicts if self.policy is None else verdicts + self.policy.advance(now_ns)
 
+    def node_found(self, node: str, stamp_ns: int) -> None:
+        """``node`` was up already; from ``stamp_ns`` on, what it does is heard."""
+        oracle = self.oracles.get(node)
+        if oracle is not None:
+            oracle.listen(stamp_ns)
+
     def node_started(self, node: str, stamp_ns: int) -> None:
         """``node`` has just come up: its machine is in its initial state."""
         oracle = self.oracles.get(node)

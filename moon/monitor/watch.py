@@ -11,7 +11,7 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
-from moon.monitor.connection import Connection, Sink, repair_ns
+from moon.monitor.connection import Connection, Sink
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.pace import NS, PERIOD_S, Pace, read_together
@@ -26,6 +26,9 @@ from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap
 
 _PERIOD_NS = round(PERIOD_S * NS)
+_LINKED_NS = 5 * NS
+"""So long after a node was found in the middle of its run, this monitor is linked to it, and subscribed to
+all that it tells (DDS takes some 50 ms for each of sixty subscriptions while a whole system starts)."""
 
 MIDDLE = "started in the middle: waiting for a moment that is certain"
 GONE = "its node went away"
@@ -88,7 +91,6 @@ class SystemWatch:
         """When each source was last heard too late."""
         self._listening_since = 0
         """What is stamped before is not judged."""
-        self._repair_ns = repair_ns(transport)
         self._pace = Pace(transport.now_ns(), bounds.latency)
         self._read_monotonic = monotonic_ns
         self._monotonic_ns = monotonic_ns()
@@ -227,7 +229,8 @@ class SystemWatch:
         if now_ns < self._pace.now_ns:
             self._tell_properties(self._properties.begin_anew(now_ns, why))
         else:
-            since_ns += self._repair_ns if held_up else 0
+            if held_up:  # what is missing cannot be told from what is on its way
+                since_ns += round(self._transport.repair_s * NS)
             self._properties.lose_all(self._pace.clock_ns - self._bounds.latency, since_ns)
         self._listening_since = since_ns
         self._monotonic_ns = monotonic_ns
@@ -285,6 +288,9 @@ class SystemWatch:
         if not started or heard:
             if again or heard:
                 self._lose(self._models.watched[name], MIDDLE)
+            else:
+                now_ns = max(self._pace.now_ns, self._listening_since)
+                self._models.node_found(name, now_ns + _LINKED_NS)
             return
         for place in [place for place in self._first if place[0] == name]:
             del self._first[place]

@@ -81,6 +81,8 @@ class Judging:
         self._finished = 0
         self._synchronised = synchronised
         self._listening_since: int | None = None
+        self._heard_since: int | None = None
+        """From when on (ns) silence means that the machine did nothing, once it is heard at all."""
         self._uptake = Uptake(self.bounds.deadline)
         self._reason = ""
         self._next_due = FOREVER

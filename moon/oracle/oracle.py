@@ -55,6 +55,18 @@ class Oracle(Judging):
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
         self.outcome, self._reason = Outcome.CONFORMING, ""
 
+    def listen(self, since_ns: int) -> None:
+        """All that the machine does from ``since_ns`` on is heard, if it is heard at all.
+
+        For an oracle that is not ``synchronised``: without it, one that finds a machine silent knows
+        nothing of it before the first observation, and takes the first thing it does for the end of
+        something that began before. With it, the silence before counts as silence.
+
+        Args:
+            since_ns: ns since the epoch.
+        """
+        self._heard_since = since_ns
+
     def observe(self, observation: Observation) -> Verdict:
         """Take one observation; the verdict as it stands then."""
         verdicts = self.feed(observation)
@@ -251,8 +263,9 @@ class Oracle(Judging):
         if self._synchronised:
             self._begin(stamp)
             return
-        self._listening_since = stamp
+        since = stamp if self._heard_since is None else min(stamp, self._heard_since)
+        self._listening_since = since
         self._wake_at(0)
-        self._anchoring.begin(stamp)
+        self._anchoring.begin(since)
         self.outcome = Outcome.INCONCLUSIVE
         self._reason = "started in the middle: waiting for a moment that is certain"

@@ -70,9 +70,12 @@ def test_a_first_loss_of_which_nobody_knew_is_no_alarm(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_monitor_that_joins_in_the_middle_raises_no_alarm_and_finds_the_thread(seed: int) -> None:
+@pytest.mark.parametrize("linked_s", [0.0, 5.0])
+def test_a_monitor_that_joins_in_the_middle_raises_no_alarm_and_finds_the_thread(
+    seed: int, linked_s: float
+) -> None:
     conditions = Conditions(delay_s=(0.0, 0.01), tap_delay_s=(0.0, 0.01))
-    heard = tour(seed, 40.0, conditions, join_after_s=3.0 + seed)
+    heard = tour(seed, 40.0, conditions, join_after_s=3.0 + seed, linked_s=linked_s)
     assert not heard.violations, complaints(heard)[:3]
     lost = [n for n, o in heard.monitor.oracles.items() if o.outcome is not Outcome.CONFORMING]
     assert len(lost) <= 3, f"not found again: {lost}"

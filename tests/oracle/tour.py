@@ -57,6 +57,7 @@ def tour(
     program: Program | None = None,
     intruders: int = 0,
     join_after_s: float = 0.0,
+    linked_s: float = 0.0,
     bounds: Bounds | None = None,
     prepare: Callable[[SimulatedWorld], None] | None = None,
     lossy: bool | None = None,
@@ -70,6 +71,7 @@ def tour(
         program: the code to run instead of the nominal one.
         intruders: further nodes that publish on the tour's topics at adversarial moments.
         join_after_s: the monitor comes this long after the system.
+        linked_s: so long after it came, it is known to hear all nodes.
         bounds: of the oracles.
         prepare: called with the world before anything runs.
         lossy: whether the monitor knows that observations get lost; by default, if they do.
@@ -109,6 +111,8 @@ def tour(
     if join_after_s:
         run.run(join_after_s)
         listen()
+        for node in monitor.oracles:
+            monitor.node_found(node, world.now_ns + round(linked_s * 1e9))
     run.run(seconds - join_after_s)
     # what is under way may still arrive, while everything goes on as before
     world.close()
