@@ -290,6 +290,14 @@ class Transport(Protocol):
         """The node's name, unique in the system."""
         ...
 
+    @property
+    def repair_s(self) -> float:
+        """How long what the middleware dropped while this process stood still may take to come after all (s).
+
+        0 where all that was not heard by then is lost, or comes late and in its order.
+        """
+        ...
+
     def now_ns(self) -> int:
         """The transport's clock, ns since the epoch (virtual under ``simulated``)."""
         ...

@@ -46,6 +46,8 @@ class OnExecutor(Transport):
         executor: what runs its handlers.
     """
 
+    repair_s: float = 0.0
+
     def __init__(self, node: str, executor: Executor) -> None:
         self._node = node
         self._executor = executor

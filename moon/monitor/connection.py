@@ -12,6 +12,11 @@ from transports.interface import Observation, Tap, Timer
 class Connection(Protocol):
     """What a watch needs of a transport."""
 
+    @property
+    def repair_s(self) -> float:
+        """See ``Transport.repair_s``."""
+        ...
+
     def now_ns(self) -> int:
         """See ``Transport.now_ns``."""
         ...
@@ -35,15 +40,6 @@ class Connection(Protocol):
     def post(self, handler: Callable[[], None]) -> None:
         """See ``Transport.post``."""
         ...
-
-
-def repair_ns(connection: Connection) -> int:
-    """How long after it was held up a monitor cannot tell yet what is missing from what is on its way.
-
-    A transport whose middleware drops what a process that stands still does not take, and sends it again
-    later, says so by a constant ``REPAIR_S``; others deliver late, and in order.
-    """
-    return round(float(getattr(connection, "REPAIR_S", 0.0)) * 1e9)
 
 
 class Sink(Protocol):

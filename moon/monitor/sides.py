@@ -32,6 +32,11 @@ class Side:
         self._there = there
         self._home = home
 
+    @property
+    def repair_s(self) -> float:
+        """Of the transport that is listened to."""
+        return self._there.repair_s
+
     def now_ns(self) -> int:
         """The clock of the home transport."""
         return self._home.now_ns()
@@ -73,6 +78,11 @@ class AllSides:
     def __init__(self, sides: Sequence[Side], bridges: Collection[str]) -> None:
         self._sides = tuple(sides)
         self._bridges = frozenset(bridges)
+
+    @property
+    def repair_s(self) -> float:
+        """The longest of all sides."""
+        return max(side.repair_s for side in self._sides)
 
     def now_ns(self) -> int:
         """The clock of the home transport."""

@@ -29,10 +29,12 @@ class Player:
 
     Attributes:
         began: whether listening has begun.
+        repair_s: of the middleware that was recorded (``Transport.repair_s``).
     """
 
     def __init__(self, early_ns: int) -> None:
         self.began = False
+        self.repair_s = 0.0
         self._early_ns = early_ns
         self._now_ns = 0
         self._monotonic_ns = 0
@@ -102,6 +104,7 @@ class Player:
         if isinstance(first, Began):
             self._now_ns = first.received_ns
             self._paced = first.paced
+            self.repair_s = first.repair_s
         else:
             self._now_ns = first.received_ns - self._early_ns
         self._next_ns = self._now_ns + _PERIOD_NS

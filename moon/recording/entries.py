@@ -28,12 +28,14 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
         transport: the middleware: ``zenoh``, ``ros2``, ``simulated``.
         paced: whether a monitor was recorded, with its turns (:class:`Pulse`). If not, who checks the
             recording takes its own turns.
+        repair_s: the middleware's (``Transport.repair_s``).
     """
 
     received_ns: int
     node: str = ""
     transport: str = ""
     paced: bool = False
+    repair_s: float = 0.0
 
 
 class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):

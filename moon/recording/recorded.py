@@ -40,6 +40,11 @@ class RecordedConnection:
         self._since: dict[str, int] = {}
         """Of the nodes that are up."""
 
+    @property
+    def repair_s(self) -> float:
+        """See ``Transport.repair_s``."""
+        return self._home.repair_s
+
     def now_ns(self) -> int:
         """When that began which the monitor deals with now."""
         return self._now_ns
@@ -62,7 +67,7 @@ class RecordedConnection:
             handler(seen)
 
         self._now_ns = home.now_ns()
-        record(Began(self._now_ns, home.node, self._transport, paced=True))
+        record(Began(self._now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
         return home.tap(channels, heard)
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:

@@ -43,7 +43,11 @@ class Recorder:
     def start(self) -> None:
         """Begin to listen (on the executor, or before it spins)."""
         connection, writer = self._connection, self._writer
-        writer.add(Began(connection.now_ns(), connection.node, self._transport))
+        writer.add(
+            Began(
+                connection.now_ns(), connection.node, self._transport, repair_s=connection.repair_s
+            )
+        )
         observe = self._observe if self._globs else writer.add
         self.listener = connection.tap(Selection(self._globs).to_hear(), observe)
         connection.watch_nodes(self._node_changed)

@@ -54,6 +54,8 @@ def write_models(folder: Path) -> Path:
 class HandDriven:
     """A transport and a watch on it."""
 
+    repair_s = 0.0
+
     def __init__(
         self, folder: Path, properties: PropertyWatch | None = None, monitored: bool = True
     ) -> None:

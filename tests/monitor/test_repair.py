@@ -6,13 +6,17 @@ from pathlib import Path
 
 import pytest
 
+from moon.offline.playing import Player
+from moon.recording.entries import Began, Entry
+from moon.recording.recorded import RecordedConnection
 from tests.monitor.hand_driven import HandDriven, S
+from transports.simulated import SimulatedTransport, SimulatedWorld
 
 
 class Repairing(HandDriven):
     """As Fast DDS: what came while a process stood still is there at the latest 3.2 s after."""
 
-    REPAIR_S = 3.2
+    repair_s = 3.2
 
 
 @pytest.fixture
@@ -48,3 +52,17 @@ def test_what_happens_after_that_is_judged_again(held_up: Repairing) -> None:
     held_up.tick(2, status=1)
     held_up.pass_time(1000)
     assert held_up.watch.violations == 1
+
+
+def test_a_recording_keeps_how_long_the_middleware_repairs() -> None:
+    connection = SimulatedTransport(SimulatedWorld(1), "monitor")
+    connection.repair_s = 3.2
+    entries: list[Entry] = []
+    recorded = RecordedConnection(connection, entries.append, "simulated")
+    recorded.tap([], lambda _: None)
+    assert recorded.repair_s == 3.2
+    (began,) = entries
+    assert isinstance(began, Began)
+    player = Player(early_ns=0)
+    player.start(began, lambda: None)
+    assert player.repair_s == 3.2

@@ -59,9 +59,9 @@ class Ros2Transport(OnExecutor):
 
     _executor: Executor
 
-    REPAIR_S = 3.2
-    """How long what was dropped while this process stood still may take to come after all: Fast DDS keeps 512
-    datagrams for it, and a writer sends the others again when its next heartbeat (each 3 s) is answered."""
+    repair_s = 3.2
+    """Fast DDS keeps 512 datagrams for a process that stands still, and a writer sends the others again when
+    its next heartbeat (each 3 s) is answered."""
 
     def __init__(self, ros_node: Any, prefix: str = "") -> None:
         super().__init__(ros_node.get_name(), Executor(ros_node))

@@ -129,6 +129,8 @@ class SimulatedTransport:
     ``spin`` runs the whole world, so one thread drives any number of nodes.
     """
 
+    repair_s: float = 0.0
+
     def __init__(self, world: SimulatedWorld, node: str) -> None:
         if not node:
             raise TransportError("a node needs a name")

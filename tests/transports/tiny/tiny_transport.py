@@ -153,6 +153,8 @@ class _Tap:
 
 
 class Tiny:
+    repair_s = 0.0
+
     def __init__(self, node):
         self.node, self.thread = node, 0
         self.calls, self.subscribed, self.served, self.waiting = itertools.count(1), [], {}, []
