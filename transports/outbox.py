@@ -57,16 +57,14 @@ class Outbox(Generic[Item]):
         self._publish = publish
         self._clock = clock
         self._pending: deque[Item] = deque()
+        self.add: Callable[[Item], None] = self._pending.append
+        """Keep an item; from any thread. ``flush_later`` or ``flush`` has it told."""
         self._lock = threading.Lock()
         """Held while items are published: they leave in order, whoever flushes."""
         self._scheduled = False
         self._closed = False
         self._first_s = self._last_s = 0.0
         self._burst_s = -AT_MOST_S
-
-    def add(self, item: Item) -> None:
-        """Keep ``item``; from any thread. ``flush_later`` or ``flush`` has it told."""
-        self._pending.append(item)
 
     def flush_later(self) -> None:
         """Tell what is kept when the node is quiet; from any thread."""

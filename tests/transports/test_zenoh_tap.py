@@ -26,7 +26,7 @@ def test_a_tap_hears_the_four_events_of_a_call_and_only_since_it_listens(network
         client.call_and_wait(peer.AddRequest())
     heard = Inbox()
     tap = tapper.tap([], heard)
-    eventually(lambda: client._events.heard and adder._events[peer.ADD.name].heard)
+    eventually(lambda: client.events.heard and adder._events[peer.ADD.name].heard)
     client.call_and_wait(peer.AddRequest(1, 2))
     events = sorted(heard.wait(4), key=lambda observation: observation.stamp_ns)
     assert [(event.kind, event.source, event.type_name) for event in events] == [
@@ -47,9 +47,9 @@ def test_a_tap_hears_the_four_events_of_a_call_and_only_since_it_listens(network
         ("adder", 1),
     }
     tap.close()
-    eventually(lambda: not client._events.heard)
+    eventually(lambda: not client.events.heard)
     client.call_and_wait(peer.AddRequest(1, 2))
-    assert client._events.published == 2
+    assert client.events.published == 2
 
 
 def test_a_tap_hears_of_a_call_that_is_never_answered(network):
@@ -60,7 +60,7 @@ def test_a_tap_hears_of_a_call_that_is_never_answered(network):
     client = caller.client(peer.ADD)
     heard = Inbox()
     tapper.tap(["/adder/*"], heard)
-    eventually(lambda: client._events.heard and adder._events[peer.ADD.name].heard)
+    eventually(lambda: client.events.heard and adder._events[peer.ADD.name].heard)
     client.call(peer.AddRequest(1, 2), lambda result: None, timeout_s=0.5)
     events = sorted(heard.wait(3), key=lambda observation: observation.stamp_ns)
     assert [event.kind.value for event in events] == [
@@ -85,7 +85,7 @@ def test_what_a_node_tells_of_several_services_comes_in_the_order_in_which_it_ha
     clients = [caller.client(peer.ADD), caller.client(more)]
     heard = Inbox()
     tapper.tap(["/adder/*"], heard)
-    eventually(lambda: all(client._events.heard for client in clients))
+    eventually(lambda: all(client.events.heard for client in clients))
     eventually(lambda: all(adder._events[name].heard for name in (peer.ADD.name, more.name)))
     for number in range(20):
         clients[number % 2].call_and_wait(peer.AddRequest(number, 0))

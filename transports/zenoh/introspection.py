@@ -12,7 +12,7 @@ at all.
 from __future__ import annotations
 
 import itertools
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import zenoh
@@ -23,55 +23,29 @@ from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX, ServiceEvent, S
 from transports.zenoh.names import key_of
 from transports.zenoh.wire import MEDIA_TYPE, attachment
 
-Contents = bytes | zenoh.ZBytes | None
-"""An encoded message, as it was made or as it came; None where there is none."""
-
 _encode = msgspec.msgpack.Encoder().encode
 
 
-class Moment(NamedTuple):
-    """When something happened.
+Moment = tuple[zenoh.Timestamp, int]
+"""When something happened, on the session's hybrid logical clock, and its place in all that the node tells.
 
-    Attributes:
-        stamp: of the session's hybrid logical clock.
-        order: its place among all that the node tells.
-    """
+This and ``Recorded`` are plain tuples, as they are made while somebody waits for the node: at ten ticks a
+second nothing of what runs then is in the processor's caches, and each Python call takes some µs.
+"""
 
-    stamp: zenoh.Timestamp
-    order: int
-
-
-class Recorded(NamedTuple):
-    """An event that is still to be published; it is made of this then, when nobody waits for the node.
-
-    Attributes:
-        events: of its service.
-        event_type: what happened.
-        moment: when.
-        client, call: whose call it was, and its number.
-        request, response: the encoded message.
-        error: see ``ServiceEvent``.
-    """
-
-    events: ServiceEvents
-    event_type: int
-    moment: Moment
-    client: str
-    call: int
-    request: Contents
-    response: Contents
-    error: str
+Recorded = tuple["ServiceEvents", int, Moment, str, int, bytes | None, bytes | None, str]
+"""An event that is still to be published; it is made of this then, when nobody waits for the node: of which
+service it is, what happened and when, the client, its call's number, the encoded request and response, and
+the error (see ``ServiceEvent``)."""
 
 
 def publish(recorded: Recorded) -> None:
     """Publish an event; for the outbox, which does so one after the other."""
-    recorded.events.publish(recorded)
+    recorded[0].publish(recorded)
 
 
-def _raw(contents: Contents) -> msgspec.Raw | None:
-    if contents is None:
-        return None
-    return msgspec.Raw(contents if isinstance(contents, bytes) else contents.to_bytes())
+def _raw(contents: bytes | None) -> msgspec.Raw | None:
+    return None if contents is None else msgspec.Raw(contents)
 
 
 class ServiceEvents:
@@ -94,7 +68,11 @@ class ServiceEvents:
         order: itertools.count[int],
     ) -> None:
         self._session = session
-        self._outbox = outbox
+        self._keep = outbox.add
+        self.flush_later = outbox.flush_later
+        """Publish what is recorded, a little later; from any thread, best when nobody waits for the node."""
+        self.flush = outbox.flush
+        """Publish what is recorded, in order; from any thread."""
         self._node = node
         self.published = 0
         """How many events were published: the number of the next one."""
@@ -119,7 +97,7 @@ class ServiceEvents:
 
     def moment(self) -> Moment:
         """Now: to be asked when something happens, on the node's executor."""
-        return Moment(self._session.new_timestamp(), next(self._order))
+        return self._session.new_timestamp(), next(self._order)
 
     def record(
         self,
@@ -127,35 +105,26 @@ class ServiceEvents:
         moment: Moment,
         client: str,
         call: int,
-        *,
-        request: Contents = None,
-        response: Contents = None,
+        request: bytes | None,
+        response: bytes | None = None,
         error: str = "",
     ) -> None:
         """Keep an event until the outbox is flushed; the contents are encoded messages."""
-        self._outbox.add(Recorded(self, event_type, moment, client, call, request, response, error))
+        self._keep((self, event_type, moment, client, call, request, response, error))
 
     def publish(self, recorded: Recorded) -> None:
         """Publish an event; one thread at a time."""
-        _, event_type, moment, client, call, request, response, error = recorded
-        stamp_ns = int(moment.stamp.get_time_as_ntp64().as_nanos())
+        _, event_type, (stamp, order), client, call, request, response, error = recorded
+        stamp_ns = int(stamp.get_time_as_ntp64().as_nanos())
         event = ServiceEvent(
             ServiceEventInfo(event_type, stamp_ns, client, call),
             _raw(request),
             _raw(response),
             error,
         )
-        sent_as = attachment(self.published, moment.order, self._node)
+        sent_as = attachment(self.published, order, self._node)
         self.published += 1
         self._publisher.put(_encode(event), attachment=sent_as)
-
-    def flush_later(self) -> None:
-        """Publish what is recorded, a little later; from any thread."""
-        self._outbox.flush_later()
-
-    def flush(self) -> None:
-        """Publish what is recorded, in order; from any thread."""
-        self._outbox.flush()
 
     def undeclare(self) -> None:
         """Publish no more; the outbox is closed by then."""

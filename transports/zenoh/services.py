@@ -26,15 +26,12 @@ from transports.outbox import DELAY_S
 from transports.payloads import PayloadError
 from transports.timers import Timer
 from transports.zenoh.executor import Executor
-from transports.zenoh.introspection import Contents, ServiceEvents
+from transports.zenoh.introspection import ServiceEvents
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import Codec, attachment, read_attachment, report_payload
+from transports.zenoh.wire import Codec, attachment, contents, read_attachment, report_payload
 
 _GRACE_S = 1.0
 """Zenoh's own time limit comes this much after ours: it only frees what a lost call holds."""
-
-_NO_CONTENTS = b"\x80"
-"""An empty map: the request of a tool that calls without a payload (all fields default)."""
 
 
 class ServiceCodec(msgspec.Struct, frozen=True):
@@ -79,7 +76,7 @@ class Request:
         except zenoh.ZError as error:
             raise TransportError(f"cannot answer {server.name}: {error}") from error
         if moment is not None:
-            events.record(event.RESPONSE_SENT, moment, self.client, self._call, response=payload)
+            events.record(event.RESPONSE_SENT, moment, self.client, self._call, None, payload)
             events.flush_later()
 
     def fail(self, error: str) -> None:
@@ -94,13 +91,8 @@ class Request:
         except zenoh.ZError as cause:
             raise TransportError(f"cannot answer {server.name}: {cause}") from cause
         if moment is not None:
-            events.record(
-                event.RESPONSE_SENT,
-                moment,
-                self.client,
-                self._call,
-                error=f"{CallOutcome.REMOTE_ERROR}: {error}",
-            )
+            text = f"{CallOutcome.REMOTE_ERROR}: {error}"
+            events.record(event.RESPONSE_SENT, moment, self.client, self._call, None, None, text)
             events.flush_later()
 
     def _take(self) -> zenoh.Query:
@@ -137,23 +129,19 @@ class Server:
     def _receive(self, query: zenoh.Query) -> None:
         events = self.events
         call, _, client = read_attachment(query.attachment)
+        request = contents(query.payload)
         try:
-            data = self.codec.request.decode(query.payload, query.encoding)
+            data = self.codec.request.decode(request, query.encoding)
         except PayloadError as error:
             report_payload(self.name, client, error)
             Request(self, query, call, client, None).fail(f"bad request: {error}")
             return
-        if events.heard:
-            payload = query.payload
-            events.record(
-                event.REQUEST_RECEIVED,
-                events.moment(),
-                client,
-                call,
-                request=_NO_CONTENTS if payload is None else payload,
-            )
-            events.flush_later()
+        heard = events.heard
+        if heard:
+            events.record(event.REQUEST_RECEIVED, events.moment(), client, call, request)
         self._handler(Request(self, query, call, client, data))
+        if heard:
+            events.flush_later()  # mostly it is answered by now, and nobody waits
 
 
 class _Call:
@@ -179,13 +167,15 @@ class _Call:
         if self.done is not None:
             self._end(self.client.timeout, None)
 
-    def _end(self, result: CallResult, payload: Contents) -> None:
+    def _end(self, result: CallResult, payload: bytes | None) -> None:
         done, self.done = self.done, None
         if self.timer is not None:
             self.timer.cancel()
-        self.client.ended(self.number, result, payload)
+        heard = self.client.note_end(self.number, result, payload)
         if done is not None:
             done(result)
+        if heard:
+            self.client.events.flush_later()
 
 
 class Client:
@@ -205,7 +195,7 @@ class Client:
         self._name = service.name
         self._key = session.declare_keyexpr(key_of(service.name))
         self._codec = codec_of(service)
-        self._events = events
+        self.events = events
         self._node = node
         self._node_bytes = node.encode()
         self._numbers = numbers
@@ -226,8 +216,6 @@ class Client:
         number = next(self._numbers)
         call = _Call(self, number, done)
         put, replied, closed = self._executor.put, call.replied, call.closed
-        if self._events.heard:
-            self._events.flush_later()
         call.timer = self._executor.after(timeout_s, call.timed_out)
         self._send(
             number,
@@ -260,12 +248,13 @@ class Client:
             )
             reply = self._first(replies, deadline)
         except Empty:
-            result, contents = self.timeout, None
+            result, response = self.timeout, None
         else:
-            result, contents = (self.unavailable, None) if reply is None else self.result_of(reply)
+            result, response = (self.unavailable, None) if reply is None else self.result_of(reply)
         finally:
             self._waiting.discard(replies)
-        self.ended(number, result, contents)
+        if self.note_end(number, result, response):
+            self.events.flush_later()
         return result
 
     def close(self) -> None:
@@ -278,16 +267,16 @@ class Client:
     ) -> zenoh.Reply | None:
         """The first reply, or None when there is none; Empty after ``deadline`` (monotonic)."""
         wait_s = max(deadline - time.monotonic(), 0.0)
-        if self._events.heard and wait_s > DELAY_S:
+        if self.events.heard and wait_s > DELAY_S:
             try:
                 return replies.get(timeout=DELAY_S)
             except Empty:  # a call that takes its time: say that it is under way
-                self._events.flush()
+                self.events.flush()
                 wait_s = max(deadline - time.monotonic(), 0.0)
         return replies.get(timeout=wait_s)
 
     def _send(self, number: int, payload: bytes, timeout_s: float, handler: Any) -> None:
-        events = self._events
+        events = self.events
         moment = events.moment() if events.heard else None
         try:
             self._session.get(
@@ -302,35 +291,33 @@ class Client:
         except zenoh.ZError as error:
             raise TransportError(f"cannot call {self._name}: {error}") from error
         if moment is not None:
-            events.record(event.REQUEST_SENT, moment, self._node, number, request=payload)
+            events.record(event.REQUEST_SENT, moment, self._node, number, payload)
+            events.flush_later()
 
-    def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, Contents]:
+    def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, bytes | None]:
         """What a reply means, and the encoded response for the service event."""
         sample = reply.ok
         if sample is None:
             error = reply.err
             text = "" if error is None else error.payload.to_bytes().decode(errors="replace")
             return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
+        payload = contents(sample.payload)
         try:
-            response = self._codec.response.decode(sample.payload, sample.encoding)
+            response = self._codec.response.decode(payload, sample.encoding)
         except PayloadError as error:
             report_payload(self._name, "its server", error)
             text = f"{self._name}: bad response: {error}"
             return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
-        return CallResult(CallOutcome.RESPONSE, response), sample.payload
+        return CallResult(CallOutcome.RESPONSE, response), payload
 
-    def ended(self, number: int, result: CallResult, contents: Contents) -> None:
-        """Record how call ``number`` ended, for those who listen."""
-        events = self._events
+    def note_end(self, number: int, result: CallResult, response: bytes | None) -> bool:
+        """Record how call ``number`` ended, for those who listen; whether anybody does."""
+        events = self.events
         if not events.heard:
-            return
+            return False
         failed = result.outcome is not CallOutcome.RESPONSE
+        error = f"{result.outcome}: {result.error}" if failed else ""
         events.record(
-            event.RESPONSE_RECEIVED,
-            events.moment(),
-            self._node,
-            number,
-            response=contents,
-            error=f"{result.outcome}: {result.error}" if failed else "",
+            event.RESPONSE_RECEIVED, events.moment(), self._node, number, None, response, error
         )
-        events.flush_later()
+        return True

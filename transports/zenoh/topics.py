@@ -14,7 +14,7 @@ from transports.interface import Message, Reliability, Topic, TransportError
 from transports.payloads import PayloadError
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import Codec, attachment, read_attachment, report_payload
+from transports.zenoh.wire import Codec, attachment, contents, read_attachment, report_payload
 
 
 class _Declared(Protocol):
@@ -105,7 +105,7 @@ def subscribe(
 
     def receive(sample: zenoh.Sample) -> None:
         try:
-            message = codec.decode(sample.payload, sample.encoding)
+            message = codec.decode(contents(sample.payload), sample.encoding)
         except PayloadError as error:
             report_payload(topic.name, read_attachment(sample.attachment).node, error)
             return

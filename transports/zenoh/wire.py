@@ -25,6 +25,9 @@ MEDIA_TYPE = "application/msgpack"
 UNSPECIFIED = "zenoh/bytes"
 """What Zenoh says of a payload whose sender named no encoding: then only decoding can tell."""
 
+_NO_CONTENTS = b"\x80"
+"""An empty map: what a tool sends that calls without a payload."""
+
 _NUMBERS = struct.Struct("<QQ")
 
 
@@ -37,13 +40,22 @@ class Codec(TypedCodec):
         super().__init__(type_name, message)
         self.encoding = zenoh.Encoding(f"{MEDIA_TYPE};{type_name}")
 
-    def decode(self, payload: zenoh.ZBytes | None, encoding: zenoh.Encoding | None) -> Any:
+    def decode(self, payload: bytes, encoding: zenoh.Encoding | None) -> Any:
         """The message; PayloadError if it is none of this type."""
         if encoding is not None and encoding != self.encoding:
             found = str(encoding)
             if found != UNSPECIFIED:
                 self.require(found.removeprefix(MEDIA_TYPE + ";"))
-        return self.decode_bytes(b"\x80" if payload is None else payload.to_bytes())
+        return self.decode_bytes(payload)
+
+
+def contents(payload: zenoh.ZBytes | None) -> bytes:
+    """A copy of what came; of nothing, the message that has all its defaults.
+
+    A copy, because what Zenoh hands over is a part of the buffer that it received into: who keeps that has
+    Zenoh receive into a new one of 64 KB.
+    """
+    return _NO_CONTENTS if payload is None else payload.to_bytes()
 
 
 class Sent(NamedTuple):
