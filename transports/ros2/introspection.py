@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy  # rosidl keeps arrays of fixed size in it
 from rclpy.event_handler import PublisherEventCallbacks
@@ -30,24 +30,11 @@ FLUSH_DELAY_S = 0.006
 longer were slowed down by their own events: a tick took 1.7 times as long on a busy machine.)"""
 
 
-class Recorded(NamedTuple):
-    """An event that is still to be published.
-
-    Attributes:
-        events: of its service.
-        event_type: of ``service_msgs/msg/ServiceEventInfo``.
-        stamp_ns: when it happened, ns since the epoch.
-        gid: the client's, as this end knows it.
-        call: the number of the client's call.
-        message: rclpy's request or response.
-    """
-
-    events: ServiceEvents
-    event_type: int
-    stamp_ns: int
-    gid: bytes
-    call: int
-    message: Any
+Recorded = tuple["ServiceEvents", int, int, bytes, int, Any]
+"""An event that is still to be published: of which service it is, what happened (``event_type`` of
+``service_msgs/msg/ServiceEventInfo``) and when (ns since the epoch), the client's gid as this end knows
+it, the number of the client's call, and rclpy's request or response. A plain tuple, as it is made while
+somebody waits for the node."""
 
 
 def outbox(executor: Executor) -> Outbox[Recorded]:
@@ -63,14 +50,18 @@ class _RealTime:
 
 
 def _publish(recorded: Recorded) -> None:
-    recorded.events.publish(recorded)
+    recorded[0].publish(recorded)
 
 
 class ServiceEvents:
     """The events of one service as one node sees them (as its server, its client, or both)."""
 
     def __init__(self, node: Any, outbox: Outbox[Recorded], name: str, type_name: str) -> None:
-        self._outbox = outbox
+        self._keep = outbox.add
+        self.flush_later = outbox.flush_later
+        """Publish what is recorded when the node is quiet; from any thread."""
+        self.flush = outbox.flush
+        """Publish what is recorded, in order; from any thread."""
         event = ros_class(type_name + TYPE_SUFFIX)
         self._request, self._response = event(), event()
         """What is published, one after the other: only what changes is written, and not checked again."""
@@ -89,15 +80,7 @@ class ServiceEvents:
 
     def record(self, event_type: int, stamp_ns: int, gid: bytes, call: int, message: Any) -> None:
         """Keep an event until the outbox is flushed; see :class:`Recorded`."""
-        self._outbox.add(Recorded(self, event_type, stamp_ns, gid, call, message))
-
-    def flush_later(self) -> None:
-        """Publish what is recorded when the node is quiet; from any thread."""
-        self._outbox.flush_later()
-
-    def flush(self) -> None:
-        """Publish what is recorded, in order; from any thread."""
-        self._outbox.flush()
+        self._keep((self, event_type, stamp_ns, gid, call, message))
 
     def publish(self, recorded: Recorded) -> None:
         """Publish an event; one thread at a time."""

@@ -69,8 +69,9 @@ class Server:
         if stamp_ns := events.stamp():
             gid, call = native.gid_of_request(request_id), request_id.sequence_number
             events.record(event.REQUEST_RECEIVED, stamp_ns, gid, call, request)
-            events.flush_later()
         self._handler(Request(self, request_id, self._request.decode(request)))
+        if stamp_ns:
+            events.flush_later()  # mostly it is answered by now, and nobody waits
         return True
 
 
@@ -200,7 +201,6 @@ class Client:
         call.timer = self._executor.after_real(timeout_s, lambda: self._timed_out(call))
         if not self._start(call):
             self._executor.post(lambda: self._give_up(call))
-        self._events.flush_later()
 
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and wait, on a thread that is not the executor's."""
@@ -254,6 +254,7 @@ class Client:
         self._sent[call.number] = call
         if stamp_ns:
             self._events.record(event.REQUEST_SENT, stamp_ns, self._gid, call.number, call.request)
+            self._events.flush_later()
 
     def _take(self) -> bool:
         with self._lock:
@@ -264,9 +265,10 @@ class Client:
             call = self._sent.pop(number, None)
         if stamp_ns := self._events.stamp():
             self._events.record(event.RESPONSE_RECEIVED, stamp_ns, self._gid, number, response)
-            self._events.flush_later()
         if call is not None:
             self._end(call, CallResult(CallOutcome.RESPONSE, self._response.decode(response)))
+        if stamp_ns:
+            self._events.flush_later()
         return True
 
     def _failed(self, error: CallError) -> None:
@@ -300,7 +302,6 @@ class Client:
             if not self._closed:
                 self._send(call)
                 del self._sent[call.number]
-                self._events.flush_later()
         text = f"{self.name}: nobody answers: no node serves it, or it went away"
         self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
 
@@ -317,7 +318,6 @@ class Client:
                 for call in self._held:
                     self._send(call)
                 self._held.clear()
-                self._events.flush_later()
             else:
                 lost = list(self._sent.values())
                 self._sent.clear()
