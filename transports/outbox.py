@@ -26,6 +26,10 @@ AT_MOST_S = 0.012
 """How long anything waits where a node is never quiet, and how long it is at least from one burst to the
 next: half of the 25 ms that a monitor allows for at least (``moon.monitor.patience.LEAST_NS``)."""
 
+CALLER_S = AT_MOST_S - QUIET_S
+"""How long what a thread tells waits that calls one service after the other: looking earlier whether it has
+done so would only hold it up, as the executor's thread takes turns with it."""
+
 
 class Clockwork(Protocol):
     """What an outbox needs of an executor."""
@@ -66,13 +70,18 @@ class Outbox(Generic[Item]):
         self._first_s = self._last_s = 0.0
         self._burst_s = -AT_MOST_S
 
-    def flush_later(self) -> None:
-        """Tell what is kept when the node is quiet; from any thread."""
+    def flush_later(self, delay_s: float = 0.0) -> None:
+        """Tell what is kept when the node is quiet; from any thread.
+
+        Args:
+            delay_s: how long what is told first waits at least, if longer than usual.
+        """
         self._last_s = now_s = self._clock()
         if not self._scheduled:
             self._scheduled = True
             self._first_s = now_s
-            self._executor.after(max(self._delay_s, self._burst_s + AT_MOST_S - now_s), self._look)
+            wait_s = max(self._delay_s, delay_s, self._burst_s + AT_MOST_S - now_s)
+            self._executor.after(wait_s, self._look)
 
     def _look(self) -> None:
         wait_s = min(self._last_s + QUIET_S, self._first_s + AT_MOST_S) - self._clock()

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable
 
 from moon.monitor.patience import LEAST_NS
-from transports.outbox import AT_MOST_S, DELAY_S, QUIET_S, Outbox
+from transports.outbox import AT_MOST_S, CALLER_S, DELAY_S, QUIET_S, Outbox
 
 
 class Time:
@@ -101,3 +101,14 @@ def test_a_node_that_closes_tells_what_is_left_and_nothing_after_it():
     node.time.pass_until(1.0)
     node.outbox.close()
     assert node.left == [(0.0, 0)]
+
+
+def test_who_calls_one_service_after_the_other_is_not_looked_at_before_its_tick_is_over():
+    node = Node()
+    for number in range(5):
+        node.time.pass_until(number / 1000)
+        node.outbox.add(number)
+        node.outbox.flush_later(CALLER_S)
+    node.time.pass_until(1.0)
+    assert node.left == [(CALLER_S, number) for number in range(5)]
+    assert node.time.looks == 1

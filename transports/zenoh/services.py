@@ -22,7 +22,7 @@ import zenoh
 
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
-from transports.outbox import DELAY_S
+from transports.outbox import CALLER_S, DELAY_S
 from transports.payloads import PayloadError
 from transports.timers import Timer
 from transports.zenoh.executor import Executor
@@ -245,6 +245,7 @@ class Client:
                 payload,
                 timeout_s,
                 zenoh.handlers.Callback(put, lambda: put(None), indirect=False),
+                CALLER_S,
             )
             reply = self._first(replies, deadline)
         except Empty:
@@ -254,7 +255,7 @@ class Client:
         finally:
             self._waiting.discard(replies)
         if self.note_end(number, result, response):
-            self.events.flush_later()
+            self.events.flush_later(CALLER_S)
         return result
 
     def close(self) -> None:
@@ -275,7 +276,9 @@ class Client:
                 wait_s = max(deadline - time.monotonic(), 0.0)
         return replies.get(timeout=wait_s)
 
-    def _send(self, number: int, payload: bytes, timeout_s: float, handler: Any) -> None:
+    def _send(
+        self, number: int, payload: bytes, timeout_s: float, handler: Any, delay_s: float = 0.0
+    ) -> None:
         events = self.events
         moment = events.moment() if events.heard else None
         try:
@@ -292,7 +295,7 @@ class Client:
             raise TransportError(f"cannot call {self._name}: {error}") from error
         if moment is not None:
             events.record(event.REQUEST_SENT, moment, self._node, number, payload)
-            events.flush_later()
+            events.flush_later(delay_s)
 
     def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, bytes | None]:
         """What a reply means, and the encoded response for the service event."""
