@@ -267,6 +267,11 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
 class Tap(Protocol):
     """A passive listener. Observations arrive on the tap's executor in order of reception."""
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether all that those publish who were there when it was opened reaches it by now."""
+        ...
+
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to."""
         ...

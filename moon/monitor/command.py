@@ -117,6 +117,7 @@ def _monitor(
     seconds: float | None,
 ) -> int:
     """Monitor until it is to end; how many violations there were."""
+    from moon.monitor.joining import Joining
     from moon.monitor.screen import screen_for
     from moon.monitor.watch import SystemWatch
     from moon.recording.recorded import RecordedConnection, RecordedRun
@@ -129,11 +130,12 @@ def _monitor(
     sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection), screen]
     if transport == "ros2":
         sinks += _diagnostics(connection)
-    told: Connection = connection
+    joining = Joining(connection)
+    told: Connection = joining
     clock = time.monotonic_ns
     run: RecordedRun | None = None
     if recorder is not None:
-        told = recorded = RecordedConnection(connection, recorder.add, transport)
+        told = recorded = RecordedConnection(joining, recorder.add, transport)
         clock = recorded.monotonic_ns
         run = RecordedRun(recorded, recorder)
         sinks.insert(0, run)
@@ -150,25 +152,28 @@ def _monitor(
     )
     notices = Notices(say)
     try:
-        watch.start()
-        listener = watch.listener
-        assert listener is not None
+        joining.when_complete(watch.start, say)
 
         def look_around() -> None:
             screen.refresh(watch.statuses())
-            notices.links(listener.peers())
+            if watch.listener is None:
+                return
+            notices.links(watch.listener.peers())
             notices.problems(watch.problems())
             if run is not None:
-                run.note_problems(listener.problems())
+                run.note_problems(watch.listener.problems())
 
         def is_over() -> bool:
             return exit_on_violation and watch.certain_violations > 0
 
         gc.freeze()  # models and modules stay: looking for garbage among them held a tick up by 50 ms
         Watching(connection).run(look_around, seconds, is_over)
+        if watch.listener is None:
+            watch.start()  # stopped before it began
+        assert watch.listener is not None
         notices.last_problems(watch.problems())
         if run is not None:
-            run.end(listener.problems())
+            run.end(watch.listener.problems())
         screen.finish(watch.summary())
         return watch.violations
     finally:

@@ -126,6 +126,10 @@ class _Taps:
     def __init__(self, taps: Sequence[Tap]) -> None:
         self._taps = tuple(taps)
 
+    @property
+    def is_complete(self) -> bool:
+        return all(tap.is_complete for tap in self._taps)
+
     def peers(self) -> Sequence[str]:
         return sorted({peer for tap in self._taps for peer in tap.peers()})
 

@@ -18,7 +18,7 @@ from moon.monitor.pace import NS, PERIOD_S, Pace, read_together
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception
 from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
-from moon.oracle.bounds import Bounds
+from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.policy.places import policy_oracle
@@ -133,7 +133,9 @@ class SystemWatch:
         node = self._nodes.get(seen.source)
         if node is not None:
             node.lags.append(lag_ns)
-            node.heard = node.heard or not node.up
+            if not (node.up or node.heard):
+                node.heard = True
+                self._models.node_found(seen.source, now_ns + _LINKED_NS)
         if seen.kind is ObservationKind.MESSAGE and seen.sequence >= 0:
             self._look_at_first(seen)
         limit_ns = pace.clock_ns
@@ -238,6 +240,7 @@ class SystemWatch:
         self._say(f"warning: {why}: all machines are found anew")
         for name, node in self._nodes.items():
             if node.is_seen:
+                self._models.node_found(name, since_ns)
                 self._lose(self._models.watched[name], why)
 
     def _fresh_models(self) -> ModelMonitor:
@@ -251,14 +254,21 @@ class SystemWatch:
                 synchronised=False,
                 rate_hz=0.0,
             )
-        return ModelMonitor(
+        models = ModelMonitor(
             self._machines, self._library, self._bounds, synchronised=False, policy=policy
         )
+        for name in models.oracles:
+            models.node_found(name, FOREVER)  # it is not known to be there
+        return models
 
     # --- nodes -------------------------------------------------------------------------------------
 
     def _node_changed(self, name: str, up: bool) -> None:
         node = self._nodes.get(name)
+        if up and self._transport.up_since(name) < self._listening_since:
+            # what it did before is not known, so nothing is said of what should have been before
+            since_ns = self._listening_since
+            self._properties.lose_all(since_ns, max(since_ns, self._pace.now_ns) + 1)
         if node is None:
             return
         if up:
@@ -288,9 +298,8 @@ class SystemWatch:
         if not started or heard:
             if again or heard:
                 self._lose(self._models.watched[name], MIDDLE)
-            else:
-                now_ns = max(self._pace.now_ns, self._listening_since)
-                self._models.node_found(name, now_ns + _LINKED_NS)
+            found_ns = max(self._pace.now_ns, self._listening_since)
+            self._models.node_found(name, found_ns + _LINKED_NS)
             return
         for place in [place for place in self._first if place[0] == name]:
             del self._first[place]

@@ -82,6 +82,11 @@ class Player:
         """Nothing is published: TransportError."""
         raise TransportError(f"{topic.name}: nobody listens to a recording")
 
+    @property
+    def is_complete(self) -> bool:
+        """Who recorded it began when it was."""
+        return True
+
     def peers(self) -> Sequence[str]:
         """Nobody."""
         return ()

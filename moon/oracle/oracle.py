@@ -46,6 +46,7 @@ class Oracle(Judging):
                 one latency bound.
         """
         self._synchronised = True
+        self._heard_since = None
         self._window.clear()
         self._uptake.clear()
         self._lanes.restart()
@@ -234,7 +235,7 @@ class Oracle(Judging):
     def _take(self, fact: Fact, verdicts: list[Verdict]) -> None:
         role, stamp = fact.role, fact.stamp
         if role is _ASKED:
-            if stamp > self._lost_until:
+            if stamp > self._lost_until and stamp > (self._heard_since or 0):
                 self._uptake.ask(fact)
                 self._wake_at(min(self.wake, self._uptake.due))
             return

@@ -268,7 +268,7 @@ class Cell:
             self._doubt.settle(end)
         assert self._doubt is not None
         self._doubt_now = end
-        self._lost = f"messages on {channel} were lost"
+        self._lost = f"messages on {channel} were missed"
         self._doubt.lose(texts, start, end)
         states = [text for text in texts if text not in self.binding.events]
         self._doubt.unknown.update(dict.fromkeys(states, self._lost))

@@ -9,16 +9,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from msgspec.structs import replace
 
+from moon.monitor.connection import Connection
 from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Said, Turn
 from moon.recording.writer import RecordingWriter
 from moon.verdict import Verdict
-from transports.interface import Observation, Publisher, Tap, Timer, Topic, Transport
+from transports.interface import Observation, Publisher, Tap, Timer, Topic
 
 _UNUSUAL_NS = 100_000_000
 """After this long without a turn, both clocks are looked at: the monitor may stand to be told why."""
+
+
+class Home(Connection, Protocol):
+    """The connection that is recorded: a ``Transport``, or what stands before it."""
+
+    @property
+    def node(self) -> str:
+        """See ``Transport.node``."""
+        ...
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """See ``Transport.publisher``."""
+        ...
 
 
 class RecordedConnection:
@@ -30,7 +45,7 @@ class RecordedConnection:
         transport: its middleware.
     """
 
-    def __init__(self, home: Transport, record: Callable[[Entry], None], transport: str) -> None:
+    def __init__(self, home: Home, record: Callable[[Entry], None], transport: str) -> None:
         self._home = home
         self._record = record
         self._transport = transport

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import signal
@@ -72,14 +73,25 @@ class Robot:
         self._thread.join(WAIT_S)
 
 
+@contextlib.contextmanager
+def a_robot(endpoint: str) -> Iterator[Robot]:
+    made = Robot(endpoint)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
 @pytest.fixture
-def robot(tmp_path) -> Iterator[tuple[Robot, str]]:
+def endpoint(tmp_path) -> Iterator[str]:
     with router(tmp_path) as (endpoint, _):
-        made = Robot(endpoint)
-        try:
-            yield made, endpoint
-        finally:
-            made.close()
+        yield endpoint
+
+
+@pytest.fixture
+def robot(endpoint) -> Iterator[tuple[Robot, str]]:
+    with a_robot(endpoint) as made:
+        yield made, endpoint
 
 
 @pytest.fixture
@@ -126,16 +138,17 @@ def test_without_models_silence_is_told_everywhere_and_ends_it_with_1(
     assert rows["answers"] == "violated"
 
 
-def test_without_models_and_without_violation_it_ends_with_0(start, robot, properties) -> None:
-    node, endpoint = robot
+def test_without_models_and_without_violation_it_ends_with_0(start, endpoint, properties) -> None:
     monitor = start(Monitor, "--properties", properties, "--endpoint", endpoint)
-    linked(monitor)
-    for value in range(20):
-        node.say("asked")
-        node.say("answered")
-        node.say("level", 50 + value)
-    monitor.until(lambda: monitor.of("high") == ["conforming"])  # once a level was heard
-    assert monitor.end(signal.SIGINT) == 0, monitor.said
+    monitor.until_listening()
+    with a_robot(endpoint) as node:
+        linked(monitor)
+        for value in range(20):
+            node.say("asked")
+            node.say("answered")
+            node.say("level", 50 + value)
+        monitor.until(lambda: monitor.of("high") == ["conforming"])  # once a level was heard
+        assert monitor.end(signal.SIGINT) == 0, monitor.said
     assert monitor.violated == set()
     rows = {item["machine"]: item for item in monitor.summary["machines"]}
     assert set(rows) == {"answers", "high"}
@@ -144,7 +157,7 @@ def test_without_models_and_without_violation_it_ends_with_0(start, robot, prope
 
 
 def test_a_violation_is_printed_with_its_witness_for_people(start, robot, properties) -> None:
-    node, endpoint = robot
+    node, endpoint = robot  # before the monitor: nothing is known of what it did, or left out
     monitor = start(Process, "moon", "monitor", "--properties", properties, "--endpoint", endpoint)
     linked(monitor)
     node.say("level", 20)
@@ -153,7 +166,8 @@ def test_a_violation_is_printed_with_its_witness_for_people(start, robot, proper
     text = "\n".join(monitor.out)
     assert "high  VIOLATED  warning: At every moment, `level >= 30`." in text
     assert 'not (level >= 30): message on /level of robot {"data":20}' in text
-    assert "2 properties: 1 conforming, 1 violated" in text
+    assert "answers  inconclusive  messages on /answered were missed" in text
+    assert "2 properties: 1 violated, 1 inconclusive" in text
 
 
 def test_beside_models_both_find_a_skill_that_answers_the_opposite(start, wrong, tmp_path) -> None:

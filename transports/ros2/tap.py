@@ -46,6 +46,12 @@ _TURN_S = 0.01
 _SILENT_S = 1.0
 """A service that has had no events for so long has none: its endpoints come and go one by one."""
 _UNKNOWN = -1
+_ALONE_S = 1.0
+"""Nobody is there who is not known by then: DDS announces participants five times in half a second."""
+_DISCOVERY_S = 3.5
+"""What others publish is known by then: what was lost of that is sent again at heartbeats, each 3 s."""
+_MATCHED_S = 0.5
+"""So long after it was made a subscription is matched with the publishers that were there."""
 _HOW = (
     "switch it on at both ends: configure_introspection(clock, qos, "
     "ServiceIntrospectionState.CONTENTS) on the service and on the client"
@@ -113,9 +119,16 @@ class Tap:
         self._gone: set[bytes] = set()
         self._silent_since: dict[str, float] = {}
         self._closed = False
+        self._began_s = time.monotonic()
+        self._complete_at_s = self._began_s + _ALONE_S
         announcements.own.taps += self._globs
         executor.after_taking(self._pass_on)
         executor.post(self.refresh)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the graph was discovered, and of late nothing was new in it, or waited for a name."""
+        return not (self._to_hear or self._looking) and time.monotonic() >= self._complete_at_s
 
     def peers(self) -> Sequence[str]:
         """Names of the nodes in the graph."""
@@ -158,6 +171,7 @@ class Tap:
 
         While a system starts it changes a hundred times, and each look takes locks that DDS holds then.
         """
+        self._complete_at_s = max(self._complete_at_s, time.monotonic() + _MATCHED_S)
         if not self._looking and not self._closed:
             self._looking = True
             self._executor.after_real(max(self._quiet_until - time.monotonic(), 0.0), self._look)
@@ -285,6 +299,8 @@ class Tap:
             return True
 
         self._executor.handle(subscription, take, qos.TAP_DEPTH)
+        known_s = max(self._began_s + _DISCOVERY_S, time.monotonic() + _MATCHED_S)
+        self._complete_at_s = max(self._complete_at_s, known_s)
         return subscription, ros
 
     def _observing(self, topic: str, type_name: str) -> Observing:
@@ -317,6 +333,7 @@ class Tap:
                 now = time.monotonic()
                 first.deadline = first.deadline or now + _NAMELESS_S
                 if now < first.deadline:
+                    self._complete_at_s = max(self._complete_at_s, now + _MATCHED_S)
                     if not self._retrying:
                         self._retrying = True
                         self._executor.after_real(_RETRY_S, self._retry)

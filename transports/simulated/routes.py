@@ -132,6 +132,11 @@ class Tap:
         self._closed = False
         node.routes.add(self)
 
+    @property
+    def is_complete(self) -> bool:
+        """It hears everything at once."""
+        return True
+
     def peers(self) -> Sequence[str]:
         """Names of the other nodes: in one world all are linked."""
         return sorted(name for name in self._node.world.nodes if name != self._node.node)

@@ -42,6 +42,9 @@ _BATCH = 512
 _AHEAD = 2
 """Batches decoded ahead of the reader; all else waits in the ring, where it can be dropped."""
 
+_JOINING_S = 0.5
+"""Publishers hear of a subscriber one by one, within ms; longer where processors are busy."""
+
 _decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
 _decode_any = msgspec.msgpack.Decoder().decode
 
@@ -69,6 +72,11 @@ class Tap:
         self._watches = [
             watch(session, f"{prefix}/**", self._tokens.put) for prefix in (NODE_KEYS, LINK_KEYS)
         ]
+        info = session.info
+        is_alone = not (
+            info.peers_zid() or info.routers_zid()
+        )  # opening a session waits for those who are there
+        self._complete_at_s = time.monotonic() + (0.0 if is_alone else _JOINING_S)
         self._free = threading.Semaphore(_AHEAD)
         self._subscribers = [
             session.declare_subscriber(key, zenoh.handlers.RingChannel(RING_CAPACITY))
@@ -82,6 +90,11 @@ class Tap:
         ]
         for thread in self._threads:
             thread.start()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether those that were there have had the time to hear of it."""
+        return time.monotonic() >= self._complete_at_s
 
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to, directly or by a router."""

@@ -232,3 +232,16 @@ def test_what_the_tools_tell_each_other_travels_without_a_ros_type(
     assert observations[-1].type_name == TreeTick.__type_name__
     with pytest.raises(TransportError, match="expected a message of type m2c/msg/TreeTick"):
         on(network, source, lambda: publisher.publish(Number()))
+
+
+def test_a_tap_is_complete_when_it_hears_those_who_were_there(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from std_msgs.msg import Int32
+
+    publisher = bare.node.create_publisher(Int32, "/there", 10)
+    _, tap, heard = tapped(network)
+    assert not tap.is_complete
+    assert network.until(lambda: tap.is_complete)
+    publisher.publish(Int32(data=3))
+    assert network.until(lambda: [seen.data for seen in heard] == [{"data": 3}])

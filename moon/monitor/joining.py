@@ -1,0 +1,106 @@
+"""A monitor that joins a running system begins when it hears all of it.
+
+Subscriptions take effect one after the other: in the middle of a run a tap hears an answer before it can hear
+the question. Who judges that says that something did not happen. So the tap is opened first, what it hears
+before it is complete is left out, and then the monitor begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from transports.interface import Observation, Publisher, Tap, Timer, Topic, Transport
+
+LOOK_S = 0.02
+"""How often it is looked whether the tap is complete."""
+AT_MOST_S = 15.0
+"""Nobody waits longer for a graph that goes on changing."""
+
+
+class Joining:
+    """What :class:`moon.monitor.watch.SystemWatch` needs of a transport, the tap opened before.
+
+    Args:
+        connection: the monitor's.
+    """
+
+    def __init__(self, connection: Transport) -> None:
+        self._connection = connection
+        self._up: dict[str, None] = {}
+        self._hear: Callable[[Observation], None] | None = None
+        self._changed: Callable[[str, bool], None] | None = None
+        self._tap = connection.tap([], self._heard)
+        connection.watch_nodes(self._node_changed)
+
+    def when_complete(self, begin: Callable[[], None], say: Callable[[str], None]) -> None:
+        """Call ``begin`` once, when the tap hears everything; at once, if it does already."""
+        if self._tap.is_complete:
+            begin()
+            return
+        deadline_ns = self._connection.now_ns() + round(AT_MOST_S * 1e9)
+
+        def look() -> None:
+            if self._tap.is_complete:
+                timer.cancel()
+                begin()
+            elif self._connection.now_ns() > deadline_ns:
+                timer.cancel()
+                say("warning: the graph goes on changing: monitoring begins before all is heard")
+                begin()
+
+        timer = self._connection.every(LOOK_S, look)
+
+    @property
+    def node(self) -> str:
+        """See ``Transport.node``."""
+        return self._connection.node
+
+    @property
+    def repair_s(self) -> float:
+        """See ``Transport.repair_s``."""
+        return self._connection.repair_s
+
+    def now_ns(self) -> int:
+        """See ``Transport.now_ns``."""
+        return self._connection.now_ns()
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """The tap that is open, from now on for ``handler``; of all channels, as monitors want it."""
+        assert not channels
+        self._hear = handler
+        return self._tap
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """Told soon of those that are up."""
+        self._changed = handler
+        for name in tuple(self._up):
+            self._connection.post(partial(handler, name, True))
+
+    def up_since(self, name: str) -> int:
+        """See ``Transport.up_since``."""
+        return self._connection.up_since(name)
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """See ``Transport.every``."""
+        return self._connection.every(period_s, handler)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """See ``Transport.post``."""
+        self._connection.post(handler)
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """See ``Transport.publisher``."""
+        return self._connection.publisher(topic)
+
+    def _heard(self, seen: Observation) -> None:
+        if self._hear is not None:
+            self._hear(seen)
+
+    def _node_changed(self, name: str, up: bool) -> None:
+        if up:
+            self._up[name] = None
+        else:
+            self._up.pop(name, None)
+        if self._changed is not None:
+            self._changed(name, up)

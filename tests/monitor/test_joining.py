@@ -1,0 +1,92 @@
+"""A monitor that joins a running system begins when its tap is complete."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from moon.monitor.joining import AT_MOST_S, Joining
+from tests.monitor.hand_driven import HandDriven, S
+from transports.interface import Observation, ObservationKind
+from transports.simulated import SimulatedTransport, SimulatedWorld
+
+
+class Slow(SimulatedTransport):
+    """Its tap is complete when a test says so."""
+
+    def __init__(self, world: SimulatedWorld) -> None:
+        super().__init__(world, "monitor")
+        self.is_complete = False
+        self.hear: Callable[[Observation], None] | None = None
+
+    def tap(self, channels, handler):
+        self.hear = handler
+        return self
+
+    def problems(self):
+        return ()
+
+
+def seen(data: int) -> Observation:
+    return Observation(
+        stamp_ns=0, received_ns=0, channel="/c", kind=ObservationKind.MESSAGE,
+        type_name="t/msg/T", data={"data": data}, source="n",
+    )  # fmt: skip
+
+
+@pytest.fixture
+def world() -> SimulatedWorld:
+    return SimulatedWorld(1)
+
+
+def test_what_comes_before_the_tap_is_complete_is_left_out(world: SimulatedWorld) -> None:
+    slow = Slow(world)
+    SimulatedTransport(world, "early").announce()
+    joining = Joining(slow)
+    heard: list[object] = []
+    nodes: list[tuple[str, bool]] = []
+
+    def begin() -> None:
+        joining.tap([], lambda item: heard.append(item.data))
+        joining.watch_nodes(lambda name, up: nodes.append((name, up)))
+
+    joining.when_complete(begin, pytest.fail)
+    world.run_for(0.5)
+    slow.hear(seen(1))
+    assert not heard
+    slow.is_complete = True
+    world.run_for(0.5)
+    slow.hear(seen(2))
+    assert heard == [{"data": 2}]
+    assert nodes == [("early", True)]
+    SimulatedTransport(world, "late").announce()
+    world.run_for(0.5)
+    assert nodes == [("early", True), ("late", True)]
+
+
+def test_a_graph_that_goes_on_changing_is_not_waited_for_without_end(world: SimulatedWorld) -> None:
+    said: list[str] = []
+    begun: list[int] = []
+    Joining(Slow(world)).when_complete(lambda: begun.append(world.now_ns), said.append)
+    world.run_for(AT_MOST_S + 1)
+    assert len(begun) == 1
+    assert said == ["warning: the graph goes on changing: monitoring begins before all is heard"]
+
+
+def test_a_request_to_a_node_that_was_just_found_may_have_been_taken_up_unheard(tmp_path) -> None:
+    hand = HandDriven(tmp_path)
+    hand.pass_time(100)
+    hand.node("Level", True, since=hand.now - 10 * S)
+    hand.tick(1, status=0)
+    hand.pass_time(500)
+    ask(hand, 2)
+    hand.pass_time(5000)
+    assert hand.watch.violations == 0
+    ask(hand, 3)
+    hand.pass_time(1500)
+    assert hand.watch.violations == 1
+
+
+def ask(hand: HandDriven, call: int) -> None:
+    hand.hear("/Level/tick", "request_sent", "t/srv/Tick_Request", {}, "policy", call=call)
