@@ -10,7 +10,7 @@ from typing import Protocol
 
 from transports import actions
 from transports.completion import Completion
-from transports.interface import Action, ActionClient, GoalHandle, Transport
+from transports.interface import Action, ActionClient, GoalHandle, Transport, TransportError
 from transports.timers import Timer
 
 
@@ -91,7 +91,11 @@ class OnExecutor(Transport):
 
     def spin(self, until: Callable[[], bool] | None = None) -> None:
         """Run the executor on the calling thread until ``close()`` (or until ``until()``)."""
-        self._executor.spin(until)
+        try:
+            self._executor.spin(until)
+        except TransportError:
+            if not self._is_closing():
+                raise  # else a handler was at work as the node closed beneath it
 
     def close(self) -> None:
         """Stop and release everything; idempotent, from any thread."""

@@ -16,6 +16,7 @@ from transports.interface import (
     Service,
     TransportError,
 )
+from transports.zenoh import connect
 
 pytestmark = pytest.mark.zenoh
 
@@ -202,3 +203,23 @@ def test_a_service_of_another_type_is_told_apart(network):
     assert client.call_and_wait(peer.AddRequest()).error == (
         "bad request: expected type test_interfaces/srv/Add_Request, got other/srv/Add_Request"
     )
+
+
+def test_a_handler_at_work_as_its_node_closes_ends_quietly(network):
+    caller = connect("caller", {"listen": network.endpoint})
+    client = caller.client(peer.ADD)
+    refused = Inbox()
+
+    def close_and_call():
+        closing = threading.Thread(target=caller.close)
+        closing.start()
+        closing.join()
+        try:
+            client.call(peer.AddRequest(1, 1), refused)
+        except TransportError as error:
+            refused(str(error))
+            raise
+
+    caller.post(close_and_call)
+    caller.spin()
+    assert refused.wait() == ["cannot call /adder/add: session closed"]
