@@ -41,13 +41,13 @@ class Joining:
         deadline_ns = self._connection.now_ns() + round(AT_MOST_S * 1e9)
 
         def look() -> None:
-            if self._tap.is_complete:
-                timer.cancel()
-                begin()
-            elif self._connection.now_ns() > deadline_ns:
-                timer.cancel()
+            is_complete = self._tap.is_complete
+            if not is_complete and self._connection.now_ns() <= deadline_ns:
+                return
+            timer.cancel()
+            if not is_complete:
                 say("warning: the graph goes on changing: monitoring begins before all is heard")
-                begin()
+            begin()
 
         timer = self._connection.every(LOOK_S, look)
 
@@ -72,10 +72,13 @@ class Joining:
         return self._tap
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
-        """Told soon of those that are up."""
+        """Told soon of those that are up then, and of changes from then on."""
+        self._connection.post(partial(self._tell_nodes, handler))
+
+    def _tell_nodes(self, handler: Callable[[str, bool], None]) -> None:
         self._changed = handler
         for name in tuple(self._up):
-            self._connection.post(partial(handler, name, True))
+            handler(name, True)
 
     def up_since(self, name: str) -> int:
         """See ``Transport.up_since``."""

@@ -197,8 +197,8 @@ class PropertyWatch:
         if until <= self._reached_ns:
             return found, self._reached_ns
         while self._losses:
-            group = self._first_losses()
-            start, end = group[0].start, max(loss.end for loss in group)
+            group, end = self._first_losses()
+            start = group[0].start
             if start > until:
                 break
             if end > until:
@@ -211,7 +211,7 @@ class PropertyWatch:
                 for channel in sorted({loss.channel for loss in group}):
                     found += self._changes(self._ordered.lose(channel, start, stamp))
                 found += self._pass_to(stamp, even_if_idle=True)
-            self._losses = [loss for loss in self._losses if loss not in group]
+            del self._losses[: len(group)]
         return found + self._pass_to(until), until
 
     def _foreseen(self, now_ns: int) -> list[Verdict]:
@@ -242,15 +242,21 @@ class PropertyWatch:
                 found += self._told(name, msgspec.structs.replace(standing, reason=reason))
         return found
 
-    def _first_losses(self) -> list[_Loss]:
-        """The earliest loss and those that overlap with it, the earliest first."""
+    def _first_losses(self) -> tuple[list[_Loss], int]:
+        """The earliest loss and those that overlap with it, the earliest first, and when all have ended.
+
+        They are the first of ``_losses`` afterwards. A fleet that is joined has a loss for each of its
+        nodes and channels.
+        """
         self._losses.sort(key=_IN_ORDER)
         group: list[_Loss] = []
+        end = self._losses[0].end
         for loss in self._losses:
-            if group and loss.start > max(item.end for item in group):
+            if loss.start > end:
                 break
             group.append(loss)
-        return group
+            end = max(end, loss.end)
+        return group, end
 
     def _pass_to(self, instant: int, even_if_idle: bool = False) -> list[Verdict]:
         """Everything stamped up to ``instant`` counts.

@@ -56,22 +56,17 @@ def test_a_node_that_was_there_before_is_found_in_the_middle(hand) -> None:
     assert hand.watch.violations == 1
 
 
-def test_the_first_thing_that_a_silent_node_does_is_judged(hand) -> None:
+@pytest.mark.parametrize(("silent_ms", "violations"), [(6000, 1), (4000, 0)])
+def test_the_first_thing_that_a_silent_node_does_is_judged_unless_it_was_just_found(
+    hand, silent_ms: int, violations: int
+) -> None:
+    """It may have been asked before this monitor was linked to it."""
     hand.pass_time(100)
     hand.node("Level", True, since=START - S)
-    hand.pass_time(6000)
+    hand.pass_time(silent_ms)
     hand.tick(1, status=7)
     hand.pass_time(500)
-    assert hand.watch.violations == 1
-
-
-def test_a_node_that_has_just_been_found_may_have_been_asked_before(hand) -> None:
-    hand.pass_time(100)
-    hand.node("Level", True, since=START - S)
-    hand.pass_time(4000)
-    hand.tick(1, status=7)
-    hand.pass_time(500)
-    assert hand.watch.violations == 0
+    assert hand.watch.violations == violations
 
 
 def test_a_node_that_is_never_heard_owes_nothing(hand) -> None:

@@ -130,6 +130,9 @@ class Tap:
         """Whether the graph was discovered, and of late nothing was new in it, or waited for a name."""
         return not (self._to_hear or self._looking) and time.monotonic() >= self._complete_at_s
 
+    def _not_complete_before(self, instant_s: float) -> None:
+        self._complete_at_s = max(self._complete_at_s, instant_s)
+
     def peers(self) -> Sequence[str]:
         """Names of the nodes in the graph."""
         return sorted(set(self._node.get_node_names()) - {self._node.get_name()})
@@ -171,7 +174,7 @@ class Tap:
 
         While a system starts it changes a hundred times, and each look takes locks that DDS holds then.
         """
-        self._complete_at_s = max(self._complete_at_s, time.monotonic() + _MATCHED_S)
+        self._not_complete_before(time.monotonic() + _MATCHED_S)
         if not self._looking and not self._closed:
             self._looking = True
             self._executor.after_real(max(self._quiet_until - time.monotonic(), 0.0), self._look)
@@ -299,8 +302,8 @@ class Tap:
             return True
 
         self._executor.handle(subscription, take, qos.TAP_DEPTH)
-        known_s = max(self._began_s + _DISCOVERY_S, time.monotonic() + _MATCHED_S)
-        self._complete_at_s = max(self._complete_at_s, known_s)
+        self._not_complete_before(self._began_s + _DISCOVERY_S)
+        self._not_complete_before(time.monotonic() + _MATCHED_S)
         return subscription, ros
 
     def _observing(self, topic: str, type_name: str) -> Observing:
@@ -333,7 +336,7 @@ class Tap:
                 now = time.monotonic()
                 first.deadline = first.deadline or now + _NAMELESS_S
                 if now < first.deadline:
-                    self._complete_at_s = max(self._complete_at_s, now + _MATCHED_S)
+                    self._not_complete_before(now + _MATCHED_S)
                     if not self._retrying:
                         self._retrying = True
                         self._executor.after_real(_RETRY_S, self._retry)

@@ -72,10 +72,8 @@ class Tap:
         self._watches = [
             watch(session, f"{prefix}/**", self._tokens.put) for prefix in (NODE_KEYS, LINK_KEYS)
         ]
-        info = session.info
-        is_alone = not (
-            info.peers_zid() or info.routers_zid()
-        )  # opening a session waits for those who are there
+        # opening a session waits for those who are there: who knows nobody is alone
+        is_alone = not (session.info.peers_zid() or session.info.routers_zid())
         self._complete_at_s = time.monotonic() + (0.0 if is_alone else _JOINING_S)
         self._free = threading.Semaphore(_AHEAD)
         self._subscribers = [
