@@ -17,8 +17,9 @@ import signal
 import statistics
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, cast
 
 from loopback import busy, free_endpoint
 from row import Row, publish
@@ -28,7 +29,7 @@ from m2c.model.system import System
 from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
-from transports.interface import Observation, ObservationKind, Transport
+from transports.interface import Observation, ObservationKind, Tap, Transport
 from transports.zenoh import connect
 
 SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
@@ -45,23 +46,64 @@ class Looker:
         self.oracle = oracle
         self.alone = not oracle.channels.hears_others
         self.lags_ms: list[float] = []
-        self._stamps: list[int] = []
+        self.stamps: list[int] = []
+        """Of what waits for its verdict: a heap."""
 
-    def look(self, now_ns: int, seen: Observation | None = None) -> None:
-        """After ``seen``, or after a turn."""
-        oracle, stamps = self.oracle, self._stamps
-        if not oracle.is_synchronised:
-            stamps.clear()
-        elif seen is not None and self._is_of_machine(seen):
-            heapq.heappush(stamps, seen.stamp_ns)
-        while stamps and stamps[0] <= oracle.judged_until:
-            self.lags_ms.append((now_ns - heapq.heappop(stamps)) / MS)
-
-    def _is_of_machine(self, seen: Observation) -> bool:
+    def concerns(self, seen: Observation) -> bool:
         """Whether it is the machine's own doing, or a message that it gets."""
         if not self.oracle.concerns(seen.channel, seen.source, seen.kind):
             return False
         return seen.source == self.oracle.node or seen.kind is ObservationKind.MESSAGE
+
+    def look(self, now_ns: int) -> None:
+        """What has been judged by now?"""
+        oracle, stamps = self.oracle, self.stamps
+        if not oracle.is_synchronised:
+            stamps.clear()
+        while stamps and stamps[0] <= oracle.judged_until:
+            self.lags_ms.append((now_ns - heapq.heappop(stamps)) / MS)
+
+
+class Lookers:
+    """Looks at those oracles only that have something to judge: looking is not to hold up the monitor."""
+
+    def __init__(self) -> None:
+        self.all: list[Looker] = []
+        self._concerned: dict[tuple[str, str, ObservationKind], list[Looker]] = {}
+
+    def look(self, now_ns: int, seen: Observation | None = None) -> None:
+        """After ``seen``, or after a turn."""
+        if seen is not None:
+            key = (seen.channel, seen.source, seen.kind)
+            if (concerned := self._concerned.get(key)) is None:
+                concerned = [looker for looker in self.all if looker.concerns(seen)]
+                if self.all:
+                    self._concerned[key] = concerned
+            for looker in concerned:
+                heapq.heappush(looker.stamps, seen.stamp_ns)
+        for looker in self.all:
+            if looker.stamps:
+                looker.look(now_ns)
+
+
+class Looked:
+    """A monitor's connection, of which is looked what it made of each thing that it heard."""
+
+    def __init__(self, connection: Transport, look: Callable[[Observation], None]) -> None:
+        self._connection = connection
+        self._look = look
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._connection, name)
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """The monitor's own tap: another one would double its work."""
+
+        def hear(seen: Observation) -> None:
+            handler(seen)
+            self._look(seen)
+
+        return self._connection.tap(channels, hear)
 
 
 def measured(ticks: int) -> tuple[list[Looker], int]:
@@ -69,7 +111,7 @@ def measured(ticks: int) -> tuple[list[Looker], int]:
     system = load([SYSTEM], DiagnosticLog())
     assert system is not None
     endpoint = free_endpoint()
-    lookers: list[Looker] = []
+    lookers = Lookers()
     command = [sys.executable, "-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
     command += ["--quiet", "--ticks", str(ticks), "--rate", str(RATE_HZ)]
     tour = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
@@ -85,23 +127,23 @@ def measured(ticks: int) -> tuple[list[Looker], int]:
         said = tour.communicate(timeout=30)[1]
     if tour.returncode:
         sys.exit(f"the tour ended with exit code {tour.returncode}: {said}")
-    return lookers, violations
+    return lookers.all, violations
 
 
 def watched(
-    connection: Transport, system: System, lookers: list[Looker], is_over: Callable[[], bool]
+    connection: Transport, system: System, lookers: Lookers, is_over: Callable[[], bool]
 ) -> int:
     """Monitor ``system`` until ``is_over``, with ``lookers`` for its oracles; the violations."""
-    watch = SystemWatch(connection, system, system.nodes, Bounds(), [], print)
-    watch.start()
-    lookers += [Looker(item) for item in watch.oracles().values() if isinstance(item, Oracle)]
 
     def look(seen: Observation | None = None) -> None:
-        now_ns = connection.now_ns()
-        for looker in lookers:
-            looker.look(now_ns, seen)
+        lookers.look(connection.now_ns(), seen)
 
-    connection.tap([], look)
+    watch = SystemWatch(
+        cast(Transport, Looked(connection, look)), system, system.nodes, Bounds(), [], print
+    )
+    watch.start()
+    oracles = watch.oracles().values()
+    lookers.all += [Looker(item) for item in oracles if isinstance(item, Oracle)]
     connection.every(PERIOD_S, look)
     connection.spin(until=is_over)
     return watch.violations

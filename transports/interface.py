@@ -352,6 +352,13 @@ class Transport(Protocol):
         """A fresh completion, for the one caller that must wait (the policy's thread)."""
         ...
 
+    def round_over(self) -> None:
+        """Say that this node has made all calls of a round (a policy: of a tick), and pauses before the next.
+
+        From any thread. A transport may have its nodes tell their taps now what they did, as nobody waits
+        for them; it may as well do nothing.
+        """
+
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
         """Wait until all ``names`` are up (liveliness); returns those still missing at the end.
 

@@ -89,6 +89,9 @@ class OnExecutor(Transport):
         """A fresh completion."""
         return Completion()
 
+    def round_over(self) -> None:
+        """Nothing to do, unless a subclass has."""
+
     def spin(self, until: Callable[[], bool] | None = None) -> None:
         """Run the executor on the calling thread until ``close()`` (or until ``until()``)."""
         try:

@@ -174,6 +174,7 @@ class Load:
             self._tick()
             if rate_hz:
                 due = max(due + 1 / rate_hz, time.perf_counter())
+                self._transport.round_over()  # as the runner does behind a tick
                 pace.wait(due - time.perf_counter())
 
 

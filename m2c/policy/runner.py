@@ -187,6 +187,8 @@ class PolicyRunner:
                 if ticks is not None and self._count >= ticks:
                     break
                 remaining = (due - self._transport.now_ns()) / 1e9
+                if remaining > 0:
+                    self._transport.round_over()
                 if self._stopped.wait(max(remaining, 0.0)) is not None:
                     break
         finally:

@@ -45,6 +45,7 @@ class FakeTransport:
         self.timeouts: set[float] = set()
         self.clock_ns = 0
         self.call_takes_ns = 0
+        self.rounds = 0
 
     def now_ns(self) -> int:
         return self.clock_ns
@@ -54,6 +55,9 @@ class FakeTransport:
 
     def post(self, handler: Any) -> None:
         handler()
+
+    def round_over(self) -> None:
+        self.rounds += 1
 
     def publisher(self, topic: Any) -> Any:
         return SimpleNamespace(publish=self.published.append)
@@ -161,6 +165,15 @@ def test_the_tree_is_halted_after_its_last_tick() -> None:
     tree, transport = runner("<A/>", {"/A/tick": 2, "/A/halt": 0}, leaf("A", halt=True))
     assert tree.run(1.0, 1) == 1
     assert transport.calls == ["/A/tick", "/A/halt"]
+
+
+def test_it_says_that_a_round_is_over_before_each_pause_and_not_without_one() -> None:
+    tree, transport = runner("<A/>", {"/A/tick": 0}, leaf("A"))
+    tree.run(1e6, 3)
+    assert transport.rounds == 2
+    transport.call_takes_ns = 10_000
+    tree.run(1e6, 6)
+    assert transport.rounds == 2
 
 
 def test_a_tree_that_cannot_go_on_is_halted() -> None:

@@ -7,7 +7,8 @@ import itertools
 from collections.abc import Callable
 
 from moon.monitor.patience import LEAST_NS
-from transports.outbox import AT_MOST_S, CALLER_S, DELAY_S, QUIET_S, Outbox
+from transports.outbox import AT_MOST_S, CALLER_S, DELAY_S, NEAR_S, QUIET_S, ROUNDS_S, Outbox
+from transports.timers import Timer
 
 
 class Time:
@@ -16,17 +17,20 @@ class Time:
     def __init__(self) -> None:
         self.now_s = 0.0
         self.looks = 0
-        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self._due: list[tuple[float, int, Timer]] = []
         self._count = itertools.count()
 
-    def after(self, delay_s: float, handler: Callable[[], None]) -> None:
-        heapq.heappush(self._due, (self.now_s + delay_s, next(self._count), handler))
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        timer = Timer(0, 0, handler)
+        heapq.heappush(self._due, (self.now_s + delay_s, next(self._count), timer))
+        return timer
 
     def pass_until(self, end_s: float) -> None:
         while self._due and self._due[0][0] <= end_s:
-            self.now_s, _, handler = heapq.heappop(self._due)
-            self.looks += 1
-            handler()
+            self.now_s, _, timer = heapq.heappop(self._due)
+            if timer.handler is not None:
+                self.looks += 1
+                timer.handler()
         self.now_s = end_s
 
 
@@ -48,10 +52,17 @@ class Node:
         self.outbox.add(next(self._count))
         self.outbox.flush_later()
 
+    def round_over(self, at_s: float) -> bool:
+        self.time.pass_until(at_s)
+        told = self.outbox.note_round()
+        if told:
+            self.outbox.round_over()
+        return told
+
 
 def test_what_a_tick_tells_leaves_in_one_burst_after_the_delay():
     node = Node()
-    for at_s in (0.0, 0.0002, 0.0004, 0.0006):
+    for at_s in (0.0, 0.0001, 0.0002, 0.0004):
         node.tell(at_s)
     node.time.pass_until(1.0)
     assert node.left == [(DELAY_S, number) for number in range(4)]
@@ -60,10 +71,10 @@ def test_what_a_tick_tells_leaves_in_one_burst_after_the_delay():
 
 def test_nothing_leaves_while_the_node_is_at_work():
     node = Node()
-    for at_s in (0.0, 0.0015, 0.003, 0.0045):
+    for at_s in (0.0, 0.001, 0.002, 0.0035):
         node.tell(at_s)
     node.time.pass_until(1.0)
-    assert node.left == [(0.0045 + QUIET_S, number) for number in range(4)]
+    assert node.left == [(0.0035 + QUIET_S, number) for number in range(4)]
 
 
 def test_a_node_that_is_never_quiet_tells_each_event_in_time():
@@ -112,3 +123,76 @@ def test_who_calls_one_service_after_the_other_is_not_looked_at_before_its_tick_
     node.time.pass_until(1.0)
     assert node.left == [(CALLER_S, number) for number in range(5)]
     assert node.time.looks == 1
+
+
+def test_what_is_kept_leaves_when_the_round_is_over_and_nobody_looks_again():
+    node = Node()
+    node.tell(0.0)
+    assert node.round_over(0.001)
+    node.time.pass_until(1.0)
+    assert node.left == [(0.001, 0)]
+    assert node.time.looks == 0
+
+
+def node_near_the_end_of_rounds() -> Node:
+    node = Node()
+    node.tell(0.0)
+    node.round_over(NEAR_S)
+    assert node.left == [(DELAY_S, 0)]
+    return node
+
+
+def test_who_worked_near_the_end_of_a_round_waits_for_the_end_of_the_next():
+    node = node_near_the_end_of_rounds()
+    node.tell(1.0)
+    node.tell(1.0 + AT_MOST_S / 2)
+    assert node.round_over(1.0 + AT_MOST_S * 0.9)
+    assert node.left[1:] == [(1.0 + AT_MOST_S * 0.9, 1), (1.0 + AT_MOST_S * 0.9, 2)]
+
+
+def test_who_worked_long_before_its_end_does_not():
+    node = node_near_the_end_of_rounds()
+    node.tell(1.0)
+    node.round_over(1.001 + NEAR_S)
+    node.tell(2.0)
+    node.time.pass_until(3.0)
+    assert node.left[1:] == [(1.001 + NEAR_S, 1), (2.0 + DELAY_S, 2)]
+
+
+def test_a_round_without_its_work_teaches_a_node_nothing():
+    node = node_near_the_end_of_rounds()
+    node.round_over(1.0)
+    node.tell(2.0)
+    assert node.round_over(2.0 + AT_MOST_S * 0.9)
+
+
+def test_nothing_waits_longer_for_a_round_that_does_not_end():
+    node = node_near_the_end_of_rounds()
+    node.tell(1.0)
+    node.time.pass_until(2.0)
+    assert node.left[1:] == [(1.0 + AT_MOST_S, 1)]
+
+
+def test_rounds_that_end_no_more_are_not_waited_for():
+    node = node_near_the_end_of_rounds()
+    node.tell(NEAR_S + ROUNDS_S)
+    node.time.pass_until(ROUNDS_S + 1)
+    assert node.left[1:] == [(NEAR_S + ROUNDS_S + DELAY_S, 1)]
+
+
+def test_rounds_in_quick_succession_share_a_burst():
+    node = Node()
+    node.tell(0.0)
+    assert node.round_over(0.001)
+    node.tell(0.002)
+    assert not node.round_over(0.003)
+    node.tell(0.004)
+    node.time.pass_until(1.0)
+    assert node.left == [(0.001, 0), (0.002 + AT_MOST_S, 1), (0.002 + AT_MOST_S, 2)]
+
+
+def test_a_round_without_anything_to_tell_is_not_worth_a_word():
+    node = Node()
+    assert not node.round_over(0.0)
+    node.outbox.round_over()
+    assert node.left == []

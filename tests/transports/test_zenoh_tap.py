@@ -9,6 +9,7 @@ import pytest
 import zenoh
 
 from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, linked, peer
+from transports import outbox
 from transports.interface import ObservationKind, Service
 from transports.zenoh import names, wire
 from transports.zenoh import tap as tap_module
@@ -70,6 +71,24 @@ def test_a_tap_hears_of_a_call_that_is_never_answered(network):
     ]
     assert events[2].error == "timeout: /adder/add: no answer within the time limit"
     assert events[2].data is None
+
+
+def test_all_nodes_tell_what_they_keep_when_a_round_is_over(network, monkeypatch):
+    monkeypatch.setattr(outbox, "AT_MOST_S", 10 * WAIT_S)
+    adder, caller, tapper = (network.node(name) for name in ("adder", "caller", "tap"))
+    adder.serve(peer.ADD, lambda r: r.respond(peer.AddResponse(r.data.a + r.data.b)))
+    adder.announce()
+    caller.wait_for_nodes(["adder"], WAIT_S)
+    client = caller.client(peer.ADD)
+    for node in (adder, caller):
+        node._outbox._delay_s = 10 * WAIT_S
+    heard = Inbox()
+    tapper.tap([], heard)
+    eventually(lambda: client.events.heard and adder._events[peer.ADD.name].heard)
+    client.call_and_wait(peer.AddRequest(1, 2))
+    eventually(lambda: adder._outbox._scheduled)
+    caller.round_over()
+    assert {event.source for event in heard.wait(4)} == {"adder", "caller"}
 
 
 def test_what_a_node_tells_of_several_services_comes_in_the_order_in_which_it_happened(network):

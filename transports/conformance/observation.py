@@ -99,6 +99,37 @@ def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
         assert events[2].type_name == "conformance/srv/Double_Response"
 
 
+def rounds_that_are_over_cost_a_tap_nothing(network: Network) -> None:
+    """Whoever says that they are over, on whatever thread: all that was done is heard, once and in order."""
+    server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
+    heard: list[Observation] = []
+    on(network, server, lambda: server.serve(DOUBLE, lambda r: r.respond(Answer(2 * r.data.value))))
+    on(network, listener, lambda: listener.tap([], heard.append))
+    ready(network, server, client, listener)
+    client.round_over()  # nothing was done yet
+
+    def rounds(values: range) -> None:
+        for value in values:
+            results = calls(network, client, range(value, value + 1))
+            assert network.until(partial(bool, results)), "the call does not end"
+            client.round_over()
+            on(network, server, server.round_over)
+
+    def last(value: int) -> bool:
+        rounds(range(value, value + 1))
+        network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
+        return len(heard) >= 4
+
+    assert any(last(1000 + attempt) for attempt in range(20)), "the ends do not tell the tap"
+    heard.clear()
+    rounds(range(1, 21))
+    assert network.until(lambda: len(heard) >= 80), f"the tap heard {len(heard)} of 80 events"
+    for source in ("client", "server"):
+        stamps = [o.stamp_ns for o in heard if o.source == source]
+        assert len(stamps) == 40, f"of {source} the tap heard {len(stamps)} of 40 events"
+        assert stamps == sorted(stamps), f"what {source} tells of a service is not in order"
+
+
 def a_tap_knows_in_what_order_a_source_did_things(network: Network) -> None:
     """Numbers over all channels of a source have no gap and rise with its stamps; or it gives none."""
     server, client, listener = (network.node(n) for n in ("server", "client", "listener"))

@@ -258,6 +258,9 @@ class SimulatedTransport:
         """A fresh completion; waiting for it runs the world."""
         return Completion(self.world)
 
+    def round_over(self) -> None:
+        """Nothing to do: taps hear everything at once, and take no time."""
+
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
         """Run the world until all ``names`` are up; returns those still missing at the end."""
 

@@ -25,6 +25,9 @@ SERVER_KEYS = "@m2c/server"
 LINK_KEYS = "@m2c/links"
 """``@m2c/links/<zid>/<name>,<name>…``: the nodes that a node hears."""
 
+ROUND_KEY = "@m2c/round"
+"""Something here: a node has ended a round of calls (``Transport.round_over``)."""
+
 
 def key_of(channel: str) -> str:
     """The key expression of ``channel``; TransportError if it cannot be one."""

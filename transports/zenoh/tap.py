@@ -1,7 +1,7 @@
 """The tap: hears everything by wildcard subscribers, and holds nobody up.
 
 Zenoh writes what arrives into a ring of its own (no Python, no lock that Python holds), from which
-one thread takes and decodes batches for the executor. When the reader is slow, the ring overwrites
+one thread takes batches for the executor. When the reader is slow, the ring overwrites
 its oldest entries: nodes never notice, and the gaps in the sequence numbers tell how many were
 missed.
 """
@@ -37,10 +37,10 @@ RING_CAPACITY = 65_536
 """Messages kept for a slow reader (more than a second at the fastest rates measured)."""
 
 _BATCH = 512
-"""At most this many observations are handed to the executor at once."""
+"""At most this many messages are handed to the executor at once."""
 
 _AHEAD = 2
-"""Batches decoded ahead of the reader; all else waits in the ring, where it can be dropped."""
+"""Batches taken ahead of the reader; all else waits in the ring, where it can be dropped."""
 
 _JOINING_S = 0.5
 """Publishers hear of a subscriber one by one, within ms; longer where processors are busy."""
@@ -165,28 +165,28 @@ class Tap:
                 return
             try:
                 sample = receive()
-                batch: list[Observation] = []
+                batch = []
                 while sample is not None:
-                    if (observation := self._observe(sample)) is not None:
-                        batch.append(observation)
+                    batch.append((sample, time.time_ns()))
                     sample = take() if len(batch) < _BATCH else None
             except zenoh.ZError:  # the subscriber is undeclared: nothing more will come
                 self._free.release()
                 return
             self._executor.put((self._deliver, batch))
 
-    def _deliver(self, batch: list[Observation]) -> None:
+    def _deliver(self, batch: list[tuple[zenoh.Sample, int]]) -> None:
         handler = self._handler
         try:
-            for observation in batch:
+            for sample, received_ns in batch:
                 if self._closed:
                     return
-                handler(observation)
+                # here, and each only when it is handled: whoever decodes holds up everybody's Python
+                if (observation := self._observe(sample, received_ns)) is not None:
+                    handler(observation)
         finally:
             self._free.release()
 
-    def _observe(self, sample: zenoh.Sample) -> Observation | None:
-        received_ns = time.time_ns()
+    def _observe(self, sample: zenoh.Sample, received_ns: int) -> Observation | None:
         key = str(sample.key_expr)
         is_event = key.endswith(EVENT_SUFFIX)
         channel = channel_of(key.removesuffix(EVENT_SUFFIX) if is_event else key)

@@ -23,6 +23,7 @@ from transports.outbox import Outbox
 from transports.zenoh import presence, topics
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Recorded, ServiceEvents, publish
+from transports.zenoh.rounds import Rounds
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.session import open_session
 from transports.zenoh.tap import Tap
@@ -56,6 +57,7 @@ class ZenohTransport(OnExecutor):
         self._sequences: dict[str, topics.Sequence] = {}
         self._outbox: Outbox[Recorded] = Outbox(self._executor, publish)
         self._events: dict[str, ServiceEvents] = {}
+        self._rounds: Rounds | None = None
         self._servers: set[str] = set()
         self._clients: list[Client] = []
         self._taps: list[Tap] = []
@@ -116,6 +118,11 @@ class ZenohTransport(OnExecutor):
                 self._session, self._executor, self._node, self._since_ns
             )
 
+    def round_over(self) -> None:
+        """Have all nodes tell their taps what they keep for them, this one first."""
+        if self._rounds is not None:
+            self._rounds.say()
+
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Hear everything on channels that match one of the globs (empty: all), passively."""
         tap = Tap(self._session, self._executor, channels, handler)
@@ -136,6 +143,9 @@ class ZenohTransport(OnExecutor):
 
     def _events_of(self, service: Service) -> ServiceEvents:
         events = self._events.get(service.name)
+        if self._rounds is None:
+            self._rounds = Rounds(self._session, self._executor, self._outbox)
+            self._declared.append(self._rounds)
         if events is None:
             events = ServiceEvents(
                 self._session, self._outbox, service, self._node_bytes, self._order

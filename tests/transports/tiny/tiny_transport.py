@@ -208,6 +208,9 @@ class Tiny:
     def completion(self):
         return _Completion()
 
+    def round_over(self):
+        pass
+
     def wait_for_nodes(self, names, timeout_s):
         deadline, pause = time.monotonic() + timeout_s, threading.Event()
         while missing := [n for n in names if n not in _NODES or not _NODES[n]._announced.is_set()]:
