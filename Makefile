@@ -66,11 +66,11 @@ interpreted:
 	rm -f build/compiled.stamp
 
 unit: $(VENV)/.installed compiled
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # What was compiled, not compiled.
 unit-interpreted: $(VENV)/.installed compiled
-	$(BIN)/pytest -n 2 --dist loadfile -p tests.interpreted tests/oracle tests/monitor_policy/test_oracle.py tests/recordings \
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -p tests.interpreted tests/oracle tests/monitor_policy/test_oracle.py tests/recordings \
 	  tests/properties/test_monitor.py tests/properties/test_ordering.py tests/offline/test_same_verdicts.py
 
 # Every figure of docs/performance.md, which is rewritten.
