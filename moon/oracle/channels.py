@@ -18,6 +18,7 @@ from moon.oracle.facts import Fact, Role
 from moon.oracle.readers import (
     Port,
     Reader,
+    answered,
     asking,
     complete,
     giving,
@@ -162,8 +163,10 @@ class Channels:
             case InterfaceKind.ACTION_SERVER if own:
                 return self._of_action(port, kind, of_action_server)
             case InterfaceKind.ACTION_SERVER:
-                asked = port.part == "send_goal" and kind is ObservationKind.REQUEST_SENT
-                return asking(name) if asked else None
+                if port.part == "send_goal" and kind is ObservationKind.REQUEST_SENT:
+                    return asking(name)
+                if port.part == "send_goal" and kind is ObservationKind.RESPONSE_RECEIVED:
+                    return answered(name)
             case InterfaceKind.ACTION_CLIENT if own or (
                 port.part == "feedback" and kind is ObservationKind.MESSAGE
             ):

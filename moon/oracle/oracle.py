@@ -20,6 +20,7 @@ from transports.interface import Observation, ObservationKind
 _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 # looked up for every observation
 _ASKED, _OUTPUT, _STRANGE, _INPUT = Role.ASKED, Role.OUTPUT, Role.STRANGE, Role.INPUT
+_ANSWERED = Role.ANSWERED
 _INCONCLUSIVE = Outcome.INCONCLUSIVE
 
 
@@ -238,6 +239,9 @@ class Oracle(Judging):
             if stamp > self._lost_until and stamp > (self._heard_since or 0):
                 self._uptake.ask(fact)
                 self._wake_at(min(self.wake, self._uptake.due))
+            return
+        if role is _ANSWERED:  # that it was taken up was not heard, or not yet
+            self._uptake.take(fact, self._finished)
             return
         if role is _OUTPUT or role is _STRANGE:
             self.outputs += 1

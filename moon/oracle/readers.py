@@ -40,6 +40,11 @@ def asking(name: str) -> Reader:
     return lambda seen: Fact(seen, Role.ASKED, name)
 
 
+def answered(name: str) -> Reader:
+    """What the machine answered to them, as who got it tells it; a call that failed proves nothing."""
+    return lambda seen: None if seen.error else Fact(seen, Role.ANSWERED, name)
+
+
 def taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
     """Inputs; ``template``: zero values of all fields."""
     event = (kind, name)
@@ -60,6 +65,8 @@ def served(name: str, kind: ObservationKind, own: bool, template: Any) -> Reader
             return _answering(name)
         case ObservationKind.REQUEST_SENT if not own:
             return asking(name)
+        case ObservationKind.RESPONSE_RECEIVED if not own:
+            return answered(name)
     return None
 
 
