@@ -22,6 +22,7 @@ from transports.interface import (
     Observation,
     ObservationKind,
     Topic,
+    Transport,
 )
 from transports.networks import Network
 
@@ -55,6 +56,18 @@ def a_tap_hears_every_message_once_and_in_order(network: Network) -> None:
     assert stamps == sorted(stamps), "stamps of one source go back"
 
 
+def _until_both_ends_tell(network: Network, client: Transport, heard: list[Observation]) -> None:
+    """Call ``DOUBLE`` until all four events of a call come: its ends learn of a tap by and by."""
+
+    def is_heard(value: int) -> bool:
+        results = calls(network, client, range(value, value + 1))
+        assert network.until(lambda: bool(results)), "the call does not end"
+        network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
+        return sum(o.data in ({"value": value}, {"value": 2 * value}) for o in heard) == 4
+
+    assert any(is_heard(1000 + attempt) for attempt in range(20)), "the ends do not tell the tap"
+
+
 def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
     """Both ends tell theirs, in an order that respects cause and effect."""
     server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
@@ -63,14 +76,7 @@ def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
     on(network, listener, lambda: listener.tap([], heard.append))
     ready(network, server, client, listener)
 
-    def four(value: int) -> bool:
-        """Call and see whether all four events of it come (ends learn of a tap by and by)."""
-        results = calls(network, client, range(value, value + 1))
-        assert network.until(lambda: bool(results)), "the call does not end"
-        network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
-        return sum(o.data in ({"value": value}, {"value": 2 * value}) for o in heard) == 4
-
-    assert any(four(1000 + attempt) for attempt in range(20)), "the ends do not tell the tap"
+    _until_both_ends_tell(network, client, heard)
     heard.clear()
     results = calls(network, client, range(1, 51))
     assert network.until(lambda: len(results) == 50), "the calls do not end"
@@ -115,12 +121,7 @@ def rounds_that_are_over_cost_a_tap_nothing(network: Network) -> None:
             client.round_over()
             on(network, server, server.round_over)
 
-    def last(value: int) -> bool:
-        rounds(range(value, value + 1))
-        network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
-        return len(heard) >= 4
-
-    assert any(last(1000 + attempt) for attempt in range(20)), "the ends do not tell the tap"
+    _until_both_ends_tell(network, client, heard)
     heard.clear()
     rounds(range(1, 21))
     assert network.until(lambda: len(heard) >= 80), f"the tap heard {len(heard)} of 80 events"
