@@ -1,11 +1,12 @@
 """Topics on Zenoh: bad payloads, latched messages, names."""
 
 import logging
+import threading
 
 import msgspec
 import pytest
 
-from tests.transports.zenoh_network import Inbox, linked, peer
+from tests.transports.zenoh_network import WAIT_S, Inbox, linked, peer
 from transports.interface import (
     Topic,
     TransportError,
@@ -84,3 +85,32 @@ def test_a_message_of_another_type_cannot_be_published(network):
     with pytest.raises(TransportError) as error:
         publisher.publish(peer.AddRequest())
     assert str(error.value) == ("expected a message of type std_msgs/msg/Int32, got AddRequest")
+
+
+class Text(msgspec.Struct):
+    """``std_msgs/msg/String``."""
+
+    __type_name__ = "std_msgs/msg/String"
+    data: str = ""
+
+
+def test_a_node_closes_while_another_of_its_threads_publishes(network):
+    talker, listener = network.node("talker"), network.node("listener")
+    topic = Topic("/talker/text", Text.__type_name__, Text)
+    heard = Inbox()
+    listener.subscribe(topic, heard)
+    publisher = talker.publisher(topic)
+
+    def talk():
+        try:
+            while True:
+                publisher.publish(Text("x" * 200_000))
+        except TransportError:
+            return  # closed
+
+    talking = threading.Thread(target=talk)
+    talking.start()
+    heard.wait(1)
+    talker.close()
+    talking.join(WAIT_S)
+    assert not talking.is_alive()

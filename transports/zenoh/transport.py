@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -138,7 +139,9 @@ class ZenohTransport(OnExecutor):
             self._announcement.undeclare()
         self._outbox.close()
         for declared in (*self._declared, *self._events.values()):
-            declared.undeclare()
+            # "Already borrowed": another thread publishes with it just now; it goes with the session
+            with contextlib.suppress(RuntimeError):
+                declared.undeclare()
         self._session.close()
 
     def _events_of(self, service: Service) -> ServiceEvents:
