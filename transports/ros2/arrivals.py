@@ -6,6 +6,10 @@ at each arrival instead (``rcl_subscription_set_on_new_message_callback`` and it
 the middleware that holds the reader's lock. Python code must not run there: it would want the
 interpreter's lock, which may be held by who wants the reader's. So the function is libc's own
 ``eventfd_write``: its arguments, a number of a file and one to add, are what rcl passes on.
+
+So the file counts arrivals, and that count matters: all clients of a service have one topic for its answers,
+and rmw drops what is for others in the same call in which it would have been taken. Taking nothing does not
+mean that nothing is left.
 """
 
 from __future__ import annotations
@@ -64,7 +68,7 @@ class Arrivals:
 
     def _new_bell(self) -> int:
         bell = os.eventfd(0, _FLAGS)
-        # each write is an event of its own, and nobody has to read
+        # each write is an event of its own, whether somebody reads or not
         self._poll.register(bell, select.EPOLLIN | select.EPOLLET)
         return bell
 
@@ -111,17 +115,19 @@ class Arrivals:
         with contextlib.suppress(InvalidHandle), watched.entity.handle:
             native.ring_for(watched.kind, watched.entity.handle, None)
 
-    def wait(self, timeout_ns: int) -> list[Take]:
+    def wait(self, timeout_ns: int) -> list[tuple[Take, int]]:
         """Wait until something has arrived, ``ring`` or a signal, or for ``timeout_ns`` (-1: for ever).
 
         It may end a little early, and is asked again then.
 
-        What is returned may have something to take, and nothing else has.
+        What is returned may have something to take, and nothing else has; with it, at how many arrivals the
+        bell was rung.
         """
         takes = []
         for bell, _ in self._events(timeout_ns):
             if (behind := self._behind.get(bell)) is not None:
-                takes += [watched.take for watched in behind]
+                count = _counted(bell)
+                takes += [(watched.take, count) for watched in behind]
             elif self._signals is not None and bell == self._signals.fileno():
                 self._signals.recv(_SIGNALS)
         return takes
@@ -170,3 +176,11 @@ class Arrivals:
             signal.set_wakeup_fd(before)
             reader.close()
             writer.close()
+
+
+def _counted(bell: int) -> int:
+    """Arrivals since it was last asked; what rings meanwhile is counted and rings again."""
+    try:
+        return os.eventfd_read(bell)
+    except BlockingIOError:
+        return 0

@@ -22,6 +22,7 @@ from rclpy.duration import Duration
 
 from transports.interface import TransportError
 from transports.ros2.arrivals import Arrivals, Take
+from transports.ros2.raw_subscription import RawSubscription
 from transports.timers import Timer, Timers
 
 LOG = logging.getLogger("transports.ros2")
@@ -85,8 +86,9 @@ class Executor:
         self._steady_timers = Timers(time.monotonic_ns, self._run_here)
         self._spinner = threading.Lock()
         self._thread = 0
-        self._ready: dict[Take, None] = {}
-        """What may have something to take, in turn: told once of each arrival, it is known until then."""
+        self._ready: dict[Take, int] = {}
+        """What may have something to take, in turn, and how often it is asked at least: told once of
+        each arrival, that is known until then."""
         self._ignored: list[Any] = []
         self._stale = True
         self._closed = False
@@ -226,17 +228,25 @@ class Executor:
         arrivals, ready = self._arrivals, self._ready
         if self._stale:
             self._stale = False
-            ready.update(dict.fromkeys(arrivals.watch_only(self._collect())))
+            for take in arrivals.watch_only(self._collect()):
+                ready.setdefault(take, 1)
         is_idle = not (ready or self._posted or self._stale or self._closed)
-        ready.update(dict.fromkeys(arrivals.wait(self._wait_ns() if is_idle else 0)))
+        for take, count in arrivals.wait(self._wait_ns() if is_idle else 0):
+            ready[take] = ready.get(take, 0) + count
         if not ready:
             return True
         for take in list(ready):
             for _ in range(self._most.get(take, _AT_ONCE)):
                 if self._closed or (until is not None and until()):
                     return False
-                if not take():
-                    ready.pop(take, None)
+                is_taken = take()
+                left = ready.get(take)
+                if left is None:  # forgotten by what it took
+                    break
+                if left > 0:
+                    ready[take] = left - 1
+                elif not is_taken:
+                    del ready[take]
                     break
         for handler in list(self._after_taking):
             handler()
@@ -254,7 +264,9 @@ class Executor:
     def _collect(self) -> list[tuple[str, Any, Take]]:
         found: list[tuple[str, Any, Take]] = []
         node, takers = self._node, self._takers
+        raw = [entity for entity, _ in takers.values() if isinstance(entity, RawSubscription)]
         for kind, entities in (
+            ("subscription", raw),
             ("subscription", node.subscriptions),
             ("client", node.clients),
             ("service", node.services),

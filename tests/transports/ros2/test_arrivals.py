@@ -6,12 +6,16 @@ import os
 import signal
 import threading
 from collections.abc import Sequence
+from functools import partial
 
 import pytest
 from rclpy.duration import Duration
 from std_msgs.msg import Int32
 
 from tests.transports.ros2.bare import Bare
+from transports.conformance import DOUBLE, on, ready
+from transports.conformance.stage import Answer, Ask
+from transports.interface import CallOutcome, CallResult
 from transports.networks import ThreadedNetwork
 from transports.ros2 import arrivals, connect
 from transports.ros2.arrivals import Arrivals
@@ -81,3 +85,29 @@ def test_a_signal_ends_a_wait_of_the_main_thread() -> None:
         sender.join()
         signal.signal(signal.SIGUSR1, before)
         waiting.close()
+
+
+def test_an_answer_behind_somebody_elses_is_taken(network: ThreadedNetwork) -> None:
+    """All clients of a service have one topic for its answers, and rmw drops what is for others: as if nothing
+    had been there.
+    """
+    server, busy, other = (network.node(name) for name in ("server", "busy", "other"))
+    on(network, server, lambda: server.serve(DOUBLE, lambda r: r.respond(Answer(2 * r.data.value))))
+    clients = {node: on(network, node, partial(node.client, DOUBLE)) for node in (busy, other)}
+    ready(network, server, busy, other)
+    results: list[CallResult] = []
+
+    def call_between_two_of_the_other() -> None:
+        """On the busy node's thread, which takes none of the answers meanwhile."""
+        for is_mine in (False, True, False):
+            if is_mine:
+                clients[busy].call(Ask(21), results.append, 5.0)
+            else:
+                assert clients[other].call_and_wait(Ask(1)).outcome is CallOutcome.RESPONSE
+
+    for _ in range(3):
+        results.clear()
+        on(network, busy, call_between_two_of_the_other)
+        assert network.until(lambda: bool(results))
+        assert results[0].outcome is CallOutcome.RESPONSE
+        assert results[0].response.value == 42
