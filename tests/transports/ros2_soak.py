@@ -12,7 +12,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from tests.transports.shared_memory import SHARED, segments
+from tests.transports.shared_memory import SHARED, left_over, segments
 
 TIMES = 20
 RUN_TIMEOUT_S = 1800.0
@@ -33,7 +33,7 @@ def main(arguments: list[str]) -> int:
         if done.returncode:
             print(done.stdout)
             return 1
-        if left := segments() - before:
+        if left := left_over(before):
             print(f"left in {SHARED}: {', '.join(sorted(left))}", flush=True)
             before |= left
             leaks += 1

@@ -9,6 +9,7 @@ busy machine: it takes that one for broken, and nobody for its owner (``SharedMe
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 
 SHARED = Path("/dev/shm")
@@ -35,6 +36,18 @@ def unused() -> set[str]:
 def segments() -> set[str]:
     """Those of :func:`unused` in which messages stood: somebody was killed."""
     return {name for name in unused() if not _MAILBOX.match(name)}
+
+
+def left_over(before: set[str], patience_s: float = 5.0) -> set[str]:
+    """Segments that were not there ``before`` and stay.
+
+    A process that ends lets go of its segment first and then removes it; there is nothing to wait for but
+    that it is gone.
+    """
+    deadline = time.monotonic() + patience_s
+    while (left := segments() - before) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return left
 
 
 def remove_mailboxes(domain: int, before: set[str]) -> None:

@@ -121,6 +121,10 @@ class Graph:
             self._names[gid] = endpoint.node_name
             self._participants.setdefault(gid[: native.PREFIX_BYTES], set()).add(endpoint.node_name)
 
+    def learn_node(self, gid: bytes, name: str) -> None:
+        """``name`` says that the endpoint with this GID is its own; the graph may tell seconds later."""
+        self._participants.setdefault(gid[: native.PREFIX_BYTES], set()).add(name)
+
     def _find(self, gid: bytes) -> str:
         """By the endpoint, else by its participant if that is known to hold one node only."""
         name = self._names.get(gid)

@@ -1,8 +1,9 @@
-"""What rcl and rmw know and rclpy 7 (Jazzy) does not hand out: graph events, publishers' GIDs.
+"""What rcl and rmw know and rclpy 7 (Jazzy) does not hand out: graph events, publishers' GIDs,
+subscriptions that are made while the interpreter goes on.
 
 rclpy gives the address of each rcl object (``handle.pointer``); the C functions called here are
-part of rcl's and rmw's public API. The structs are those of Jazzy's ``rmw/types.h`` and
-``rcutils/types/uint8_array.h``.
+part of rcl's and rmw's public API. The structs are those of Jazzy's ``rmw/types.h``,
+``rcl/subscription.h`` and ``rcutils/types/uint8_array.h``.
 """
 
 from __future__ import annotations
@@ -62,6 +63,46 @@ class _MessageInfo(ctypes.Structure):
     )
 
 
+class _Duration(ctypes.Structure):
+    _fields_ = (("sec", ctypes.c_uint64), ("nsec", ctypes.c_uint64))
+
+
+class _Qos(ctypes.Structure):
+    _fields_ = (
+        ("history", ctypes.c_int),
+        ("depth", ctypes.c_size_t),
+        ("reliability", ctypes.c_int),
+        ("durability", ctypes.c_int),
+        ("deadline", _Duration),
+        ("lifespan", _Duration),
+        ("liveliness", ctypes.c_int),
+        ("liveliness_lease_duration", _Duration),
+        ("avoid_ros_namespace_conventions", ctypes.c_bool),
+    )
+
+
+class _RmwSubscriptionOptions(ctypes.Structure):
+    _fields_ = (
+        ("payload", ctypes.c_void_p),
+        ("ignore_local_publications", ctypes.c_bool),
+        ("require_unique_network_flow_endpoints", ctypes.c_int),
+        ("content_filter_options", ctypes.c_void_p),
+    )
+
+
+class _SubscriptionOptions(ctypes.Structure):
+    _fields_ = (
+        ("qos", _Qos),
+        ("allocator", _Allocator),
+        ("rmw", _RmwSubscriptionOptions),
+        ("disable_loaned_message", ctypes.c_bool),
+    )
+
+
+class _ErrorText(ctypes.Structure):
+    _fields_ = (("text", ctypes.c_char * 1024),)
+
+
 class Taken(msgspec.Struct, frozen=True):
     """A serialized message and where it comes from.
 
@@ -85,6 +126,17 @@ def _library(name: str | None) -> Any:
         return ctypes.CDLL(name)  # loaded by rclpy already: found by its soname
     except OSError as error:
         raise TransportError(f"cannot load ROS 2's {name}: {error}") from error
+
+
+_PARTICIPANT_OF = "_ZN16rmw_fastrtps_cpp22get_domain_participantEP10rmw_node_s"
+"""``rmw_fastrtps_cpp::get_domain_participant(rmw_node_t *)``."""
+_SET_LISTENER = (
+    "_ZN8eprosima7fastdds3dds17DomainParticipant12set_listenerEPNS1_25DomainParticipantListenerE"
+    "NSt6chrono8durationIlSt5ratioILl1ELl1EEEE"
+)
+"""``DomainParticipant::set_listener(DomainParticipantListener *, std::chrono::seconds)`` of Fast DDS 2."""
+_CALLBACK_S = 2
+"""What a callback of Fast DDS at most takes on a busy machine."""
 
 
 class _Libraries:
@@ -113,6 +165,25 @@ class _Libraries:
         self.bytes_fini = self._declare(utils, "rcutils_uint8_array_fini")
         self.default_allocator = self._declare(utils, "rcutils_get_default_allocator", _Allocator)
         self.reset_error = self._declare(utils, "rcutils_reset_error", None)
+        self.error_text = self._declare(utils, "rcutils_get_error_string", _ErrorText)
+        self.subscribe = self._declare(rcl, "rcl_subscription_init")
+        self.unsubscribe = self._declare(rcl, "rcl_subscription_fini")
+        self.subscription_options = self._declare(
+            rcl, "rcl_subscription_get_default_options", _SubscriptionOptions
+        )
+        self.capsule_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+        self.capsule_pointer.restype = pointer
+        self.capsule_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+        self.subscribe.argtypes = [pointer, pointer, pointer, ctypes.c_char_p, pointer]
+        self.unsubscribe.argtypes = [pointer, pointer]
+        self.node_handle = self._declare(rcl, "rcl_node_get_rmw_handle", pointer)
+        self.node_handle.argtypes = [pointer]
+        self.participant_of = getattr(rmw, _PARTICIPANT_OF, None)
+        self.set_listener = getattr(rmw, _SET_LISTENER, None)
+        if self.participant_of is not None and self.set_listener is not None:
+            self.participant_of.restype = pointer
+            self.participant_of.argtypes = [pointer]
+            self.set_listener.argtypes = [pointer, pointer, ctypes.c_int64]
         self.graph_guard.argtypes = [pointer]
         self.add_guard.argtypes = [pointer, pointer, pointer]
         self.take.argtypes = [pointer, pointer, pointer, pointer]
@@ -182,6 +253,60 @@ def ring_for(kind: str, handle: Any, bell: int | None) -> None:
         raise TransportError(
             f"{get_rmw_implementation_identifier()} does not tell when something arrives"
         )
+
+
+def end_discovery(node: Any) -> None:
+    """Have Fast DDS tell the node's context no more of who comes and goes, before the node is destroyed.
+
+    rmw does so itself as it destroys the participant, and waits without limit for a callback that is
+    under way. Fast DDS 2.14 does that with the very lock in hand that the callback needs: where a peer
+    goes away at that moment, both wait for ever. With a limit it waits as it should. Nothing is done on
+    another RMW.
+
+    Args:
+        node: an ``rclpy.node.Node`` in a context of its own.
+    """
+    functions = _functions()
+    if functions.participant_of is None or functions.set_listener is None:
+        return
+    participant = functions.participant_of(functions.node_handle(node.handle.pointer))
+    if participant:
+        functions.set_listener(participant, None, _CALLBACK_S)
+
+
+def make_subscription(address: int, node: Any, ros: Any, topic: str, profile: Any) -> None:
+    """Subscribe to ``topic``, without holding the interpreter.
+
+    Args:
+        address: of an ``rcl_subscription_t`` that is zero; it is filled.
+        node: an ``rclpy.node.Node``.
+        ros: class of the messages, its type support loaded.
+        topic: full name.
+        profile: an ``rclpy.qos.QoSProfile``: history, depth, reliability and durability count.
+
+    Raises:
+        TransportError: rcl refuses; the text says why.
+    """
+    functions = _functions()
+    options = functions.subscription_options()
+    options.qos.history, options.qos.depth = int(profile.history), profile.depth
+    options.qos.reliability = int(profile.reliability)
+    options.qos.durability = int(profile.durability)
+    support = functions.capsule_pointer(type(ros)._TYPE_SUPPORT, None)
+    code = functions.subscribe(
+        address, node.handle.pointer, support, topic.encode(), ctypes.byref(options)
+    )
+    if code != _RCL_RET_OK:
+        why = functions.error_text().text.decode(errors="replace")
+        functions.reset_error()
+        raise TransportError(" ".join(why.split()).rpartition(", at /")[0] or why)
+
+
+def end_subscription(address: int, node: Any) -> None:
+    """End what ``make_subscription`` began."""
+    functions = _functions()
+    if functions.unsubscribe(address, node.handle.pointer) != _RCL_RET_OK:
+        functions.reset_error()
 
 
 def gid_of_client(handle: Any) -> bytes:

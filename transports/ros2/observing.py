@@ -33,6 +33,8 @@ class Notes:
         self.without_contents: dict[str, str] = {}
         """By service, that its events have no contents."""
         self._numbers = Numbers()
+        self._nameless_calls: dict[tuple[bytes, int], str] = {}
+        """What stands for the client's name in each of them."""
 
     def numbered(self, topic: str, channel: str, taken: Taken) -> tuple[str, int]:
         """Who published, and the number of it; what is missing before it is noted."""
@@ -41,6 +43,26 @@ class Notes:
         if number >= 0:
             self.losses.number(channel, source, number)
         return source, number
+
+    def caller(self, service: str, gid: bytes, call: int) -> str:
+        """Who made a call, by the client's GID; the same for all events of the call, a name or not.
+
+        Who is told of a call matches its events by it: they must not change sides when the graph tells the
+        name in between.
+        """
+        calls = self._nameless_calls
+        known = calls.get((gid, call)) if calls else None
+        if known is None:
+            known = self.graph.client_of(service, gid)
+            if not known:
+                known = calls[gid, call] = f"gid {gid.hex()}"
+                if len(calls) > _KEPT_CALLS:
+                    del calls[next(iter(calls))]
+        return known
+
+
+_KEPT_CALLS = 4096
+"""Calls of clients without a name that are remembered."""
 
 
 class Observing(Protocol):
@@ -134,7 +156,7 @@ class Events:
             self.stamp_ns(taken, data),
             info["sequence_number"],
             contents[0] if contents else None,
-            self._notes.graph.client_of(self._service, bytes(info["client_gid"])),
+            self._notes.caller(self._service, bytes(info["client_gid"]), info["sequence_number"]),
             taken.received_ns or time.time_ns(),
             source,
             number,

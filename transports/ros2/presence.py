@@ -136,7 +136,8 @@ class Announcements:
         """Something has changed (on the graph's thread)."""
         while (taken := self._taker.take(self._subscription.handle)) is not None:
             try:
-                self._heard[taken.gid] = _decode(_text_of(taken.payload))
+                presence = self._heard[taken.gid] = _decode(_text_of(taken.payload))
+                self._graph.learn_node(taken.gid, presence.node)
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 LOG.warning("%s: message dropped: %s", self._topic, error)
         there = {

@@ -9,12 +9,11 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
 import msgspec
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports import ros_forms
 from transports.channel_filter import matches
@@ -26,6 +25,8 @@ from transports.ros2.interfaces import ros_class
 from transports.ros2.observing import Errors, Events, Messages, Notes, Observing
 from transports.ros2.presence import TOPIC as NODES_TOPIC
 from transports.ros2.presence import Announcements
+from transports.ros2.raw_subscription import RawSubscription
+from transports.ros2.subscribing import Subscriber
 from transports.service_events import EVENT_SUFFIX
 from transports.timers import Timer
 
@@ -33,8 +34,11 @@ _QUIET = ("/rosout", "/parameter_events", "/clock")
 """Topics of ROS 2 itself, which every node has: heard only when a glob is their name."""
 _QUIET_PACKAGES = ("rcl_interfaces/", "type_description_interfaces/", "composition_interfaces/")
 """Types of the services that every node serves; nobody asks why they have no introspection."""
-_NAMELESS_S = 1.0
-"""How long a message waits for the name of who published it."""
+_NAMELESS_S = 0.05
+"""How long a message waits for the name of who published it, and what came after it with it: a monitor's time
+passes meanwhile, so it must be less than what things may be late."""
+_NEVER_NAMED_S = 1.0
+"""Who has no name so long after it was first heard gets none: nothing of it waits any more."""
 _RETRY_S = 0.02
 _QUIET_S = 0.05
 """How long after a look at the graph there is none."""
@@ -58,24 +62,24 @@ _HOW = (
 )
 
 
-class _Heard(msgspec.Struct):
-    """One topic that is subscribed to."""
+class _Heard(msgspec.Struct, eq=False):
+    """One topic that is subscribed to, or about to be: then there is no subscription yet."""
 
-    subscription: Any
-    ros: Any
+    topic: str
     type_name: str
     profile: Any
     publishers: int
+    subscription: RawSubscription | None = None
 
 
 class _Waiting(msgspec.Struct):
-    """What was taken, and until when it waits for a name."""
+    """What was taken, and when (monotonic, s)."""
 
     stamp_ns: int
     observing: Observing
     taken: native.Taken
     data: Any
-    deadline: float = 0.0
+    since_s: float
 
 
 _STAMP = attrgetter("stamp_ns")
@@ -88,6 +92,7 @@ class Tap:
         self,
         node: Any,
         executor: Executor,
+        subscriber: Subscriber,
         graph: Graph,
         announcements: Announcements,
         prefix: str,
@@ -96,6 +101,7 @@ class Tap:
     ) -> None:
         self._node = node
         self._executor = executor
+        self._subscriber = subscriber
         self._graph = graph
         self._announcements = announcements
         self._prefix = prefix
@@ -109,6 +115,8 @@ class Tap:
         self._close_look: Timer | None = None
         self._to_hear: deque[tuple[str, Sequence[str]]] = deque()
         """What the graph showed when it was last looked at, and has not been heard yet."""
+        self._making = 0
+        """Subscriptions that are on their way."""
         self._deaf: dict[str, str] = {}
         self._taken: list[_Waiting] = []
         """In the present turn, topic by topic: all that had come when it began."""
@@ -116,7 +124,8 @@ class Tap:
         """Of these, the latest stamp of each publisher."""
         self._waiting: deque[_Waiting] = deque()
         self._retrying = False
-        self._gone: set[bytes] = set()
+        self._nameless: dict[bytes, float] = {}
+        """When each that had no name was first heard."""
         self._silent_since: dict[str, float] = {}
         self._closed = False
         self._began_s = time.monotonic()
@@ -128,7 +137,8 @@ class Tap:
     @property
     def is_complete(self) -> bool:
         """Whether the graph was discovered, and of late nothing was new in it, or waited for a name."""
-        return not (self._to_hear or self._looking) and time.monotonic() >= self._complete_at_s
+        is_busy = self._to_hear or self._looking or self._making
+        return not is_busy and time.monotonic() >= self._complete_at_s
 
     def _not_complete_before(self, instant_s: float) -> None:
         self._complete_at_s = max(self._complete_at_s, instant_s)
@@ -166,8 +176,9 @@ class Tap:
         self._announcements.tell_again()
 
     def _drop(self, heard: _Heard) -> None:
-        self._executor.forget(heard.subscription)
-        self._node.destroy_subscription(heard.subscription)
+        if heard.subscription is not None:
+            self._executor.forget(heard.subscription)
+            self._subscriber.end(heard.subscription)
 
     def refresh(self) -> None:
         """The graph has changed (on the executor): look at it, at once if it was quiet before.
@@ -180,10 +191,8 @@ class Tap:
             self._executor.after_real(max(self._quiet_until - time.monotonic(), 0.0), self._look)
 
     def _look(self) -> None:
-        """Look for what is new in the graph, and subscribe to it bit by bit.
-
-        A subscription takes DDS some 50 ms while a whole system starts beside it: what else is to
-        be done here, a monitor's clock for one, has its turn between two of them.
+        """Look for what is new in the graph, and subscribe to it bit by bit: what else is to be done
+        here, a monitor's clock for one, has its turn in between.
         """
         self._looking = False
         self._quiet_until = time.monotonic() + _QUIET_S
@@ -217,7 +226,13 @@ class Tap:
             self._hear(*self._to_hear.popleft())
         if self._to_hear:
             self._executor.post(self._hear_next)
-        elif self._announcements.own.refused != (refused := sorted(self._deaf)):
+        self._tell_refused()
+
+    def _tell_refused(self) -> None:
+        """Once nothing is on its way any more."""
+        if self._to_hear or self._making or self._closed:
+            return
+        if self._announcements.own.refused != (refused := sorted(self._deaf)):
             self._announcements.own.refused = refused
             self._announcements.tell_again()
 
@@ -263,27 +278,34 @@ class Tap:
         try:
             type_name = offered[0] if offered else types[0]
             profile = qos.to_hear_all(publishers)
-            self._heard[topic] = _Heard(
-                *self._subscribe(topic, type_name, profile), type_name, profile, count
-            )
+            ros = ros_class(type_name)
         except TransportError as error:
             self._deaf[topic] = f"{topic} is not heard: {error}"
+            return
+        heard = self._heard[topic] = _Heard(topic, type_name, profile, count)
+        self._making += 1
+        self._subscriber.subscribe(topic, ros, profile, partial(self._begin_to_hear, heard, ros))
 
-    def _subscribe(self, topic: str, type_name: str, profile: Any) -> tuple[Any, Any]:
-        ros = ros_class(type_name)
-        try:
-            subscription = self._node.create_subscription(
-                ros,
-                topic,
-                lambda message: None,
-                profile,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-                raw=True,
-            )
-        except (_rclpy.RCLError, ValueError) as error:
-            raise TransportError(" ".join(str(error).split())) from error
-        observing = self._observing(topic, type_name)
-        handle, read = subscription.handle, cdr.reader(ros)
+    def _begin_to_hear(
+        self, heard: _Heard, ros: Any, made: RawSubscription | TransportError
+    ) -> None:
+        """What was to be heard is subscribed to, or cannot be."""
+        self._making -= 1
+        is_wanted = self._heard.get(heard.topic) is heard
+        if isinstance(made, TransportError):
+            if is_wanted:
+                self._deaf[heard.topic] = f"{heard.topic} is not heard: {made}"
+                del self._heard[heard.topic]
+        elif is_wanted:
+            heard.subscription = made
+            self._take_from(made, heard, ros)
+        else:
+            self._subscriber.end(made)
+        self._tell_refused()
+
+    def _take_from(self, handle: RawSubscription, heard: _Heard, ros: Any) -> None:
+        topic = heard.topic
+        observing, read = self._observing(topic, heard.type_name), cdr.reader(ros)
 
         def take() -> bool:
             taken = None if self._closed else self._taker.take(handle)
@@ -298,13 +320,12 @@ class Tap:
             # what one publisher sends stays in its order, by which it is numbered
             newest, gid = self._newest, taken.gid
             newest[gid] = stamp_ns = max(newest.get(gid, 0), observing.stamp_ns(taken, data))
-            self._taken.append(_Waiting(stamp_ns, observing, taken, data))
+            self._taken.append(_Waiting(stamp_ns, observing, taken, data, time.monotonic()))
             return True
 
-        self._executor.handle(subscription, take, qos.TAP_DEPTH)
+        self._executor.handle(handle, take, qos.TAP_DEPTH)
         self._not_complete_before(self._began_s + _DISCOVERY_S)
         self._not_complete_before(time.monotonic() + _MATCHED_S)
-        return subscription, ros
 
     def _observing(self, topic: str, type_name: str) -> Observing:
         if topic == self._prefix + ros_forms.CALL_ERRORS:
@@ -325,27 +346,32 @@ class Tap:
     def _deliver(self) -> None:
         """Hand on what was taken, in its order, once the graph tells the names in it.
 
-        DDS shows an endpoint before ROS 2 says whose it is, so the first messages of a new node
-        may have to wait; not for long, and only once for who is never named.
+        DDS shows an endpoint before ROS 2 says whose it is, so the first messages of a new node may have to
+        wait; not for long: they go without a name then.
         """
         waiting = self._waiting
         while waiting and not self._closed:
             first = waiting[0]
             nameless = first.observing.nameless(first.taken, first.data)
-            if nameless and not self._gone.issuperset(nameless):
-                now = time.monotonic()
-                first.deadline = first.deadline or now + _NAMELESS_S
-                if now < first.deadline:
-                    self._not_complete_before(now + _MATCHED_S)
-                    if not self._retrying:
-                        self._retrying = True
-                        self._executor.after_real(_RETRY_S, self._retry)
-                    return
-                self._gone.update(nameless)
+            if nameless and self._waits_for(nameless, first):
+                if not self._retrying:
+                    self._retrying = True
+                    self._executor.after_real(_RETRY_S, self._retry)
+                return
             waiting.popleft()
             observation = first.observing.observation(first.taken, first.data)
             if observation is not None:
                 self._handler(observation)
+
+    def _waits_for(self, nameless: tuple[bytes, ...], first: _Waiting) -> bool:
+        """Whether ``first`` waits for the names of these."""
+        now = time.monotonic()
+        since_s = [self._nameless.setdefault(gid, now) for gid in nameless]
+        if now >= max(since_s) + _NEVER_NAMED_S:
+            return False
+        self._not_complete_before(now + _MATCHED_S)
+        joins = now < self._began_s + _DISCOVERY_S  # nobody judges yet what it hears
+        return now < first.since_s + (_NEVER_NAMED_S if joins else _NAMELESS_S)
 
     def _retry(self) -> None:
         self._retrying = False

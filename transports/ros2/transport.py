@@ -17,7 +17,7 @@ from transports.interface import (
     TransportError,
 )
 from transports.on_executor import OnExecutor
-from transports.ros2 import qos, topics
+from transports.ros2 import native, qos, topics
 from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import Executor
 from transports.ros2.faults import Declared, Faults
@@ -28,6 +28,7 @@ from transports.ros2.parameters import positive
 from transports.ros2.presence import Announcements
 from transports.ros2.services import Client, Request, Server
 from transports.ros2.session import open_node, prefix_of
+from transports.ros2.subscribing import Subscriber
 from transports.ros2.tap import Tap
 from transports.timers import Timer
 
@@ -81,6 +82,7 @@ class Ros2Transport(OnExecutor):
         self._events: dict[str, ServiceEvents] = {}
         self._clients: dict[str, Client] = {}
         self._taps: list[Tap] = []
+        self._subscriber = Subscriber(ros_node, self._executor)
         self._close_at_exit()
 
     @property
@@ -173,6 +175,7 @@ class Ros2Transport(OnExecutor):
         tap = Tap(
             self._ros,
             self._executor,
+            self._subscriber,
             self._graph,
             self._announcements,
             self._prefix,
@@ -195,6 +198,8 @@ class Ros2Transport(OnExecutor):
         self._announcements.release()
         context = self._ros.context
         self._executor.destroy()
+        self._subscriber.close()
+        native.end_discovery(self._ros)
         self._ros.destroy_node()
         context.try_shutdown()
 

@@ -8,7 +8,7 @@ import pytest
 
 from tests.transports import ros2_network
 from tests.transports.ros2.bare import Bare
-from tests.transports.shared_memory import segments
+from tests.transports.shared_memory import left_over, segments
 from transports.networks import ThreadedNetwork
 
 
@@ -18,7 +18,7 @@ def domain() -> Iterator[int]:
     with ros2_network.own_domain() as number:
         before = segments()
         yield number
-        assert segments() <= before
+        assert not left_over(before)
 
 
 @pytest.fixture

@@ -245,3 +245,77 @@ def test_a_tap_is_complete_when_it_hears_those_who_were_there(
     assert network.until(lambda: tap.is_complete)
     publisher.publish(Int32(data=3))
     assert network.until(lambda: [seen.data for seen in heard] == [{"data": 3}])
+
+
+def test_who_has_no_name_yet_holds_up_the_others_for_a_moment_only(
+    network: ThreadedNetwork, bare: Bare, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A monitor's time goes on meanwhile, and it would take what waits for what did not come."""
+    from std_msgs.msg import Int32
+
+    from transports.ros2 import tap
+    from transports.ros2.graph import Graph
+
+    is_named = False
+    find = Graph.publisher_of
+
+    def found(graph: Graph, topic: str, gid: bytes) -> str:
+        return find(graph, topic, gid) if is_named or topic != "/nameless" else ""
+
+    monkeypatch.setattr(Graph, "publisher_of", found)
+    monkeypatch.setattr(tap, "_NEVER_NAMED_S", 1000.0)
+    monkeypatch.setattr(tap, "_DISCOVERY_S", 0.0)
+    nameless = bare.node.create_publisher(Int32, "/nameless", 10)
+    named = bare.node.create_publisher(Int32, "/named", 10)
+    _, _, heard = tapped(network)
+
+    def both_are_heard() -> bool:
+        nameless.publish(Int32(data=1))
+        named.publish(Int32(data=2))
+        return {seen.channel for seen in heard} == {"/nameless", "/named"}
+
+    assert network.until(both_are_heard)
+    assert {seen.source for seen in heard if seen.channel == "/nameless"} == {""}
+    is_named = True
+    nameless.publish(Int32(data=3))
+    assert network.until(lambda: any(seen.data == {"data": 3} for seen in heard))
+    (last,) = [seen for seen in heard if seen.data == {"data": 3}]
+    assert last.source == "bare"
+
+
+def test_all_events_of_a_call_have_one_client_whenever_its_name_is_told() -> None:
+    from transports.ros2 import observing
+
+    class Told:
+        """A graph that is told the name of a client."""
+
+        name = ""
+
+        def client_of(self, service: str, gid: bytes) -> str:
+            return self.name
+
+    graph = Told()
+    notes = observing.Notes(graph, "")
+    one, other = b"\x01" * 16, b"\x02" * 16
+    asked = notes.caller("/double", one, 1)
+    assert asked != notes.caller("/double", other, 1)
+    graph.name = "policy"
+    assert notes.caller("/double", one, 1) == asked
+    assert notes.caller("/double", one, 2) == "policy"
+    graph.name = ""
+    for call in range(observing._KEPT_CALLS + 1):
+        notes.caller("/double", other, call)
+    graph.name = "policy"
+    assert notes.caller("/double", one, 1) == "policy"
+
+
+def test_a_node_that_announces_itself_has_a_name_before_the_graph_tells_it(
+    network: ThreadedNetwork,
+) -> None:
+    listener = network.node("listener")
+    graph = listener._graph
+    gid = bytes(range(16))
+    assert graph.publisher_of("/none", gid) == ""
+    graph.learn_node(gid, "policy")
+    assert graph.publisher_of("/none", gid) == "policy"
+    assert graph.client_of("/none", gid[:12] + b"\x09\x08\x07\x06") == "policy"
