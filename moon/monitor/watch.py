@@ -307,7 +307,10 @@ class SystemWatch:
             self._say(f"{name} has started again")
         # what it did while it came up is heard from now on: half the bound, before it is too late
         stamp_ns = self._pace.clock_ns - self._bounds.latency // 2
-        self._models.node_started(name, max(stamp_ns, node.since))
+        started_ns = max(stamp_ns, node.since)
+        self._models.node_started(name, started_ns)
+        if self._transport.repair_s:  # such a middleware links who listens channel by channel
+            self._models.node_found(name, started_ns + _LINKED_NS)
 
     # --- verdicts ----------------------------------------------------------------------------------
 

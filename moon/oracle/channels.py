@@ -18,8 +18,6 @@ from moon.oracle.facts import Fact, Role
 from moon.oracle.readers import (
     Port,
     Reader,
-    answered,
-    asking,
     complete,
     giving,
     of_action_client,
@@ -162,11 +160,8 @@ class Channels:
                 return self._called(name, kind, template)
             case InterfaceKind.ACTION_SERVER if own:
                 return self._of_action(port, kind, of_action_server)
-            case InterfaceKind.ACTION_SERVER:
-                if port.part == "send_goal" and kind is ObservationKind.REQUEST_SENT:
-                    return asking(name)
-                if port.part == "send_goal" and kind is ObservationKind.RESPONSE_RECEIVED:
-                    return answered(name)
+            case InterfaceKind.ACTION_SERVER if port.part == "send_goal":
+                return served(name, kind, own, template)
             case InterfaceKind.ACTION_CLIENT if own or (
                 port.part == "feedback" and kind is ObservationKind.MESSAGE
             ):

@@ -26,9 +26,9 @@ class Role(IntEnum):
     """The result of a goal, sent to who asked for it."""
     ASKED = 5
     """A request that another node sent to the machine, as that node tells it."""
-    ANSWERED = 7
+    ANSWERED = 6
     """The machine's answer to such a request, as that node tells it: the request was taken up."""
-    STRANGE = 6
+    STRANGE = 7
     """Something the machine sent where its model says nothing."""
 
 

@@ -126,7 +126,7 @@ class Judging:
             verdicts += self._time_passed(settled)
         if self._uptake.due <= settled:
             verdicts += self._not_taken_up(settled)
-        if self._base is None and self._listening_since is not None:
+        if self._is_to_be_found:
             verdicts += self._try_to_anchor(settled)
         self._wake_at(self._next_time())
         return verdicts
@@ -136,10 +136,17 @@ class Judging:
         if due < self._clock.wake:
             self._clock.wake = due
 
+    @property
+    def _is_to_be_found(self) -> bool:
+        """Whether it is not known what the machine does, and something of it was heard."""
+        if self._base is not None or self._listening_since is None:
+            return False
+        return self._heard_since != FOREVER
+
     def _next_time(self) -> int:
         """Until this time (ns) nothing is settled, due or to be found."""
         if self._base is None:
-            return FOREVER if self._listening_since is None else 0
+            return 0 if self._is_to_be_found else FOREVER
         wake = self._next_due if self._next_due < self._uptake.due else self._uptake.due
         if self._window and self._window[0].stamp < wake:
             wake = self._window[0].stamp
@@ -262,6 +269,8 @@ class Judging:
         return verdicts
 
     def _overdue(self, settled: int, base: list[Hypothesis]) -> list[Verdict]:
+        if self._is_perhaps_unheard(base, settled):
+            return self.lose(settled, "what it sent may not have been heard yet")
         explanation = explanation_of(self.search, base, None, self._history)
         verdicts = self._convict(self._verdict_of(settled, explanation, "unresponsive: "))
         if self._is_doubtful():
@@ -269,6 +278,15 @@ class Judging:
         else:
             self._recover(base, None)
         return verdicts
+
+    def _is_perhaps_unheard(self, base: list[Hypothesis], settled: int) -> bool:
+        """Whether what ``base`` owes may have been sent before its channel was heard."""
+        since = self._heard_since
+        if since is None or settled >= since + self.bounds.deadline + self._latency:
+            return False
+        channel_of, is_heard = self.search.channel_of_output, self._lanes.is_heard
+        owed = [h.owed[0] for h in base if h.owed]
+        return not all(is_heard(channel_of(item.kind, item.interface)) for item in owed)
 
     def _is_doubtful(self) -> bool:
         """Whether something that its node told since its doing is known was not heard, and may concern it."""

@@ -117,8 +117,18 @@ class Lanes:
         lane = self.opened[source, channel, kind] = Lane(readers, own, count)
         return lane
 
+    def is_heard(self, channel: str) -> bool:
+        """Whether the machine's node was heard on ``channel``, or on one that is part of that action."""
+        part = f"{channel}/_action/"
+        return any(
+            source == self._node and (heard == channel or heard.startswith(part))
+            for source, heard, _ in self.opened
+        )
+
     def restart(self) -> None:
-        """The machine's node numbers anew."""
+        """The machine's node numbers anew, and was not heard yet."""
+        for key in [key for key in self.opened if key[0] == self._node]:
+            del self.opened[key]
         for count in self.counts.values():
             if count.place[0] == self._node:
                 count.next = NONE

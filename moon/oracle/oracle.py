@@ -63,11 +63,13 @@ class Oracle(Judging):
         For an oracle that is not ``synchronised``: without it, one that finds a machine silent knows
         nothing of it before the first observation, and takes the first thing it does for the end of
         something that began before. With it, the silence before counts as silence.
+        Until then none does on a channel on which its node was not heard yet: what it sent may be missing.
 
         Args:
-            since_ns: ns since the epoch.
+            since_ns: ns since the epoch; ``FOREVER``: it is not known to be there, and owes nothing.
         """
         self._heard_since = since_ns
+        self._wake_at(0)
 
     def observe(self, observation: Observation) -> Verdict:
         """Take one observation; the verdict as it stands then."""

@@ -9,8 +9,21 @@ import pytest
 from moon.offline.playing import Player
 from moon.recording.entries import Began, Entry
 from moon.recording.recorded import RecordedConnection
+from tests.monitor import hand_driven
 from tests.monitor.hand_driven import HandDriven, S
 from transports.simulated import SimulatedTransport, SimulatedWorld
+
+BEATING = """\
+<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Level" initial="on">
+  <ros_topic_publisher topic="/battery" type="t/Level"/>
+  <ros_time_rate name="beat" rate_hz="2"/>
+  <state id="on">
+    <ros_rate_callback name="beat">
+      <ros_topic_publish name="/battery"><field name="data" expr="0"/></ros_topic_publish>
+    </ros_rate_callback>
+  </state>
+</scxml>
+"""
 
 
 class Repairing(HandDriven):
@@ -52,6 +65,30 @@ def test_what_happens_after_that_is_judged_again(held_up: Repairing) -> None:
     held_up.tick(2, status=1)
     held_up.pass_time(1000)
     assert held_up.watch.violations == 1
+
+
+def test_what_a_node_that_starts_sends_may_be_heard_seconds_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its channels are subscribed to one by one: silence counts where it was heard, else after 5 s."""
+    monkeypatch.setattr(hand_driven, "LEVEL", BEATING)
+    late, silent, stops = (Repairing(tmp_path / name) for name in ("late", "silent", "stops"))
+    for hand in (late, silent, stops):
+        hand.pass_time(100)
+        hand.node("Level", True)
+    for hand in (late, stops):
+        hand.pass_time(3200)
+        for _ in range(8):
+            hand.message(0, source="Level")
+            hand.pass_time(500)
+        assert hand.watch.violations == 0
+        assert hand.status.verdict == "conforming"
+    stops.pass_time(1500)
+    assert stops.watch.violations == 1
+    silent.pass_time(5000)
+    assert silent.watch.violations == 0
+    silent.pass_time(3000)
+    assert silent.watch.violations == 1
 
 
 def test_a_recording_keeps_how_long_the_middleware_repairs() -> None:
