@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from moon.monitor.watch import SystemWatch
     from moon.properties.property import Property
     from moon.verdict import Verdict
-    from transports.interface import Observation, Transport
+    from transports.interface import Observation, Tap, Transport
 
 DEADLINE_NS = 1_000_000_000
 """Of outputs, as ``moon monitor`` has it when nothing is said."""
@@ -42,6 +42,27 @@ class Run(msgspec.Struct, frozen=True):
     """Verdicts on properties."""
     standing: dict[str, str] = {}
     """The verdict at the end of each property that was monitored."""
+
+
+class _Overheard:
+    """A monitor's connection; ``hear`` is told what its tap hears, before the monitor is."""
+
+    def __init__(self, connection: Transport, hear: Callable[[Observation], None]) -> None:
+        self._connection = connection
+        self._hear = hear
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._connection, name)
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """One tap for both: a second would double what the middleware does for the first."""
+        hear = self._hear
+
+        def heard(seen: Observation) -> None:
+            hear(seen)
+            handler(seen)
+
+        return self._connection.tap(channels, heard)
 
 
 class Listener:
@@ -78,13 +99,13 @@ class Listener:
         self.broken: list[Said] = []
         self._properties = PropertyWatch(properties, LATENCY_NS)
         bounds = Bounds(latency=LATENCY_NS, deadline=DEADLINE_NS)
+        overheard: Any = _Overheard(transport, self._hear)
         self.watch: SystemWatch = SystemWatch(
-            transport, system, system.nodes, bounds, [self], _complain, self._properties
+            overheard, system, system.nodes, bounds, [self], _complain, self._properties
         )
 
     def start(self) -> None:
         """Listen: before the nodes start."""
-        self._transport.tap([], self._hear)
         self.watch.start()
 
     def _hear(self, seen: Observation) -> None:
@@ -104,7 +125,7 @@ class Listener:
 
     @property
     def is_over(self) -> bool:
-        """Whether what should be found is found, and what led there has been heard here, too."""
+        """Whether what should be found is found, and all that led there has been heard."""
         since = self._transport.now_ns() - LATENCY_NS
         found = any(s.verdict.node == self._faulty and s.at_ns < since for s in self.violations)
         return found and not self._properties.properties
