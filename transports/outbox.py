@@ -120,7 +120,7 @@ class Outbox(Generic[Item]):
         return self._scheduled and now_s >= self._burst_s + AT_MOST_S
 
     def round_over(self) -> None:
-        """Tell what is kept, as nobody waits now; on the executor's thread."""
+        """Tell what is kept, as nobody waits now; from any thread."""
         if not self._scheduled:
             return
         if self._timer is not None:

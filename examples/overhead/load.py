@@ -174,8 +174,10 @@ class Load:
             self._tick()
             if rate_hz:
                 due = max(due + 1 / rate_hz, time.perf_counter())
-                self._transport.round_over()  # as the runner does behind a tick
-                pace.wait(due - time.perf_counter())
+                pause = due - time.perf_counter()
+                if pause > 0:
+                    self._transport.round_over()  # as the runner does behind a tick
+                    pace.wait(pause)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -56,6 +56,16 @@ def a_tap_hears_every_message_once_and_in_order(network: Network) -> None:
     assert stamps == sorted(stamps), "stamps of one source go back"
 
 
+def _tapped_service(network: Network) -> tuple[Transport, Transport, list[Observation]]:
+    """A server of ``DOUBLE``, its client, and what a third node hears of them."""
+    server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
+    heard: list[Observation] = []
+    on(network, server, lambda: server.serve(DOUBLE, lambda r: r.respond(Answer(2 * r.data.value))))
+    on(network, listener, lambda: listener.tap([], heard.append))
+    ready(network, server, client, listener)
+    return server, client, heard
+
+
 def _until_both_ends_tell(network: Network, client: Transport, heard: list[Observation]) -> None:
     """Call ``DOUBLE`` until all four events of a call come: its ends learn of a tap by and by."""
 
@@ -70,12 +80,7 @@ def _until_both_ends_tell(network: Network, client: Transport, heard: list[Obser
 
 def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
     """Both ends tell theirs, in an order that respects cause and effect."""
-    server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
-    heard: list[Observation] = []
-    on(network, server, lambda: server.serve(DOUBLE, lambda r: r.respond(Answer(2 * r.data.value))))
-    on(network, listener, lambda: listener.tap([], heard.append))
-    ready(network, server, client, listener)
-
+    _, client, heard = _tapped_service(network)
     _until_both_ends_tell(network, client, heard)
     heard.clear()
     results = calls(network, client, range(1, 51))
@@ -107,11 +112,7 @@ def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
 
 def rounds_that_are_over_cost_a_tap_nothing(network: Network) -> None:
     """Whoever says that they are over, on whatever thread: all that was done is heard, once and in order."""
-    server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
-    heard: list[Observation] = []
-    on(network, server, lambda: server.serve(DOUBLE, lambda r: r.respond(Answer(2 * r.data.value))))
-    on(network, listener, lambda: listener.tap([], heard.append))
-    ready(network, server, client, listener)
+    server, client, heard = _tapped_service(network)
     client.round_over()  # nothing was done yet
 
     def rounds(values: range) -> None:

@@ -22,7 +22,7 @@ import zenoh
 
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
-from transports.outbox import CALLER_S, DELAY_S
+from transports.outbox import CALLER_S
 from transports.payloads import PayloadError
 from transports.timers import Timer
 from transports.zenoh.executor import Executor
@@ -268,9 +268,9 @@ class Client:
     ) -> zenoh.Reply | None:
         """The first reply, or None when there is none; Empty after ``deadline`` (monotonic)."""
         wait_s = max(deadline - time.monotonic(), 0.0)
-        if self.events.heard and wait_s > DELAY_S:
+        if self.events.heard and wait_s > CALLER_S:
             try:
-                return replies.get(timeout=DELAY_S)
+                return replies.get(timeout=CALLER_S)
             except Empty:  # a call that takes its time: say that it is under way
                 self.events.flush()
                 wait_s = max(deadline - time.monotonic(), 0.0)

@@ -120,7 +120,7 @@ class ZenohTransport(OnExecutor):
             )
 
     def round_over(self) -> None:
-        """Have all nodes tell their taps what they keep for them, this one first."""
+        """Have all nodes tell their taps what they keep for them, this one last."""
         if self._rounds is not None:
             self._rounds.say()
 
@@ -146,10 +146,10 @@ class ZenohTransport(OnExecutor):
 
     def _events_of(self, service: Service) -> ServiceEvents:
         events = self._events.get(service.name)
-        if self._rounds is None:
-            self._rounds = Rounds(self._session, self._executor, self._outbox)
-            self._declared.append(self._rounds)
         if events is None:
+            if self._rounds is None:
+                self._rounds = Rounds(self._session, self._executor, self._outbox)
+                self._declared.append(self._rounds)
             events = ServiceEvents(
                 self._session, self._outbox, service, self._node_bytes, self._order
             )
