@@ -129,6 +129,8 @@ def generate(folder: Path, through_the_middle: bool) -> Path:
 class Plant:
     """A set of running nodes and the policy's process, which ticks when it is told.
 
+    Ticks succeed from the beginning; through the middle, once that is there.
+
     Args:
         where: their middleware.
         folder: the generated packages.
@@ -167,6 +169,9 @@ class Plant:
                     else self._start_node(node, folder)
                 )
             self.load.answer()
+            if not through_the_middle:
+                self.settle()
+                self.rest()
         except BaseException:
             self._stack.close()
             raise
@@ -198,7 +203,8 @@ class Plant:
         return msgspec.convert(answer, Taken)
 
     def settle(self) -> None:
-        """Tick until a tick succeeds: after a man in the middle has come, the others look for him.
+        """Tick until ticks succeed: at first a skill may not have heard that the battery is low, and after
+        a man in the middle has come, the others look for him.
 
         Raises:
             ChildError: none does.
