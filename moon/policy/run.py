@@ -142,8 +142,8 @@ class TreeRun:
 
     def __init__(self, trees: Trees) -> None:
         self._trees = trees
-        self._tree = trees.factory.create_tree(trees.policy.main)
         self._timed: dict[Place, _Timed] = {}
+        self._tree: Any = trees.factory.create_tree(trees.policy.main)
         self._above: Place = ()
         self._answer = BEGIN
         self._abandoned = False
@@ -202,6 +202,18 @@ class TreeRun:
             self._abandoned = True
             self._go.release()
             self._thread.join()
+
+    def __del__(self) -> None:
+        """The tree goes, and halts what is RUNNING in it: that is nothing to the run on whose thread it does.
+
+        Garbage is collected on whatever thread it is noticed, for instance another run's.
+        """
+        other, _thread.run = getattr(_thread, "run", None), None
+        try:
+            self._timed = {}
+            self._tree = None
+        finally:
+            _thread.run = other
 
     # --- the tree's side ---------------------------------------------------------------------------
 
