@@ -52,6 +52,13 @@ class Presence(msgspec.Struct):
     refused: list[str] = msgspec.field(default_factory=list)
 
 
+class _Heard(msgspec.Struct, frozen=True):
+    """An announcement, and what of it the graph has shown: that is not asked again, which takes its time."""
+
+    presence: Presence
+    shown: set[tuple[str, str]] = msgspec.field(default_factory=set)
+
+
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(Presence).decode
 
@@ -65,7 +72,7 @@ class Announcements:
         self._graph = graph
         self._topic = prefix + TOPIC
         self._taker = native.Taker()
-        self._heard: dict[bytes, Presence] = {}
+        self._heard: dict[bytes, _Heard] = {}
         self._up: dict[bytes, str] = {}
         self._changed = threading.Condition()
         self._watchers: list[Callable[[str, bool], None]] = []
@@ -136,7 +143,8 @@ class Announcements:
         """Something has changed (on the graph's thread)."""
         while (taken := self._taker.take(self._subscription.handle)) is not None:
             try:
-                presence = self._heard[taken.gid] = _decode(_text_of(taken.payload))
+                presence = _decode(_text_of(taken.payload))
+                self._heard[taken.gid] = _Heard(presence)
                 self._graph.learn_node(taken.gid, presence.node)
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 LOG.warning("%s: message dropped: %s", self._topic, error)
@@ -146,9 +154,9 @@ class Announcements:
         }
         gone = [gid for gid in self._up if gid not in there]
         come = {
-            gid: presence
-            for gid, presence in self._heard.items()
-            if gid not in self._up and gid in there and self._is_complete(presence)
+            gid: heard.presence
+            for gid, heard in self._heard.items()
+            if gid not in self._up and gid in there and self._is_complete(heard)
         }
         if not gone and not come:
             return
@@ -175,40 +183,41 @@ class Announcements:
             self._up[gid] = presence.node
             self._since[presence.node] = presence.since_ns
 
-    def _is_complete(self, presence: Presence) -> bool:
+    def _is_complete(self, heard: _Heard) -> bool:
         """Whether all that the node has declared has reached this node's graph, and its taps have
         found what this node has declared.
         """
-        node = self._node
-        for declared, topics_of in (
-            (presence.publishes, node.get_publishers_info_by_topic),
-            (presence.subscribes, node.get_subscriptions_info_by_topic),
-        ):
-            for topic in declared:
-                if presence.node not in {info.node_name for info in topics_of(topic)}:
-                    return False
-        for service in presence.serves:
-            readers = node.get_subscriptions_info_by_topic(request_topic(service), no_mangle=True)
-            if presence.node not in {info.node_name for info in readers}:
+        for wanted in self._wanted(heard.presence):
+            if wanted in heard.shown:
+                continue
+            if not self._is_shown(*wanted, heard.presence):
                 return False
+            heard.shown.add(wanted)
+        return True
+
+    def _wanted(self, presence: Presence) -> Iterator[tuple[str, str]]:
+        """What the graph has to show of the node: kind and topic."""
+        yield from (("publishes", topic) for topic in presence.publishes)
+        yield from (("subscribes", topic) for topic in presence.subscribes)
+        yield from (("serves", request_topic(service)) for service in presence.serves)
         if not presence.taps or presence.node == self.own.node:
-            return True
+            return
         hearable = [
             *((topic, topic) for topic in self.own.publishes),
             *((service, service + EVENT_SUFFIX) for service in (*self.own.serves, *self.own.calls)),
         ]
-        return all(
-            topic in presence.refused
-            or not matches(channel, presence.taps)
-            or self._is_tapped(topic, presence)
-            for channel, topic in hearable
-        )
+        for channel, topic in hearable:
+            if topic not in presence.refused and matches(channel, presence.taps):
+                yield "taps", topic
 
-    def _is_tapped(self, topic: str, presence: Presence) -> bool:
-        """Whether a tap of that node subscribes to ``topic``, beside the node itself if that does too."""
-        subscriptions = self._node.get_subscriptions_info_by_topic(topic)
-        found = [info for info in subscriptions if info.node_name == presence.node]
-        return len(found) > presence.subscribes.count(topic)
+    def _is_shown(self, kind: str, topic: str, presence: Presence) -> bool:
+        if kind == "publishes":
+            infos = self._node.get_publishers_info_by_topic(topic)
+        else:
+            infos = self._node.get_subscriptions_info_by_topic(topic, no_mangle=kind == "serves")
+        found: int = sum(info.node_name == presence.node for info in infos)
+        # a tap subscribes beside the node itself, if that does too
+        return found > (presence.subscribes.count(topic) if kind == "taps" else 0)
 
 
 def _profile(depth: int) -> QoSProfile:
