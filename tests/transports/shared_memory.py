@@ -8,6 +8,8 @@ busy machine: it takes that one for broken, and nobody for its owner (``SharedMe
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import re
 import time
 from pathlib import Path
@@ -18,19 +20,32 @@ _FIRST_PORT, _PORTS = 7400, 250
 """Ports of domain 0, and how many each domain has (DDSI-RTPS 2.5, 9.6.2.3)."""
 _SHARED_PORTS = range(7000, _FIRST_PORT)
 """Mailboxes that participants of all domains number as they come."""
+SETTLED_S = 5.0
+"""A process that makes such a file has mapped it after so long."""
+
+_later: set[str] = set()
+"""Mailboxes of ended tests whose files may still be in the making, for somebody else of that number."""
 
 
 def unused() -> set[str]:
     """Files of Fast DDS that no process has mapped or open."""
     files = {path.name for path in SHARED.glob("*fastrtps*")}
     for process in Path("/proc").glob("[0-9]*"):
-        try:
-            text = (process / "maps").read_text()
-            text += "".join(str(item.readlink()) for item in (process / "fd").iterdir())
-        except OSError:  # it has ended meanwhile, or is not ours
-            continue
+        text = _in_use(process)
         files = {name for name in files if f"{SHARED}/{name}" not in text}
     return {name for name in files if (SHARED / name).exists()}
+
+
+def _in_use(process: Path) -> str:
+    """The files that a process has mapped or open; it may open and close others meanwhile, or end."""
+    found = []
+    with contextlib.suppress(OSError):
+        found.append((process / "maps").read_text())
+    with contextlib.suppress(OSError):
+        for item in (process / "fd").iterdir():
+            with contextlib.suppress(OSError):
+                found.append(str(item.readlink()))
+    return "\n".join(found)
 
 
 def segments() -> set[str]:
@@ -51,12 +66,38 @@ def left_over(before: set[str], patience_s: float = 5.0) -> set[str]:
 
 
 def remove_mailboxes(domain: int, before: set[str]) -> None:
-    """Remove the mailboxes of a ROS domain, whose processes have ended, that were not there ``before``."""
+    """Remove the mailboxes of a ROS domain, whose processes have ended, that were not there ``before``.
+
+    Those that may as well be of another domain go later, as somebody may be about to use them: who loses his
+    mailbox, or the lock that says that it is his, gets another to share it with, and never hears of that one.
+    """
     first = _FIRST_PORT + _PORTS * domain
     for name in unused() - before:
         match = _MAILBOX.match(name)
         if match is None:
             continue
         port = int(match[1])
-        if port in _SHARED_PORTS or first <= port < first + _PORTS:
+        if first <= port < first + _PORTS:
             (SHARED / name).unlink(missing_ok=True)
+        elif port in _SHARED_PORTS:
+            if not _later:
+                atexit.register(_remove_the_last)
+            _later.add(name)
+    _remove_settled()
+
+
+def _remove_settled() -> None:
+    for name in _later & unused():
+        with contextlib.suppress(FileNotFoundError):
+            if time.time() - (SHARED / name).stat().st_ctime > SETTLED_S:
+                (SHARED / name).unlink()
+    _later.intersection_update(path.name for path in SHARED.glob("*fastrtps*"))
+
+
+def _remove_the_last() -> None:
+    """Those of the tests that ended last have to get old enough."""
+    deadline = time.monotonic() + 2 * SETTLED_S
+    _remove_settled()
+    while _later & unused() and time.monotonic() < deadline:
+        time.sleep(0.1)
+        _remove_settled()
