@@ -14,7 +14,7 @@ from pathlib import Path
 from setuptools import Extension, setup
 
 MODULES = {
-    "moon/monitor": "models nodes pace patience properties reception watch",
+    "moon/monitor": "models nodes pace patience properties reception turns watch",
     "moon/offline": "engine playing",
     "moon/oracle": "*",
     "moon/policy": "calls follow oracle remembered",

@@ -33,8 +33,8 @@ class Connection(Protocol):
         """See ``Transport.up_since``."""
         ...
 
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """See ``Transport.every``."""
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """See ``Transport.after``."""
         ...
 
     def post(self, handler: Callable[[], None]) -> None:

@@ -84,9 +84,9 @@ class Joining:
         """See ``Transport.up_since``."""
         return self._connection.up_since(name)
 
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """See ``Transport.every``."""
-        return self._connection.every(period_s, handler)
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """See ``Transport.after``."""
+        return self._connection.after(delay_s, handler)
 
     def post(self, handler: Callable[[], None]) -> None:
         """See ``Transport.post``."""

@@ -109,6 +109,14 @@ class ModelMonitor:
             clock.wake = wake
         return verdicts if self.policy is None else verdicts + self.policy.advance(now_ns)
 
+    @property
+    def next_ns(self) -> int:
+        """When time alone may change something next (0: at any time), on the clock of ``advance``."""
+        wake = self._clock.wake
+        if self.policy is not None and self.policy.wake < wake:
+            wake = self.policy.wake
+        return wake + self.bounds.latency if 0 < wake < FOREVER else wake
+
     def node_found(self, node: str, stamp_ns: int) -> None:
         """``node`` was up already; from ``stamp_ns`` on, what it does is heard."""
         oracle = self.oracles.get(node)

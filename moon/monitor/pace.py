@@ -14,10 +14,10 @@ from collections.abc import Callable
 
 NS = 1_000_000_000
 
-PERIOD_S = 0.01
-"""How often time passes for the oracles."""
-_USUAL_GAP_NS = 50_000_000
-"""Between two ticks of a monitor that is not held up."""
+PERIOD_NS = 10_000_000
+"""Time passes for the oracles at most so often."""
+USUAL_GAP_NS = 50_000_000
+"""At most so long is between two ticks of a monitor that is not held up."""
 _MEMORY_NS = NS
 """How long a late observation keeps the clock back, at least."""
 
@@ -77,13 +77,19 @@ class Pace:
         if now_ns - self._since_ns > _MEMORY_NS:
             self._late_before_ns, self._late_ns, self._since_ns = self._late_ns, 0, now_ns
         late_ns = max(self._late_ns, self._late_before_ns)
-        if late_ns <= self._free_ns and gap <= _USUAL_GAP_NS and now_ns - self.clock_ns <= 2 * gap:
+        if late_ns <= self._free_ns and gap <= USUAL_GAP_NS and now_ns - self.clock_ns <= 2 * gap:
             target = now_ns  # nothing is late: as nearly always
         else:
             behind = max(late_ns - self._free_ns, 0)
-            target = min(now_ns - behind, self.clock_ns + 2 * min(gap, _USUAL_GAP_NS))
+            target = min(now_ns - behind, self.clock_ns + 2 * min(gap, USUAL_GAP_NS))
         self.clock_ns = max(self.clock_ns, target)
         return self.clock_ns
+
+    def reach_ns(self, now_ns: int) -> int:
+        """What the oracles may be told the time is when something is heard between two ticks."""
+        if self.clock_ns < self.now_ns or max(self._late_ns, self._late_before_ns) > self._free_ns:
+            return self.clock_ns
+        return max(self.clock_ns, min(now_ns, self.now_ns + USUAL_GAP_NS))
 
     @property
     def is_lost(self) -> bool:

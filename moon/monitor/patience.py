@@ -9,7 +9,7 @@ processors is held up, too.
 
 from __future__ import annotations
 
-from moon.monitor.pace import NS, PERIOD_S
+from moon.monitor.pace import NS
 
 LEAST_NS = 25_000_000
 """Several times what a message takes on an idle machine, service events' 3.5 ms at their node included (12
@@ -18,7 +18,6 @@ MARGIN = 2
 """How much later than the latest so far the next one may be."""
 WINDOW_NS = 30 * NS
 """Lags are remembered for one to two windows in which something was heard."""
-_PERIOD_NS = round(PERIOD_S * NS)
 
 
 class Patience:
@@ -34,7 +33,6 @@ class Patience:
         self._worst_ns = self._before_ns = 0
         """The longest lag of this window, and of the one before."""
         self._since_ns = 0
-        self._ticked_ns: int | None = None
 
     def heard(self, lag_ns: int, now_ns: int) -> None:
         """Something was heard ``lag_ns`` after it happened."""
@@ -47,12 +45,9 @@ class Patience:
         """Something was missed: for a while, nothing is said before the latency bound is over."""
         self._worst_ns = self._latency_ns
 
-    def ticked(self, now_ns: int) -> None:
-        """The monitor's regular work is done at ``now_ns``."""
-        if self._ticked_ns is not None:
-            delay_ns = now_ns - self._ticked_ns - _PERIOD_NS
-            self._worst_ns = max(self._worst_ns, delay_ns)
-        self._ticked_ns = now_ns
+    def held_up(self, delay_ns: int) -> None:
+        """The monitor's regular work was done ``delay_ns`` later than it should have been."""
+        self._worst_ns = max(self._worst_ns, delay_ns)
 
     @property
     def wait_ns(self) -> int:

@@ -19,6 +19,7 @@ import msgspec
 from m2c.model.system import System
 from moon.monitor.patience import LEAST_NS, Patience
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
+from moon.oracle.bounds import FOREVER
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.meaning import duration
 from moon.properties.monitor import TimeOrderError
@@ -176,11 +177,18 @@ class PropertyWatch:
         self._quiet_until = self._next_ns()
         return found
 
+    @property
+    def next_ns(self) -> int:
+        """Until then (ns) time alone changes nothing; 0: it may at once."""
+        return self._quiet_until
+
     def _next_ns(self) -> int:
         """When there is something to do next, if nothing is heard; 0: at once."""
         if self._losses:
             return 0
-        instants = [self._ordered.foreseen_next_ns + LEAST_NS]
+        instants: list[int] = []
+        if self._foresees:
+            instants.append(self._ordered.foreseen_next_ns + LEAST_NS)
         if (due_ns := self._ordered.next_deadline()) is not None:
             instants.append(due_ns)
         instants += [stamp + self._latency_ns for stamp in self._held]
@@ -189,7 +197,12 @@ class PropertyWatch:
             for tally in self._tallies.values()
             if tally.foreseen_ns is not None
         ]
-        return min(instants)
+        return min(instants, default=FOREVER)
+
+    @property
+    def _foresees(self) -> bool:
+        """Whether violations are said before the latency bound is over."""
+        return bool(self.properties) and self.patience.wait_ns < self._latency_ns
 
     def _count_for_good(self, until: int) -> tuple[list[Verdict], int]:
         """Everything stamped up to ``until`` counts, or up to a loss that goes on; the instant."""
@@ -216,10 +229,10 @@ class PropertyWatch:
 
     def _foreseen(self, now_ns: int) -> list[Verdict]:
         """Violations that only something later than is to be expected could mend."""
-        wait_ns = self.patience.wait_ns
-        if self._losses or wait_ns >= self._latency_ns:
+        if self._losses or not self._foresees:
             self._ordered.foresee_nothing()
             return []
+        wait_ns = self.patience.wait_ns
         found: list[Verdict] = []
         for name, verdict in self._ordered.foresee(now_ns - wait_ns):
             tally = self._tallies[name]

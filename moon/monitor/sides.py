@@ -58,9 +58,9 @@ class Side:
         """When a node of this side began to connect."""
         return self._there.up_since(name)
 
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """A timer of the home transport."""
-        return self._home.every(period_s, handler)
+        return self._home.after(delay_s, handler)
 
     def post(self, handler: Callable[[], None]) -> None:
         """Run ``handler`` on the home transport's executor."""
@@ -111,9 +111,9 @@ class AllSides:
         """When a node began to connect, on whichever side it is."""
         return max(side.up_since(name) for side in self._sides)
 
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """A timer of the home transport."""
-        return self._sides[0].every(period_s, handler)
+        return self._sides[0].after(delay_s, handler)
 
     def post(self, handler: Callable[[], None]) -> None:
         """Run ``handler`` on the home transport's executor."""

@@ -14,10 +14,11 @@ from m2c.model.system import System
 from moon.monitor.connection import Connection, Sink
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
-from moon.monitor.pace import NS, PERIOD_S, Pace, read_together
+from moon.monitor.pace import NS, PERIOD_NS, Pace, read_together
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception
 from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
+from moon.monitor.turns import Turns
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
@@ -25,7 +26,6 @@ from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap
 
-_PERIOD_NS = round(PERIOD_S * NS)
 _LINKED_NS = 5 * NS
 """So long after a node was found in the middle of its run, this monitor is linked to it, and subscribed to
 all that it tells (DDS takes some 50 ms for each of sixty subscriptions while a whole system starts)."""
@@ -92,6 +92,7 @@ class SystemWatch:
         self._listening_since = 0
         """What is stamped before is not judged."""
         self._pace = Pace(transport.now_ns(), bounds.latency)
+        self._turns = Turns(transport, self._turn, bounds.latency)
         self._read_monotonic = monotonic_ns
         self._monotonic_ns = monotonic_ns()
         self._began_ns = 0
@@ -104,7 +105,7 @@ class SystemWatch:
         self._listening_since = self._began_ns = transport.now_ns()
         self._pace.restart(self._listening_since)
         transport.watch_nodes(self._node_changed)
-        transport.every(PERIOD_S, self._tick)
+        self._turns.plan(0)
         self._tell_properties(self._properties.start(self._listening_since))
 
     # --- what is heard -----------------------------------------------------------------------------
@@ -138,11 +139,12 @@ class SystemWatch:
                 self._models.node_found(seen.source, now_ns + _LINKED_NS)
         if seen.kind is ObservationKind.MESSAGE and seen.sequence >= 0:
             self._look_at_first(seen)
-        limit_ns = pace.clock_ns
-        if judged.received_ns > limit_ns + 2 * _PERIOD_NS:
+        limit_ns = pace.reach_ns(now_ns)
+        if judged.received_ns > limit_ns + 2 * PERIOD_NS:
             judged = _received_at(judged, limit_ns)
         self._properties.observe(seen)
         self._take(self._models.feed(judged))
+        self._turns.heard(now_ns)
 
     def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""
@@ -181,7 +183,7 @@ class SystemWatch:
 
     # --- time --------------------------------------------------------------------------------------
 
-    def _tick(self) -> None:
+    def _turn(self) -> None:
         now_ns, monotonic_ns = read_together(self._transport.now_ns, self._read_monotonic)
         self._look_at_clock(now_ns, monotonic_ns)
         # behind what the tap has already handed over
@@ -194,18 +196,20 @@ class SystemWatch:
             why = "this monitor does not keep up with what it hears"
             self._start_anew(now_ns, monotonic_ns, why, held_up=True)
         up_since = list(map(self._transport.up_since, self._up))
-        if up_since != self._up_since:  # a hundred times a second, and hardly ever true
+        if up_since != self._up_since:  # hardly ever
             for name, since in zip(self._up, up_since, strict=True):
                 if since != self._nodes[name].since:
                     self._node_up(name, self._nodes[name])
         if clock_ns >= self._listening_since:
             self._take(self._models.advance(clock_ns))
-        self._properties.patience.ticked(self._transport.now_ns())
+        self._properties.patience.held_up(self._transport.now_ns() - self._turns.due_ns)
         self._tell_properties(self._properties.advance(clock_ns))
         for name, node in self._gone:
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
                 self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
         self._tell_changes(now_ns)
+        is_behind = clock_ns < now_ns
+        self._turns.plan(0 if is_behind else min(self._models.next_ns, self._properties.next_ns))
 
     def _look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is said."""

@@ -1,8 +1,8 @@
 """A recording as a monitor's connection: it is told what was recorded, when it was.
 
 ``SystemWatch`` is handed this in place of a transport. A recording of a monitor has the turns that it
-took, and they are taken again, one by one. Any other recording has none: then the timer runs whenever
-its period is over by the clock of the recording, and what is left for later is done at once.
+took, and they are taken again, one by one. Any other recording has none: then the timer runs when it is
+due by the clock of the recording, and what is left for later is done at once.
 """
 
 from __future__ import annotations
@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from moon.monitor.pace import NS, PERIOD_S
+from moon.monitor.pace import NS
 from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Turn
 from transports.interface import Observation, Publisher, Tap, Timer, Topic, TransportError
 
 MAX_QUIET_NS = 24 * 3600 * NS
 """Time passes step by step over silences up to this; longer ones are clocks that were set."""
-_PERIOD_NS = round(PERIOD_S * NS)
 
 
 class Player:
@@ -69,9 +68,10 @@ class Player:
         """Hear of nodes."""
         self._changed = handler
 
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """The watch's timer; it has one."""
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """The watch's timer; it has one at a time."""
         self._timer = handler
+        self._next_ns = self._now_ns + round(delay_s * NS)
         return self
 
     def post(self, handler: Callable[[], None]) -> None:
@@ -99,7 +99,8 @@ class Player:
         """Nothing is open."""
 
     def cancel(self) -> None:
-        """The timer ends with the recording."""
+        """It will not run."""
+        self._timer = None
 
     # --- for who reads the recording ---------------------------------------------------------------
 
@@ -112,7 +113,6 @@ class Player:
             self.repair_s = first.repair_s
         else:
             self._now_ns = first.received_ns - self._early_ns
-        self._next_ns = self._now_ns + _PERIOD_NS
         begin()
 
     def play(self, entry: Entry) -> None:
@@ -154,15 +154,17 @@ class Player:
     def _pass_to(self, instant_ns: int) -> None:
         """Time passes to ``instant_ns``, for a watch whose turns were not recorded."""
         if not -NS < instant_ns - self._next_ns < MAX_QUIET_NS:
-            self._next_ns = instant_ns  # the clock was set
-        while self._next_ns <= instant_ns:
-            self._monotonic_ns += _PERIOD_NS
-            self._now_ns = self._next_ns
-            self._next_ns += _PERIOD_NS
-            if self._timer is not None:
-                self._timer()
+            self._next_ns = self._now_ns = instant_ns  # the clock was set
+        while self._timer is not None and self._next_ns <= instant_ns:
+            self._move_to(self._next_ns)
+            timer, self._timer = self._timer, None
+            timer()
             while self._posted:
                 self._posted.popleft()()
+        self._move_to(instant_ns)
+
+    def _move_to(self, instant_ns: int) -> None:
+        self._monotonic_ns += max(instant_ns - self._now_ns, 0)
         self._now_ns = instant_ns
 
 

@@ -22,7 +22,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
-from moon.oracle.bounds import Bounds
+from moon.oracle.bounds import FOREVER, Bounds
 from moon.policy.calls import Call, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.run import Ask, Life
@@ -204,6 +204,12 @@ class PolicyOracle:
         if self._owed and settled - self._last_ns > self.bounds.deadline:
             verdicts += self._overdue(settled)
         return verdicts
+
+    @property
+    def wake(self) -> int:
+        """Until all that happened by then (ns) has been heard, time alone changes nothing."""
+        wake = self._window[0][0] if self._window else FOREVER
+        return min(wake, self._last_ns + self.bounds.deadline + 1) if self._owed else wake
 
     @property
     def hypotheses(self) -> Sequence[object]:

@@ -104,8 +104,8 @@ class RecordedConnection:
         """When a node began to connect, as it is known since the last turn."""
         return self._since.get(name, 0)
 
-    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """A timer, whose turns are recorded."""
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """A timer, whose turn is recorded."""
 
         def run() -> None:
             self._now_ns = self._home.now_ns()
@@ -113,7 +113,7 @@ class RecordedConnection:
             self._take_turn(Turn.TIMER)
             handler()
 
-        return self._home.every(period_s, run)
+        return self._home.after(delay_s, run)
 
     def post(self, handler: Callable[[], None]) -> None:
         """Run ``handler`` later, which is recorded."""

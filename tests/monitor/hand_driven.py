@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 
 from m2c.model import load
@@ -67,7 +68,8 @@ class HandDriven:
         self.verdicts: list[Verdict] = []
         self.heard_by_tap: list[str] = []
         self._numbers: dict[tuple[str, str, bool], int] = {}
-        self._timers = []
+        self._due_ns = 0
+        self._turn: Callable[[], None] = lambda: None
         log = DiagnosticLog()
         system = load([write_models(folder)], log)
         assert system is not None
@@ -110,8 +112,12 @@ class HandDriven:
     def up_since(self, name: str) -> int:
         return self.since.get(name, 0)
 
-    def every(self, period_s: float, handler) -> None:
-        self._timers.append(handler)
+    def after(self, delay_s: float, handler):
+        self._due_ns, self._turn = self.now + round(delay_s * S), handler
+        return self
+
+    def cancel(self) -> None:
+        """Another turn is planned in place of the last one."""
 
     def post(self, handler) -> None:
         handler()
@@ -122,16 +128,16 @@ class HandDriven:
     # what a test does
     def pass_time(self, milliseconds: int) -> None:
         """Time passes, and the watch sees it pass."""
-        for _ in range(milliseconds // 10):
-            self.now += 10 * MS
-            for handler in self._timers:
-                handler()
+        until = self.now + milliseconds * MS
+        while self._due_ns <= until:
+            self.now = max(self.now, self._due_ns)
+            self._turn()
+        self.now = until
 
     def jump(self, nanoseconds: int) -> None:
         """Time passes, and the watch does not run meanwhile."""
         self.now += nanoseconds
-        for handler in self._timers:
-            handler()
+        self._turn()
 
     def node(self, name: str, up: bool, since: int | None = None) -> None:
         """A node comes up (having begun to connect ``since``, by default now) or goes away."""

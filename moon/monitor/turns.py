@@ -1,0 +1,58 @@
+"""When a monitor looks at the time: as seldom as it can, as it shares processors with what it watches.
+
+A turn costs 0.4 ms of processor time, two thirds of them in the kernel, which wakes a process that slept. A
+hundred a second, as a fixed period had it, met every other tick of a system at ten ticks a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from moon.monitor.pace import PERIOD_NS, USUAL_GAP_NS
+from transports.interface import Timer
+
+_SOON_NS = 20_000_000
+"""So long after something was heard the time is looked at: what is told of it meanwhile has come then."""
+_NS = 1_000_000_000
+
+
+class _Clock(Protocol):
+    def now_ns(self) -> int: ...
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer: ...
+
+
+class Turns:
+    """The turns of one monitor, one planned at a time.
+
+    Args:
+        clock: the monitor's connection.
+        turn: what a turn is; it has to ``plan`` the next one.
+        latency_ns: the latency bound; the time is looked at several times while it passes.
+    """
+
+    def __init__(self, clock: _Clock, turn: Callable[[], None], latency_ns: int) -> None:
+        self.due_ns = 0
+        """When the next turn is to be, on the clock of the connection."""
+        self._clock = clock
+        self._turn = turn
+        self._at_most_ns = max(PERIOD_NS, min(USUAL_GAP_NS, latency_ns // 3))
+        self._soon_ns = min(_SOON_NS, self._at_most_ns)
+        self._timer: Timer | None = None
+
+    def plan(self, next_ns: int) -> None:
+        """Take a turn at ``next_ns`` (0: as soon as may be), or before if that is far away."""
+        now_ns = self._clock.now_ns()
+        self._take_in(now_ns, min(max(next_ns - now_ns, PERIOD_NS), self._at_most_ns))
+
+    def heard(self, now_ns: int) -> None:
+        """Something was heard: have a turn soon."""
+        if self.due_ns > now_ns + self._soon_ns:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._take_in(now_ns, self._soon_ns)
+
+    def _take_in(self, now_ns: int, wait_ns: int) -> None:
+        self.due_ns = now_ns + wait_ns
+        self._timer = self._clock.after(wait_ns / _NS, self._turn)

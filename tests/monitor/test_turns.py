@@ -1,0 +1,88 @@
+"""How often a monitor looks at the time: seldom while nothing happens, and never too late."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from moon.monitor.turns import Turns
+from moon.oracle.bounds import Bounds
+from tests.monitor.hand_driven import MS, HandDriven, S
+from tests.monitor.test_watch import relay as relay  # noqa: PLC0414
+
+
+class Counted(HandDriven):
+    """Counts the turns, and notes when each was."""
+
+    def __init__(self, folder: Path) -> None:
+        self.turns: list[int] = []
+        super().__init__(folder)
+
+    def after(self, delay_s: float, handler):
+        def turn() -> None:
+            self.turns.append(self.now)
+            handler()
+
+        return super().after(delay_s, turn)
+
+
+@pytest.fixture
+def idle(tmp_path: Path) -> Counted:
+    """A monitor that has found its machine, of which nothing is heard."""
+    counted = Counted(tmp_path)
+    counted.pass_time(100)
+    counted.node("Level", True)
+    counted.pass_time(6000)
+    counted.turns.clear()
+    return counted
+
+
+def test_twenty_times_a_second_while_nothing_happens(idle: Counted) -> None:
+    idle.pass_time(1000)
+    assert len(idle.turns) == 20
+
+
+def test_soon_after_something_was_heard(idle: Counted) -> None:
+    heard_ns = idle.now + 1 * MS
+    idle.pass_time(1)
+    idle.message(70)
+    idle.pass_time(30)
+    assert any(heard_ns < turn <= heard_ns + 20 * MS for turn in idle.turns)
+
+
+def test_when_what_was_heard_is_settled(idle: Counted) -> None:
+    """At its stamp and the latency bound; not when the next turn happens to be."""
+    idle.message(70)
+    settled_ns = idle.now + Bounds().latency
+    idle.pass_time(300)
+    assert settled_ns in idle.turns
+    assert len(idle.turns) <= 8
+
+
+def test_when_something_is_overdue(relay: HandDriven) -> None:
+    """Of a machine that tells every level on, and once does not."""
+    relay.node("Level", True, since=relay.now - S)
+    relay.pass_time(6000)
+    relay.message(70)
+    # it may have come a latency bound late, and what it has to tell of it another
+    overdue_ns = relay.now + Bounds().deadline + 2 * Bounds().latency
+    while not relay.watch.violations and relay.now < overdue_ns + S:
+        relay.pass_time(1)
+    assert overdue_ns <= relay.now <= overdue_ns + MS
+
+
+def test_not_too_late_for_a_bound_that_is_short(tmp_path: Path) -> None:
+    waits: list[float] = []
+
+    class Clock:
+        def now_ns(self) -> int:
+            return 0
+
+        def after(self, delay_s: float, handler):
+            waits.append(delay_s)
+
+    clock = Clock()
+    for latency_ms in (15, 60, 150, 1000):
+        Turns(clock, lambda: None, latency_ms * MS).plan(10 * S)
+    assert waits == [0.01, 0.02, 0.05, 0.05]
