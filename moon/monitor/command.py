@@ -155,7 +155,7 @@ def _monitor(
         joining.when_complete(watch.start, say)
 
         def look_around() -> None:
-            screen.refresh(watch.statuses())
+            screen.refresh(watch.statuses)
             if watch.listener is None:
                 return
             notices.links(watch.listener.peers())

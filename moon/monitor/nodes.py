@@ -46,6 +46,10 @@ class WatchedNode:
         inputs, outputs, late = self.earlier
         self.earlier = (inputs + oracle.inputs, outputs + oracle.outputs, late + oracle.late)
 
+    def late(self, oracle: Oracle | PolicyOracle) -> int:
+        """What came too late to be judged by ``oracle`` and those before it."""
+        return self.earlier[2] + oracle.late
+
     def standing(self, oracle: Oracle | PolicyOracle) -> tuple[str, tuple[str, ...]]:
         """Verdict and states of its machine as it is now, whatever it did before."""
         if self.gone_ns is not None:
@@ -56,7 +60,7 @@ class WatchedNode:
 
     def status(self, name: str, oracle: Oracle | PolicyOracle) -> MachineStatus:
         """Its machine's row, with all that it ever did."""
-        inputs, outputs, late = self.earlier
+        inputs, outputs, _ = self.earlier
         verdict = str(oracle.outcome) if self.is_seen else UNSEEN
         states = tuple(oracle.states())
         if self.gone_ns is not None:
@@ -70,7 +74,7 @@ class WatchedNode:
             inputs + oracle.inputs,
             outputs + oracle.outputs,
             self.violations,
-            late + oracle.late,
+            self.late(oracle),
             statistics.median(self.lags) / 1e6 if self.lags else None,
             self.last,
         )

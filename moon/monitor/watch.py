@@ -397,7 +397,8 @@ class SystemWatch:
             yield self._nodes[name].status(name, oracle)
 
     def _late_in_all(self) -> int:
-        machines = sum(status.late for status in self._of_machines())
+        watched = self._models.watched
+        machines = sum(self._nodes[name].late(oracle) for name, oracle in watched.items())
         return self.counts.late + self._properties.late + machines
 
     def problems(self) -> list[str]:
