@@ -132,6 +132,15 @@ class Arrivals:
                 self._signals.recv(_SIGNALS)
         return takes
 
+    def pause(self, timeout_s: float) -> None:
+        """Wait for ``timeout_s``, or until ``ring`` or a signal, whatever arrives."""
+        _counted(self._bell)  # what rang before has ended a wait
+        poll = select.poll()
+        poll.register(self._bell, select.POLLIN)
+        if self._signals is not None:
+            poll.register(self._signals, select.POLLIN)
+        poll.poll(timeout_s * 1000)
+
     def _events(self, timeout_ns: int) -> list[tuple[int, int]]:
         if timeout_ns >= _SHORT_NS or (timeout_ns > 0 and not self._can_select):
             timeout_s = timeout_ns // _MILLISECOND_NS / 1000 or 0.001  # it knows nothing shorter

@@ -20,6 +20,7 @@ from typing import Any
 from rclpy.clock import ClockChange, JumpThreshold
 from rclpy.duration import Duration
 
+from transports.gathering import Gathering
 from transports.interface import TransportError
 from transports.ros2.arrivals import Arrivals, Take
 from transports.ros2.raw_subscription import RawSubscription
@@ -80,6 +81,8 @@ class Executor:
         self._posted: deque[Callable[[], None]] = deque()
         self._takers: dict[int, tuple[Any, Take]] = {}
         self._most: dict[Take, int] = {}
+        self._patient: set[Take] = set()
+        self._gathering = Gathering()
         self._after_taking: list[Callable[[], None]] = []
         self._clock = RosClock(node.get_clock(), lambda: self._ros_timers)
         self._ros_timers = Timers(self._clock.now_ns, self._run_here)
@@ -122,13 +125,21 @@ class Executor:
         """Whether any thread spins."""
         return self._thread != 0
 
-    def handle(self, entity: Any, take: Take, most: int = _AT_ONCE) -> None:
+    def handle(
+        self, entity: Any, take: Take, most: int = _AT_ONCE, is_patient: bool = False
+    ) -> None:
         """Call ``take()`` when ``entity`` (a subscription, service or client) has something.
 
-        ``take`` handles one message and returns whether there was one; ``most`` are taken in a turn.
+        Args:
+            entity: of rclpy.
+            take: handles one message and returns whether there was one.
+            most: so many are taken in a turn.
+            is_patient: what comes often may lie for some ms, to be taken together.
         """
         self._takers[id(entity)] = (entity, take)
         self._most[take] = most
+        if is_patient:
+            self._patient.add(take)
         self.wake()
 
     def after_taking(self, handler: Callable[[], None]) -> None:
@@ -150,6 +161,7 @@ class Executor:
         if take is not None:
             self._ready.pop(take, None)
             self._most.pop(take, None)
+            self._patient.discard(take)
         self.wake()
 
     def post(self, handler: Callable[[], None]) -> None:
@@ -231,7 +243,12 @@ class Executor:
             for take in arrivals.watch_only(self._collect()):
                 ready.setdefault(take, 1)
         is_idle = not (ready or self._posted or self._stale or self._closed)
-        for take, count in arrivals.wait(self._wait_ns() if is_idle else 0):
+        arrived = arrivals.wait(self._wait_ns() if is_idle else 0)
+        is_patient = is_idle and arrived and self._patient.issuperset(take for take, _ in arrived)
+        if is_patient and (wait_s := self._gathering.wait_s()):
+            arrivals.pause(wait_s)
+            arrived += arrivals.wait(0)
+        for take, count in arrived:
             ready[take] = ready.get(take, 0) + count
         if not ready:
             return True

@@ -323,7 +323,7 @@ class Tap:
             self._taken.append(_Waiting(stamp_ns, observing, taken, data, time.monotonic()))
             return True
 
-        self._executor.handle(handle, take, qos.TAP_DEPTH)
+        self._executor.handle(handle, take, qos.TAP_DEPTH, is_patient=True)
         self._not_complete_before(self._began_s + _DISCOVERY_S)
         self._not_complete_before(time.monotonic() + _MATCHED_S)
 

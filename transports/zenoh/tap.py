@@ -18,6 +18,7 @@ import msgspec
 import zenoh
 
 from transports.channel_filter import channel_filter
+from transports.gathering import Gathering
 from transports.interface import Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import PayloadError, decode_with
@@ -76,6 +77,7 @@ class Tap:
         is_alone = not (session.info.peers_zid() or session.info.routers_zid())
         self._complete_at_s = time.monotonic() + (0.0 if is_alone else _JOINING_S)
         self._free = threading.Semaphore(_AHEAD)
+        self._ending = threading.Event()
         self._subscribers = [
             session.declare_subscriber(key, zenoh.handlers.RingChannel(RING_CAPACITY))
             for key in subscriptions(globs)
@@ -112,6 +114,7 @@ class Tap:
         if self._closed:
             return
         self._closed = True
+        self._ending.set()
         for declared in (*self._subscribers, *self._watches):
             declared.undeclare()
         self._free.release()
@@ -158,6 +161,7 @@ class Tap:
 
     def _listen(self, ring: Any) -> None:
         receive, take = ring.recv, ring.try_recv
+        gathering = Gathering()
         while True:
             self._free.acquire()
             if self._closed:
@@ -165,6 +169,8 @@ class Tap:
                 return
             try:
                 sample = receive()
+                if wait_s := gathering.wait_s():
+                    self._ending.wait(wait_s)
                 batch = []
                 while sample is not None:
                     batch.append((sample, time.time_ns()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from collections.abc import Sequence
 from functools import partial
 
@@ -85,6 +86,43 @@ def test_a_signal_ends_a_wait_of_the_main_thread() -> None:
         sender.join()
         signal.signal(signal.SIGUSR1, before)
         waiting.close()
+
+
+def test_a_pause_ends_when_it_is_over_or_somebody_rings() -> None:
+    waiting = Arrivals()
+    ringer = threading.Timer(0.05, waiting.ring)
+    try:
+        waiting.ring()
+        assert waiting.wait(-1) == []  # what rang before is no reason not to pause
+        began = time.monotonic()
+        waiting.pause(0.02)
+        assert time.monotonic() - began >= 0.02
+        ringer.start()
+        waiting.pause(30.0)
+        assert time.monotonic() - began < 15
+        assert waiting.wait(-1) == []  # and the ring is not lost
+    finally:
+        ringer.join()
+        waiting.close()
+
+
+def test_what_taps_hear_without_a_pause_is_gathered_and_all_heard(
+    network: ThreadedNetwork, bare: Bare, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pauses: list[float] = []
+    pause = Arrivals.pause
+    monkeypatch.setattr(Arrivals, "pause", lambda own, s: (pauses.append(s), pause(own, s)))
+    node = network.node("listener")
+    heard: list[int] = []
+    on(network, node, lambda: node.tap(["/many"], lambda seen: heard.append(seen.data["data"])))
+    publisher = bare.node.create_publisher(Int32, "/many", 1000)
+    assert network.until(lambda: publisher.get_subscription_count() == 1)
+    for number in range(500):
+        publisher.publish(Int32(data=number))
+        time.sleep(0.0005)  # the rate is what is tested
+    assert network.until(lambda: len(heard) == 500)
+    assert heard == list(range(500))
+    assert pauses
 
 
 def test_an_answer_behind_somebody_elses_is_taken(network: ThreadedNetwork) -> None:
