@@ -15,9 +15,9 @@ from collections.abc import Callable
 NS = 1_000_000_000
 
 PERIOD_NS = 10_000_000
-"""Time passes for the oracles at most so often."""
+"""Where nothing is heard, time passes for the oracles at most so often."""
 USUAL_GAP_NS = 50_000_000
-"""At most so long is between two ticks of a monitor that is not held up."""
+"""The ticks of a monitor that is not held up are hardly further apart."""
 _MEMORY_NS = NS
 """How long a late observation keeps the clock back, at least."""
 
@@ -62,6 +62,8 @@ class Pace:
         self._latency_ns = latency_ns
         self._free_ns = latency_ns // 2
         """What is not later than this does not keep the clock back."""
+        self._reach_ns = max(0, min(USUAL_GAP_NS, self._free_ns - 2 * PERIOD_NS))
+        """So far behind a tick there is nothing late yet that could have waited for it."""
         self._late_ns = 0
         self._late_before_ns = 0
         self._since_ns = now_ns
@@ -89,7 +91,7 @@ class Pace:
         """What the oracles may be told the time is when something is heard between two ticks."""
         if self.clock_ns < self.now_ns or max(self._late_ns, self._late_before_ns) > self._free_ns:
             return self.clock_ns
-        return max(self.clock_ns, min(now_ns, self.now_ns + USUAL_GAP_NS))
+        return max(self.clock_ns, min(now_ns, self.now_ns + self._reach_ns))
 
     @property
     def is_lost(self) -> bool:

@@ -3,8 +3,8 @@
 What happened in time is heard a little later. That little is learned from what is heard: verdicts on
 silence wait for a multiple of the longest lag of late, and never less than :data:`LEAST_NS`. As long as
 nothing was heard at all, after a loss, and at the most, they wait for the latency bound. A monitor that
-is held up itself cannot know how late things are, so its own delays count as lags: who shares its
-processors is held up, too.
+is held up itself cannot know how late things are, so by how much it does late what it planned counts as a
+lag: who shares its processors is held up, too.
 """
 
 from __future__ import annotations

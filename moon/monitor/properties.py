@@ -102,7 +102,8 @@ class PropertyWatch:
         self._losses: list[_Loss] = []
         self._reached_ns = -1
         self._quiet_until = 0
-        """Before this instant (ns) time alone changes nothing."""
+        """Before this instant (ns) time alone changes nothing, if ``_foresees`` is as it was then."""
+        self._foresaw = False
         for tally in self._tallies.values():
             tally.foreseen_ns = None
 
@@ -169,7 +170,7 @@ class PropertyWatch:
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """The time is ``now_ns``; the verdicts that changed."""
-        if now_ns < self._quiet_until:
+        if now_ns < self.next_ns:
             return []
         self.turns += 1
         found, until = self._count_for_good(now_ns - self._latency_ns)
@@ -180,14 +181,15 @@ class PropertyWatch:
     @property
     def next_ns(self) -> int:
         """Until then (ns) time alone changes nothing; 0: it may at once."""
-        return self._quiet_until
+        return 0 if self._foresees and not self._foresaw else self._quiet_until
 
     def _next_ns(self) -> int:
         """When there is something to do next, if nothing is heard; 0: at once."""
+        self._foresaw = self._foresees
         if self._losses:
             return 0
         instants: list[int] = []
-        if self._foresees:
+        if self._foresaw:
             instants.append(self._ordered.foreseen_next_ns + LEAST_NS)
         if (due_ns := self._ordered.next_deadline()) is not None:
             instants.append(due_ns)

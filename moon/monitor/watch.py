@@ -113,6 +113,7 @@ class SystemWatch:
     def _observe(self, seen: Observation) -> None:
         transport, pace = self._transport, self._pace
         now_ns = transport.now_ns()
+        self._turns.heard(now_ns)
         if not -self._bounds.latency <= now_ns - pace.now_ns <= pace.limit_ns:
             self._look_at_clock(*read_together(transport.now_ns, self._read_monotonic))
         judged = self._reception.judge(seen, now_ns)
@@ -144,7 +145,6 @@ class SystemWatch:
             judged = _received_at(judged, limit_ns)
         self._properties.observe(seen)
         self._take(self._models.feed(judged))
-        self._turns.heard(now_ns)
 
     def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""
@@ -268,17 +268,19 @@ class SystemWatch:
     # --- nodes -------------------------------------------------------------------------------------
 
     def _node_changed(self, name: str, up: bool) -> None:
+        now_ns = self._transport.now_ns()
+        self._turns.heard(now_ns)
         node = self._nodes.get(name)
         if up and self._transport.up_since(name) < self._listening_since:
             # what it did before is not known, so nothing is said of what should have been before
             since_ns = self._listening_since
-            self._properties.lose_all(since_ns, max(since_ns, self._pace.now_ns) + 1)
+            self._properties.lose_all(since_ns, max(since_ns, now_ns) + 1)
         if node is None:
             return
         if up:
             self._node_up(name, node)
             return
-        node.up, node.heard, node.gone_ns = False, False, self._pace.now_ns
+        node.up, node.heard, node.gone_ns = False, False, now_ns
         self._sort_nodes()
 
     def _sort_nodes(self) -> None:
@@ -302,7 +304,7 @@ class SystemWatch:
         if not started or heard:
             if again or heard:
                 self._lose(self._models.watched[name], MIDDLE)
-            found_ns = max(self._pace.now_ns, self._listening_since)
+            found_ns = max(self._transport.now_ns(), self._listening_since)
             self._models.node_found(name, found_ns + _LINKED_NS)
             return
         for place in [place for place in self._first if place[0] == name]:
@@ -310,7 +312,8 @@ class SystemWatch:
         if again:
             self._say(f"{name} has started again")
         # what it did while it came up is heard from now on: half the bound, before it is too late
-        stamp_ns = self._pace.clock_ns - self._bounds.latency // 2
+        reach_ns = self._pace.reach_ns(self._transport.now_ns())
+        stamp_ns = reach_ns - self._bounds.latency // 2
         started_ns = max(stamp_ns, node.since)
         self._models.node_started(name, started_ns)
         if self._transport.repair_s:  # such a middleware links who listens channel by channel

@@ -46,6 +46,11 @@ class Foresight:
         self._waiting.clear()
 
     @property
+    def follows(self) -> bool:
+        """Whether it foresees; else it begins when all that is behind is certain."""
+        return self._follows
+
+    @property
     def due_ns(self) -> int:
         """Before this instant :meth:`advance` finds nothing, if nothing is heard; 0: not known."""
         if not self._follows:

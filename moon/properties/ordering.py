@@ -17,6 +17,7 @@ from moon.properties.binding import ANY_CHANNEL
 from moon.properties.foresight import Foresight
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.property import Property
+from moon.properties.rules import NEVER
 from moon.properties.snapshot import Snapshot
 from moon.properties.verdict import Status, Verdict
 from transports.interface import Observation
@@ -113,7 +114,11 @@ class OrderedProperties:
     @property
     def foreseen_next_ns(self) -> int:
         """Before this instant :meth:`foresee` finds nothing, if nothing is heard; 0: not known."""
-        return 0 if self._foresight is None else self._foresight.due_ns
+        if self._foresight is None:
+            return 0
+        if self._uncertainty_ns or not (self._foresight.follows or self._set.is_certain):
+            return NEVER
+        return self._foresight.due_ns
 
     def foresee_nothing(self) -> None:
         """Foresee nothing for a while: it costs nothing then."""

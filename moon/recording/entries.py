@@ -61,7 +61,7 @@ class Turn(StrEnum):
     """What makes a monitor act when nothing is heard."""
 
     TIMER = "timer"
-    """Its timer ran out (``Transport.every``)."""
+    """Its timer ran out (``Transport.after``)."""
     POSTED = "posted"
     """What it left for later is done now (``Transport.post``)."""
     CLOCK = "clock"

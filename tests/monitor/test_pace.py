@@ -55,6 +55,17 @@ def test_after_a_pause_it_lets_what_waits_be_heard_first() -> None:
     assert pace.clock_ns == now
 
 
+def test_what_is_heard_between_two_ticks_takes_it_on_but_not_over_what_may_wait() -> None:
+    """Nothing that is late by no more than half the bound, and was not there at the tick, is missed."""
+    for latency, reach in ((200 * MS, 50 * MS), (100 * MS, 30 * MS), (30 * MS, 0)):
+        pace = Pace(0, latency)
+        pace.tick(10 * MS)
+        assert pace.reach_ns(10 * MS) == 10 * MS
+        assert pace.reach_ns(80 * MS) == 10 * MS + reach
+        pace.heard(latency)  # something is late: it waits for more of that
+        assert pace.reach_ns(80 * MS) == 10 * MS
+
+
 def test_a_monitor_that_always_ticks_late_is_lost() -> None:
     pace = Pace(0, LATENCY)
     ticking(pace, 0, 10_000, step=300)

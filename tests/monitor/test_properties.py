@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from moon.cli import main as moon
+from moon.monitor.patience import LEAST_NS
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.report import closing, table, verdict_lines
 from moon.properties.files import load_properties
@@ -109,6 +110,29 @@ def test_as_long_as_nothing_was_heard_a_deadline_waits_for_the_latency_bound(tmp
     assert watched.of("soon")[-1] == "violated"
     watched.pass_time(1000)
     assert watched.properties.certain_violations == watched.properties.violations == 1
+
+
+def test_once_anything_was_heard_it_does_not(tmp_path) -> None:
+    """Though it is of a channel that no property listens to."""
+    text = FILE.split("properties:", maxsplit=1)[0] + (
+        "properties: [{id: soon, pattern: existence, of: asked, within: 1 s}]\n"
+    )
+    watched = Watched(tmp_path, text)
+    watched.pass_time(500)
+    watched.hear("/elsewhere", ObservationKind.MESSAGE, "t/msg/Level", {"data": 1}, "Other")
+    watched.pass_time(500 + LEAST_NS // MS + 11)
+    assert watched.of("soon")[-1] == "violated"
+
+
+def test_what_is_unknown_is_not_looked_at_all_the_time(watched) -> None:
+    watched.message(20)
+    watched.properties.lose_all(watched.now - 1, watched.now + 1)
+    for _ in range(70):  # until the loss is forgotten, but not what it left unknown
+        watched.hear("/elsewhere", ObservationKind.MESSAGE, "t/msg/Level", {"data": 1}, "Other")
+        watched.pass_time(1000)
+    before = watched.properties.turns
+    watched.pass_time(1000)
+    assert watched.properties.turns - before <= 1
 
 
 def test_where_things_come_late_a_deadline_waits_for_them(watched) -> None:

@@ -72,6 +72,37 @@ def test_when_something_is_overdue(relay: HandDriven) -> None:
     assert overdue_ns <= relay.now <= overdue_ns + MS
 
 
+def test_there_is_one_timer_also_when_the_clock_is_set_back_behind_it() -> None:
+    class Clock:
+        def __init__(self) -> None:
+            self.now = 10 * S
+            self.running: list[Clock.Started] = []
+
+        class Started:
+            def __init__(self, clock: Clock) -> None:
+                self.clock = clock
+                clock.running.append(self)
+
+            def cancel(self) -> None:
+                if self in self.clock.running:
+                    self.clock.running.remove(self)
+
+        def now_ns(self) -> int:
+            return self.now
+
+        def after(self, delay_s: float, handler) -> Clock.Started:
+            return self.Started(self)
+
+    clock = Clock()
+    turns = Turns(clock, lambda: None, 200 * MS)
+    turns.plan(0)
+    clock.running.clear()  # its turn has come, and is about to be planned anew
+    clock.now -= S
+    turns.heard(clock.now)
+    turns.plan(0)
+    assert len(clock.running) == 1
+
+
 def test_not_too_late_for_a_bound_that_is_short(tmp_path: Path) -> None:
     waits: list[float] = []
 

@@ -21,7 +21,7 @@ _FIRST_PORT, _PORTS = 7400, 250
 _SHARED_PORTS = range(7000, _FIRST_PORT)
 """Mailboxes that participants of all domains number as they come."""
 SETTLED_S = 5.0
-"""A process that makes such a file has mapped it after so long."""
+"""A process that makes such a file has mapped it after so long, and found those of others broken."""
 
 _later: set[str] = set()
 """Mailboxes of ended tests whose files may still be in the making, for somebody else of that number."""
@@ -39,12 +39,12 @@ def unused() -> set[str]:
 def _in_use(process: Path) -> str:
     """The files that a process has mapped or open; it may open and close others meanwhile, or end."""
     found = []
-    with contextlib.suppress(OSError):
-        found.append((process / "maps").read_text())
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError):  # who opens a file maps it before it is closed
         for item in (process / "fd").iterdir():
             with contextlib.suppress(OSError):
                 found.append(str(item.readlink()))
+    with contextlib.suppress(OSError):
+        found.append((process / "maps").read_text())
     return "\n".join(found)
 
 

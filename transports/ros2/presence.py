@@ -52,7 +52,7 @@ class Presence(msgspec.Struct):
     refused: list[str] = msgspec.field(default_factory=list)
 
 
-class _Heard(msgspec.Struct, frozen=True):
+class _Heard(msgspec.Struct):
     """An announcement, and what of it the graph has shown: that is not asked again, which takes its time."""
 
     presence: Presence
