@@ -361,3 +361,14 @@ def test_a_property_of_which_nothing_is_known_fails_the_run(faults_run: Any) -> 
         cell for cell in faults_run.with_properties(row, None, unsure).properties if cell.problem
     ]
     assert cell.problem == "nothing is known of P3: inconclusive"
+
+
+@pytest.mark.zenoh
+def test_a_run_in_which_nothing_is_ticked_ends(
+    faults_run: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever became of it, nobody waits for a tick that does not come."""
+    processes = sys.modules["processes"]
+    monkeypatch.setattr(processes, "START_S", 0.01)
+    with pytest.raises(processes.RunError, match=r"no tick was heard in 0.01 s; this monitor"):
+        processes.on_zenoh(None, _system(), 30.0)

@@ -130,6 +130,10 @@ class Listener:
         found = any(s.verdict.node == self._faulty and s.at_ns < since for s in self.violations)
         return found and not self._properties.properties
 
+    def peers(self) -> Sequence[str]:
+        """Names of the nodes that the monitor is linked to."""
+        return () if self.watch.listener is None else self.watch.listener.peers()
+
     def result(self) -> Run:
         """All of it."""
         heard = sorted(self.heard, key=lambda seen: seen.stamp_ns)

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 TICK_S = 0.01
 """How often the run looks whether it is over."""
+START_S = 90.0
+"""How long it may take from the start of all processes to the first tick that is heard."""
 STOP_S = 60.0
 """How long ``m2c run`` may take to stop: it gives the policy ten seconds, and then its nodes."""
 ROOT = SYSTEM.parents[2]
@@ -99,6 +102,12 @@ def _held(
             if process.poll() is not None:
                 said.seek(0)
                 raise RunError(f"m2c run ended by itself:\n{said.read()}")
+            if not listener.first_ns and not listener.is_over:
+                said.seek(0)
+                raise RunError(
+                    f"no tick was heard in {START_S:g} s; this monitor is linked to "
+                    f"{', '.join(listener.peers()) or 'nobody'}; m2c run said:\n{said.read()}"
+                )
             result = listener.result()
             process.send_signal(signal.SIGINT)
             try:
@@ -116,13 +125,17 @@ def _held(
 def _spin(
     transport: Transport, process: subprocess.Popen[bytes], listener: Listener, seconds: float
 ) -> None:
-    """Listen until ``seconds`` after the first tick heard, or until all is found."""
+    """Listen until all is found, ``seconds`` after the first tick heard, or if none is to be expected."""
     ended = False
+    began_s = time.monotonic()
 
     def look() -> None:
         nonlocal ended
-        passed_ns = transport.now_ns() - listener.first_ns if listener.first_ns else 0
-        ended = ended or passed_ns > seconds * 1e9 or process.poll() is not None
+        if listener.first_ns:
+            is_over = transport.now_ns() - listener.first_ns > seconds * 1e9
+        else:
+            is_over = time.monotonic() - began_s > START_S
+        ended = ended or is_over or process.poll() is not None
 
     transport.every(TICK_S, look)
     transport.spin(lambda: ended or listener.is_over)
