@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import subprocess
+import sys
+import weakref
+from pathlib import Path
 from typing import Any
-
-import pytest
 
 from moon.policy.run import BEGIN, AskKind, TreeRun, Trees
 from tests.monitor_policy.scripted import leaf, tree
@@ -22,33 +24,43 @@ def on_the_way(trees: Trees) -> TreeRun:
     return run
 
 
-def test_a_run_that_is_thrown_away_on_the_thread_of_another_does_not_halt_that(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Garbage is collected wherever it is noticed; a tree that goes halts itself."""
+class Collecting(TreeRun):
+    """On its own thread garbage is noticed, in the middle of a tick."""
+
+    def tick_leaf(self, *arguments: Any) -> str:
+        gc.collect()
+        return super().tick_leaf(*arguments)
+
+
+def throw_one_away() -> None:
+    """On the thread of another; alone in an interpreter, where nobody else collects meanwhile."""
+    gc.disable()
     trees = Trees(tree(BODY), frozenset(), records=True)
-    other = on_the_way(trees)
+    other = Collecting(trees)
+    for answer in (BEGIN, "SUCCESS", "RUNNING"):
+        other.step(answer)
     garbage: list[Any] = [on_the_way(trees)]
     garbage[0].close()
+    thrown_away = weakref.ref(garbage[0])
     garbage.append(garbage)
-    tick_leaf = TreeRun.tick_leaf
-    found = []
-
-    def collecting(run: TreeRun, *arguments: Any) -> str:
-        found.append(gc.collect())
-        return tick_leaf(run, *arguments)
-
-    monkeypatch.setattr(TreeRun, "tick_leaf", collecting)
-    gc.collect()
-    gc.disable()
-    try:
-        del garbage
-        ask = other.step(BEGIN)
-    finally:
-        gc.enable()
-    assert found[0]
-    assert ask.kind is AskKind.TICK
+    del garbage
+    assert thrown_away() is not None
+    ask = other.step(BEGIN)
+    assert thrown_away() is None
+    assert ask.kind is AskKind.TICK, ask
     assert ask.channel == "/BatteryLevelSkill/tick"
     assert other.running
     assert other.step("FAILURE").kind is AskKind.HALT
     other.close()
+
+
+def test_a_run_that_is_thrown_away_on_the_thread_of_another_does_not_halt_that() -> None:
+    """Garbage is collected wherever it is noticed; a tree that goes halts itself."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {__name__} as own; own.throw_one_away()"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
