@@ -9,8 +9,8 @@ loss that goes on.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
+from moon.monitor.connection import Connection
 from moon.monitor.pace import NS, PERIOD_NS, USUAL_GAP_NS
 from transports.interface import Timer
 
@@ -20,25 +20,19 @@ _LOOKS = 3
 """So often at least the time is looked at while the latency bound passes."""
 
 
-class _Clock(Protocol):
-    def now_ns(self) -> int: ...
-
-    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer: ...
-
-
 class Turns:
     """The turns of one monitor, one planned at a time.
 
     Args:
-        clock: the monitor's connection.
+        connection: the monitor's.
         turn: what a turn is; it has to ``plan`` the next one.
         latency_ns: the latency bound.
     """
 
-    def __init__(self, clock: _Clock, turn: Callable[[], None], latency_ns: int) -> None:
+    def __init__(self, connection: Connection, turn: Callable[[], None], latency_ns: int) -> None:
         self.due_ns = 0
         """When the next turn is to be, on the clock of the connection."""
-        self._clock = clock
+        self._connection = connection
         self._turn = turn
         self._at_most_ns = max(PERIOD_NS, min(USUAL_GAP_NS, latency_ns // _LOOKS))
         self._soon_ns = min(_SOON_NS, self._at_most_ns)
@@ -46,7 +40,7 @@ class Turns:
 
     def plan(self, next_ns: int) -> None:
         """Take a turn at ``next_ns`` (0: as soon as may be), or before if that is far away."""
-        now_ns = self._clock.now_ns()
+        now_ns = self._connection.now_ns()
         self._take_in(now_ns, min(max(next_ns - now_ns, PERIOD_NS), self._at_most_ns))
 
     def heard(self, now_ns: int) -> None:
@@ -58,4 +52,4 @@ class Turns:
         if self._timer is not None:
             self._timer.cancel()
         self.due_ns = now_ns + wait_ns
-        self._timer = self._clock.after(wait_ns / NS, self._turn)
+        self._timer = self._connection.after(wait_ns / NS, self._turn)

@@ -36,6 +36,14 @@ def test_a_lag_is_forgotten_after_two_windows_in_which_something_was_heard() -> 
     assert patience.wait_ns == LEAST_NS
 
 
+def test_silence_forgets_nothing() -> None:
+    patience = Patience(LATENCY)
+    patience.heard(60 * MS, START)
+    for _ in range(100):
+        patience.held_up(0)
+    assert patience.wait_ns == MARGIN * 60 * MS
+
+
 def test_its_own_delay_counts_as_a_lag() -> None:
     patience = Patience(LATENCY)
     patience.heard(MS, START)

@@ -9,7 +9,6 @@ import pytest
 from moon.monitor.turns import Turns
 from moon.oracle.bounds import Bounds
 from tests.monitor.hand_driven import MS, HandDriven, S
-from tests.monitor.test_watch import relay as relay  # noqa: PLC0414
 
 
 class Counted(HandDriven):
@@ -103,7 +102,7 @@ def test_there_is_one_timer_also_when_the_clock_is_set_back_behind_it() -> None:
     assert len(clock.running) == 1
 
 
-def test_not_too_late_for_a_bound_that_is_short(tmp_path: Path) -> None:
+def test_not_too_late_for_a_bound_that_is_short() -> None:
     waits: list[float] = []
 
     class Clock:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import msgspec
 import pytest
 
-from tests.monitor import hand_driven
 from tests.monitor.hand_driven import MS, START, HandDriven, S
 
 
@@ -362,20 +359,6 @@ def test_the_summary_is_json(started) -> None:
     decoded = msgspec.json.decode(msgspec.json.encode(summary))
     assert decoded["machines"][0]["verdict"] == "violated"
     assert summary.violations == 1
-
-
-@pytest.fixture
-def relay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> HandDriven:
-    """Of a machine that tells every level on."""
-    model = hand_driven.LEVEL.replace(
-        "<ros_topic_subscriber",
-        '<ros_topic_publisher topic="/told" type="t/Level"/><ros_topic_subscriber',
-    ).replace(
-        "</ros_topic_callback>",
-        '<ros_topic_publish name="/told"><field name="data" expr="level"/></ros_topic_publish></ros_topic_callback>',
-    )
-    monkeypatch.setattr(hand_driven, "LEVEL", model)
-    return HandDriven(tmp_path)
 
 
 def test_a_node_that_is_not_there_yet_owes_nothing_though_others_talk_to_it(relay) -> None:

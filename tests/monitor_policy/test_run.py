@@ -15,9 +15,8 @@ from tests.monitor_policy.scripted import leaf, tree
 BODY = f"<ReactiveSequence>{leaf('BatteryLevel')}{leaf('GoToPoi')}</ReactiveSequence>"
 
 
-def on_the_way(trees: Trees) -> TreeRun:
-    """A run at the end of its first tick, in which the robot began to go."""
-    run = TreeRun(trees)
+def on_the_way(run: TreeRun) -> TreeRun:
+    """A fresh run, led to the end of its first tick, in which the robot begins to go."""
     for answer in (BEGIN, "SUCCESS", "RUNNING"):
         run.step(answer)
     assert run.running
@@ -36,10 +35,8 @@ def throw_one_away() -> None:
     """On the thread of another; alone in an interpreter, where nobody else collects meanwhile."""
     gc.disable()
     trees = Trees(tree(BODY), frozenset(), records=True)
-    other = Collecting(trees)
-    for answer in (BEGIN, "SUCCESS", "RUNNING"):
-        other.step(answer)
-    garbage: list[Any] = [on_the_way(trees)]
+    other = on_the_way(Collecting(trees))
+    garbage: list[Any] = [on_the_way(TreeRun(trees))]
     garbage[0].close()
     thrown_away = weakref.ref(garbage[0])
     garbage.append(garbage)

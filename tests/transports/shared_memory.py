@@ -86,18 +86,21 @@ def remove_mailboxes(domain: int, before: set[str]) -> None:
     _remove_settled()
 
 
-def _remove_settled() -> None:
+def _remove_settled() -> bool:
+    """Remove those that are old enough; whether there are others that nobody uses."""
+    are_young = False
     for name in _later & unused():
         with contextlib.suppress(FileNotFoundError):
             if time.time() - (SHARED / name).stat().st_ctime > SETTLED_S:
                 (SHARED / name).unlink()
+            else:
+                are_young = True
     _later.intersection_update(path.name for path in SHARED.glob("*fastrtps*"))
+    return are_young
 
 
 def _remove_the_last() -> None:
     """Those of the tests that ended last have to get old enough."""
     deadline = time.monotonic() + 2 * SETTLED_S
-    _remove_settled()
-    while _later & unused() and time.monotonic() < deadline:
+    while _remove_settled() and time.monotonic() < deadline:
         time.sleep(0.1)
-        _remove_settled()

@@ -65,7 +65,6 @@ class Tap:
         self._wants = channel_filter(globs)
         self._handler = handler
         self._losses = Losses()
-        self._closed = False
         self._tokens: SimpleQueue[zenoh.Sample] = SimpleQueue()
         self._tokens_lock = threading.Lock()
         self._nodes = Nodes()
@@ -111,9 +110,8 @@ class Tap:
 
     def close(self) -> None:
         """Stop listening; idempotent."""
-        if self._closed:
+        if self._ending.is_set():
             return
-        self._closed = True
         self._ending.set()
         for declared in (*self._subscribers, *self._watches):
             declared.undeclare()
@@ -164,7 +162,7 @@ class Tap:
         gathering = Gathering()
         while True:
             self._free.acquire()
-            if self._closed:
+            if self._ending.is_set():
                 self._free.release()
                 return
             try:
@@ -181,10 +179,10 @@ class Tap:
             self._executor.put((self._deliver, batch))
 
     def _deliver(self, batch: list[tuple[zenoh.Sample, int]]) -> None:
-        handler = self._handler
+        handler, is_ending = self._handler, self._ending.is_set
         try:
             for sample, received_ns in batch:
-                if self._closed:
+                if is_ending():
                     return
                 # here, and each only when it is handled: whoever decodes holds up everybody's Python
                 if (observation := self._observe(sample, received_ns)) is not None:
