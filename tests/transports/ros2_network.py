@@ -65,7 +65,7 @@ def own_domain() -> Iterator[int]:
         try:
             yield number
         finally:
-            shared_memory.remove_mailboxes(number, before)
+            shared_memory.remove_mailboxes(shared_memory.ports_of(number), before)
 
 
 def network() -> ThreadedNetwork:

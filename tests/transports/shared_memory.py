@@ -8,7 +8,6 @@ busy machine: it takes that one for broken, and nobody for its owner (``SharedMe
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import re
 import time
@@ -18,13 +17,16 @@ SHARED = Path("/dev/shm")
 _MAILBOX = re.compile(r"(?:sem\.)?fastrtps_port(\d+)")
 _FIRST_PORT, _PORTS = 7400, 250
 """Ports of domain 0, and how many each domain has (DDSI-RTPS 2.5, 9.6.2.3)."""
-_SHARED_PORTS = range(7000, _FIRST_PORT)
-"""Mailboxes that participants of all domains number as they come."""
-SETTLED_S = 5.0
-"""A process that makes such a file has mapped it after so long, and found those of others broken."""
+SHARED_PORTS = range(7000, _FIRST_PORT)
+"""Mailboxes in which participants of all domains, numbered as they come, hear how nodes are called. Who loses
+his, or the lock that says that it is his, never hears it; and Fast DDS's own care for them fails now and
+then as participants come and go (decision 20)."""
 
-_later: set[str] = set()
-"""Mailboxes of ended tests whose files may still be in the making, for somebody else of that number."""
+
+def ports_of(domain: int) -> range:
+    """The mailboxes of a ROS domain."""
+    first = _FIRST_PORT + _PORTS * domain
+    return range(first, first + _PORTS)
 
 
 def unused() -> set[str]:
@@ -65,42 +67,11 @@ def left_over(before: set[str], patience_s: float = 5.0) -> set[str]:
     return left
 
 
-def remove_mailboxes(domain: int, before: set[str]) -> None:
-    """Remove the mailboxes of a ROS domain, whose processes have ended, that were not there ``before``.
-
-    Those that may as well be of another domain go later, as somebody may be about to use them: who loses his
-    mailbox, or the lock that says that it is his, gets another to share it with, and never hears of that one.
+def remove_mailboxes(ports: range, before: set[str]) -> None:
+    """Remove mailboxes that were not there ``before`` and nobody uses, nor is about to: those of a domain whose
+    processes have ended, those of all domains when all tests have.
     """
-    first = _FIRST_PORT + _PORTS * domain
     for name in unused() - before:
         match = _MAILBOX.match(name)
-        if match is None:
-            continue
-        port = int(match[1])
-        if first <= port < first + _PORTS:
+        if match is not None and int(match[1]) in ports:
             (SHARED / name).unlink(missing_ok=True)
-        elif port in _SHARED_PORTS:
-            if not _later:
-                atexit.register(_remove_the_last)
-            _later.add(name)
-    _remove_settled()
-
-
-def _remove_settled() -> bool:
-    """Remove those that are old enough; whether there are others that nobody uses."""
-    are_young = False
-    for name in _later & unused():
-        with contextlib.suppress(FileNotFoundError):
-            if time.time() - (SHARED / name).stat().st_ctime > SETTLED_S:
-                (SHARED / name).unlink()
-            else:
-                are_young = True
-    _later.intersection_update(path.name for path in SHARED.glob("*fastrtps*"))
-    return are_young
-
-
-def _remove_the_last() -> None:
-    """Those of the tests that ended last have to get old enough."""
-    deadline = time.monotonic() + 2 * SETTLED_S
-    while _remove_settled() and time.monotonic() < deadline:
-        time.sleep(0.1)

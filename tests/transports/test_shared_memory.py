@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -28,7 +27,6 @@ with open(sys.argv[1], "r+b") as file, open(sys.argv[2], "rb"):
 def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder in place of /dev/shm."""
     monkeypatch.setattr(shared_memory, "SHARED", tmp_path)
-    monkeypatch.setattr(shared_memory, "_later", set())
     return tmp_path
 
 
@@ -58,25 +56,22 @@ def test_what_a_busy_process_uses_is_in_use(shared: Path, held: list[Path]) -> N
         assert shared_memory.unused() == {"fastrtps_port7002"}
 
 
-def test_mailboxes_of_the_own_domain_go_at_once(shared: Path) -> None:
-    make(shared, "fastrtps_port7661", "sem.fastrtps_port7661_mutex", "fastrtps_port8000")
-    shared_memory.remove_mailboxes(1, before=set())
-    assert {path.name for path in shared.iterdir()} == {"fastrtps_port8000"}
+def test_mailboxes_of_a_domain_go(shared: Path) -> None:
+    others = make(shared, "fastrtps_port7900", "fastrtps_port7003", "fastrtps_00ff00ff00ff00ff")
+    make(shared, "fastrtps_port7661", "fastrtps_port7661_el", "sem.fastrtps_port7661_mutex")
+    shared_memory.remove_mailboxes(shared_memory.ports_of(1), before=set())
+    assert sorted(shared.iterdir()) == sorted(others)
 
 
-def test_those_of_any_domain_go_when_nobody_can_be_about_to_use_them(
-    shared: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    make(shared, "fastrtps_port7003")
-    monkeypatch.setattr(atexit, "register", lambda work: work)
-    shared_memory.remove_mailboxes(1, before=set())
-    assert list(shared.iterdir())
-    monkeypatch.setattr(shared_memory, "SETTLED_S", -1.0)
-    shared_memory.remove_mailboxes(1, before=set(shared_memory.unused()))
-    assert not list(shared.iterdir())
+def test_those_of_all_domains_go(shared: Path) -> None:
+    others = make(shared, "fastrtps_port7400", "fastrtps_port7661")
+    make(shared, "fastrtps_port7003", "fastrtps_port7399_el")
+    shared_memory.remove_mailboxes(shared_memory.SHARED_PORTS, before=set())
+    assert sorted(shared.iterdir()) == others
 
 
-def test_what_was_there_before_stays(shared: Path) -> None:
-    make(shared, "fastrtps_port7661", "fastrtps_port7003")
-    shared_memory.remove_mailboxes(1, before=shared_memory.unused())
-    assert len(list(shared.iterdir())) == 2
+def test_what_was_there_before_or_is_in_use_stays(shared: Path, held: list[Path]) -> None:
+    before = make(shared, "fastrtps_port7003")
+    shared_memory.remove_mailboxes(shared_memory.SHARED_PORTS, before=shared_memory.unused())
+    shared_memory.remove_mailboxes(shared_memory.SHARED_PORTS, before={"fastrtps_port7003"})
+    assert sorted(shared.iterdir()) == sorted([*held, *before])
