@@ -9,7 +9,7 @@ import msgspec
 
 from transports.ros2 import qos
 from transports.ros2.executor import LOG
-from transports.ros2.graph import UNKNOWN, request_topic, service_type_of
+from transports.ros2.graph import UNKNOWN, Graph, request_topic, service_type_of
 
 
 class Declared(msgspec.Struct):
@@ -25,9 +25,14 @@ class Faults:
     """Looks at the graph for what will never be heard, and reports it."""
 
     def __init__(
-        self, node: Any, declared: Declared, report: Callable[[str], object] = LOG.error
+        self,
+        node: Any,
+        graph: Graph,
+        declared: Declared,
+        report: Callable[[str], object] = LOG.error,
     ) -> None:
         self._node = node
+        self._name_of = graph.name_of
         self._declared = declared
         self._report = report
         self._said: set[str] = set()
@@ -41,14 +46,14 @@ class Faults:
                 if info.topic_type == type_name and (
                     reason := qos.mismatch(info.qos_profile, profile)
                 ):
-                    self._deaf(topic, info.node_name, node.get_name(), reason)
+                    self._deaf(topic, self._name_of(info), node.get_name(), reason)
         for topic, (type_name, profile) in declared.publishes.items():
             for info in node.get_subscriptions_info_by_topic(topic):
                 self._compare(topic, type_name, info, "expected")
                 if info.topic_type == type_name and (
                     reason := qos.mismatch(profile, info.qos_profile)
                 ):
-                    self._deaf(topic, node.get_name(), info.node_name, reason)
+                    self._deaf(topic, node.get_name(), self._name_of(info), reason)
         self._look_at_services()
 
     def _look_at_services(self) -> None:
@@ -63,18 +68,18 @@ class Faults:
                 )
         for service in declared.serves:
             servers = node.get_subscriptions_info_by_topic(request_topic(service), no_mangle=True)
-            if len(servers) < 2 or any(info.node_name == UNKNOWN for info in servers):
+            names = sorted(self._name_of(info) for info in servers)
+            if len(names) < 2 or UNKNOWN in names:
                 continue
-            names = sorted(info.node_name for info in servers)
             text = f"two nodes serve {service}: {' and '.join(names)}; a call is answered by both"
             if len(set(names)) < len(names):
                 text += " (one that was killed stays in the graph for some 20 s)"
             self._say(text)
 
     def _compare(self, topic: str, type_name: str, info: Any, how: str) -> None:
-        if info.topic_type != type_name and info.node_name != UNKNOWN:
+        if info.topic_type != type_name and (name := self._name_of(info)) != UNKNOWN:
             self._say(
-                f"{topic}: this node has it as {type_name}, but it is {how} by {info.node_name} "
+                f"{topic}: this node has it as {type_name}, but it is {how} by {name} "
                 f"as {info.topic_type}: they do not hear each other"
             )
 

@@ -113,24 +113,32 @@ class Graph:
         """Note which node is in which participant; every node has a publisher of ``/rosout``."""
         self._learn(self._node.get_publishers_info_by_topic("/rosout"))
 
+    def name_of(self, endpoint: Any) -> str:
+        """The node of an endpoint that the graph shows; UNKNOWN while nobody knows."""
+        if endpoint.node_name != UNKNOWN:
+            return str(endpoint.node_name)
+        return self._find(bytes(endpoint.endpoint_gid)[: native.GID_BYTES]) or UNKNOWN
+
     def _learn(self, endpoints: Iterable[Any]) -> None:
         for endpoint in endpoints:
             if endpoint.node_name == UNKNOWN:
                 continue
             gid = bytes(endpoint.endpoint_gid)[: native.GID_BYTES]
             self._names[gid] = endpoint.node_name
-            self._participants.setdefault(gid[: native.PREFIX_BYTES], set()).add(endpoint.node_name)
+            self.learn_node(gid, endpoint.node_name)
 
     def learn_node(self, gid: bytes, name: str) -> None:
-        """``name`` says that the endpoint with this GID is its own; the graph may tell seconds later."""
-        self._participants.setdefault(gid[: native.PREFIX_BYTES], set()).add(name)
+        """``name`` says that the endpoint with this GID is its own; the graph may tell seconds later,
+        or never.
+        """
+        self._participants.setdefault(native.participant_of(gid), set()).add(name)
 
     def _find(self, gid: bytes) -> str:
         """By the endpoint, else by its participant if that is known to hold one node only."""
         name = self._names.get(gid)
         if name is not None:
             return name
-        names = self._participants.get(gid[: native.PREFIX_BYTES], set())
+        names = self._participants.get(native.participant_of(gid), set())
         return next(iter(names)) if len(names) == 1 else ""
 
 

@@ -9,6 +9,7 @@ part of rcl's and rmw's public API. The structs are those of Jazzy's ``rmw/types
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -24,6 +25,11 @@ PREFIX_BYTES = 12
 _RCL_RET_OK = 0
 _RCL_RET_SUBSCRIPTION_TAKE_FAILED = 401
 _FIRST_BUFFER = 1024
+
+
+def participant_of(gid: Sequence[int]) -> bytes:
+    """What an endpoint's GID says of its participant (DDSI-RTPS 2.5, 9.3.1)."""
+    return bytes(gid[:PREFIX_BYTES])
 
 
 class _Allocator(ctypes.Structure):

@@ -53,9 +53,14 @@ class Presence(msgspec.Struct):
 
 
 class _Heard(msgspec.Struct):
-    """An announcement, and what of it the graph has shown: that is not asked again, which takes its time."""
+    """An announcement, and what of it the graph has shown: that is not asked again, which takes its time.
+
+    What the node has declared is told by its participant, not by its name: names come by another way
+    (``ros_discovery_info``), on which Fast DDS may lose somebody for good (decision 20).
+    """
 
     presence: Presence
+    participant: bytes
     shown: set[tuple[str, str]] = msgspec.field(default_factory=set)
 
 
@@ -115,6 +120,11 @@ class Announcements:
             for name in sorted(set(self._up.values())):
                 self._executor.post(partial(handler, name, True))
 
+    def names(self) -> set[str]:
+        """The nodes that are up."""
+        with self._changed:
+            return set(self._up.values())
+
     def up_since(self, name: str) -> int:
         """When ``name`` began to connect, by its last announcement; 0 before any."""
         return self._since.get(name, 0)
@@ -144,7 +154,7 @@ class Announcements:
         while (taken := self._taker.take(self._subscription.handle)) is not None:
             try:
                 presence = _decode(_text_of(taken.payload))
-                self._heard[taken.gid] = _Heard(presence)
+                self._heard[taken.gid] = _Heard(presence, native.participant_of(taken.gid))
                 self._graph.learn_node(taken.gid, presence.node)
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 LOG.warning("%s: message dropped: %s", self._topic, error)
@@ -190,7 +200,7 @@ class Announcements:
         for wanted in self._wanted(heard.presence):
             if wanted in heard.shown:
                 continue
-            if not self._is_shown(*wanted, heard.presence):
+            if not self._is_shown(*wanted, heard):
                 return False
             heard.shown.add(wanted)
         return True
@@ -210,14 +220,14 @@ class Announcements:
             if topic not in presence.refused and matches(channel, presence.taps):
                 yield "taps", topic
 
-    def _is_shown(self, kind: str, topic: str, presence: Presence) -> bool:
+    def _is_shown(self, kind: str, topic: str, heard: _Heard) -> bool:
         if kind == "publishes":
             infos = self._node.get_publishers_info_by_topic(topic)
         else:
             infos = self._node.get_subscriptions_info_by_topic(topic, no_mangle=kind == "serves")
-        found: int = sum(info.node_name == presence.node for info in infos)
+        found = sum(native.participant_of(info.endpoint_gid) == heard.participant for info in infos)
         # a tap subscribes beside the node itself, if that does too
-        return found > (presence.subscribes.count(topic) if kind == "taps" else 0)
+        return found > (heard.presence.subscribes.count(topic) if kind == "taps" else 0)
 
 
 def _profile(depth: int) -> QoSProfile:

@@ -144,8 +144,9 @@ class Tap:
         self._complete_at_s = max(self._complete_at_s, instant_s)
 
     def peers(self) -> Sequence[str]:
-        """Names of the nodes in the graph."""
-        return sorted(set(self._node.get_node_names()) - {self._node.get_name()})
+        """Names of the nodes in the graph, and of those that said who they are."""
+        names = {*self._node.get_node_names(), *self._announcements.names()}
+        return sorted(names - {self._node.get_name()})
 
     def problems(self) -> Sequence[str]:
         """What was missed or not decoded, which topics cannot be heard, which services have no

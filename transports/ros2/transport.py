@@ -75,7 +75,7 @@ class Ros2Transport(OnExecutor):
         self._announcements = Announcements(ros_node, self._executor, self._graph, prefix)
         self._own = self._announcements.own
         self._declared = Declared()
-        self._faults = Faults(ros_node, self._declared)
+        self._faults = Faults(ros_node, self._graph, self._declared)
         self._faults_timer: Timer | None = None
         self._errors: CallErrors | None = None
         self._outbox = outbox(self._executor)

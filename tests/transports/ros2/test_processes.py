@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -29,8 +30,6 @@ node = rclpy.create_node("bare")
 client = node.create_client(TickCondition, "/BatteryLevelSkill/tick")
 publisher = node.create_publisher(Int32, "/BatteryComponent/level", 10)
 assert client.wait_for_service(timeout_sec=30.0)
-while "battery" not in node.get_node_names():
-    rclpy.spin_once(node, timeout_sec=0.01)
 while not publisher.get_subscription_count():
     rclpy.spin_once(node, timeout_sec=0.01)
 
@@ -87,6 +86,33 @@ def test_what_a_node_published_last_arrives_although_it_ends(network: ThreadedNe
     with start("peer", "publish") as process:
         assert process.wait(PATIENCE_S) == 0
     assert network.until(lambda: heard == list(range(500)))
+
+
+def mailboxes_of_names() -> set[Path]:
+    """Where Fast DDS hears this process's participants what the nodes of the others are called; the
+    files by which each of them is held.
+    """
+    held = {item.resolve() for item in Path("/proc/self/fd").iterdir()}
+    return {path for path in held if re.fullmatch(r"fastrtps_port7[0-3]\d\d_el", path.name)}
+
+
+def test_who_never_hears_how_nodes_are_called_knows_who_is_up(network: ThreadedNetwork) -> None:
+    before = mailboxes_of_names()
+    node = network.node("node")
+    (held,) = mailboxes_of_names() - before
+    # as Fast DDS does it to the one when others begin and end at the same moment
+    held.unlink()
+    held.with_name(held.name.removesuffix("_el")).unlink()
+    client = on(network, node, lambda: node.client(DOUBLE))
+    tap = on(network, node, lambda: node.tap(["/**"], lambda observation: None))
+    with start("peer", "serve") as process:
+        assert not node.wait_for_nodes(["peer"], PATIENCE_S)
+        answer = network.caller(lambda: client.call_and_wait(Ask(4), PATIENCE_S))()
+        assert answer.response.value == 8
+        assert "peer" not in node.ros_node.get_node_names(), "this should be what is tested"
+        assert "peer" in tap.peers()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 0
 
 
 def test_a_server_in_another_process_answers_and_its_end_is_noticed(
