@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
@@ -25,7 +26,7 @@ HERE = Path(__file__).resolve().parent
 LAB_TOUR = HERE.parent / "lab_tour"
 sys.path.append(str(LAB_TOUR / "faults"))
 
-from processes import RunError, find_interfaces, own_domain  # noqa: E402 - of the example beside
+from processes import START_S, RunError, find_interfaces, own_domain  # noqa: E402 - of the example beside
 
 if TYPE_CHECKING:
     from m2c.model.system import System
@@ -215,8 +216,11 @@ class _Processes:
         self.start(side, command)
 
     def wait(self, name: str, text: str) -> None:
-        """Run the monitor until a process has said ``text``."""
-        self._spin(lambda: text in self._text(name))
+        """Run the monitor until a process has said ``text``; RunError if it does not."""
+        deadline_s = time.monotonic() + START_S
+        self._spin(lambda: text in self._text(name) or time.monotonic() > deadline_s)
+        if text not in (said := self._text(name)):
+            raise RunError(f"{name} was not ready in {START_S:g} s; it said:\n{said}")
 
     def pass_time(self, seconds: float) -> None:
         """Run the monitor for so long."""

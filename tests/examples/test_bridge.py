@@ -24,6 +24,7 @@ from transports.interface import (
     Observation,
 )
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+from transports.timers import Timer
 
 ROOT = Path(__file__).parents[2]
 BRIDGE = ROOT / "examples" / "bridge"
@@ -65,6 +66,32 @@ class TwoWorlds:
 @pytest.fixture
 def worlds() -> TwoWorlds:
     return TwoWorlds()
+
+
+class Home:
+    """As much of a transport as waiting takes."""
+
+    def every(self, period_s: float, look: Callable[[], None]) -> Timer:
+        self.look = look
+        return Timer(0, 0, look)
+
+    def spin(self, until: Callable[[], bool]) -> None:
+        while not until():
+            self.look()
+
+
+def test_who_is_never_ready_is_not_waited_for_for_ever(
+    tmp_path: Path, imported: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = imported("run")
+    monkeypatch.setattr(run, "START_S", 0.5)
+    placement = run.read_placement(BRIDGE / "placement.yaml", read_checked([SYSTEM]))
+    processes = run._Processes(tmp_path, SYSTEM, placement, "", Home())
+    speak = "import time; print('waiting for others', flush=True); time.sleep(60)"
+    processes.start("zenoh", [sys.executable, "-c", speak])
+    with pytest.raises(run.RunError, match=r"zenoh was not ready in 0\.5 s; it said:\nwaiting for"):
+        processes.wait("zenoh", "nodes are up")
+    processes.stop()
 
 
 def test_messages_cross_in_their_order(worlds: TwoWorlds, imported: Any) -> None:
