@@ -1,8 +1,7 @@
 """A monitor that joins a running system begins when it hears all of it.
 
-Subscriptions take effect one after the other: in the middle of a run a tap hears an answer before it can hear
-the question. Who judges that says that something did not happen. So the tap is opened first, what it hears
-before it is complete is left out, and then the monitor begins.
+Who judges what a tap hears before (:mod:`moon.tap.completeness`) says that something did not happen. So
+the tap is opened first, what it hears before it is complete is left out, and then the monitor begins.
 """
 
 from __future__ import annotations
@@ -10,12 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from moon.tap.completeness import when_complete
 from transports.interface import Observation, Publisher, Tap, Timer, Topic, Transport
-
-LOOK_S = 0.02
-"""How often it is looked whether the tap is complete."""
-AT_MOST_S = 15.0
-"""Nobody waits longer for a graph that goes on changing."""
 
 
 class Joining:
@@ -35,21 +30,8 @@ class Joining:
 
     def when_complete(self, begin: Callable[[], None], say: Callable[[str], None]) -> None:
         """Call ``begin`` once, when the tap hears everything; at once, if it does already."""
-        if self._tap.is_complete:
-            begin()
-            return
-        deadline_ns = self._connection.now_ns() + round(AT_MOST_S * 1e9)
-
-        def look() -> None:
-            is_complete = self._tap.is_complete
-            if not is_complete and self._connection.now_ns() <= deadline_ns:
-                return
-            timer.cancel()
-            if not is_complete:
-                say("warning: the graph goes on changing: monitoring begins before all is heard")
-            begin()
-
-        timer = self._connection.every(LOOK_S, look)
+        warning = "warning: the graph goes on changing: monitoring begins before all is heard"
+        when_complete(self._connection, self._tap, begin, lambda: say(warning))
 
     @property
     def node(self) -> str:

@@ -163,6 +163,7 @@ def _play(
             if count == PROGRESS_EVERY:
                 progress(count)
                 count = 0
+    player.finish()
     if progress is not None:
         progress(count)
     return first, entry, recorded

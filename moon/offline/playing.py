@@ -11,11 +11,23 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from moon.monitor.pace import NS
-from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Turn
+from moon.recording.entries import (
+    Began,
+    Ended,
+    Entry,
+    Missed,
+    NodeChange,
+    Pulse,
+    Turn,
+    Whole,
+)
 from transports.interface import Observation, Publisher, Tap, Timer, Topic, TransportError
 
 MAX_QUIET_NS = 24 * 3600 * NS
 """Time passes step by step over silences up to this; longer ones are clocks that were set."""
+
+WHOLE_NS = 20 * NS
+"""A recorder hears everything after so long, or says that it does not (``moon.tap.completeness``)."""
 
 
 class Player:
@@ -48,6 +60,10 @@ class Player:
         self.up_since = self._since.__getitem__
         """When a node began to connect; 0 if the recording does not say."""
         self._missed: dict[str, str] = {}
+        self._begin: Callable[[], None] = _nothing_to_begin
+        self._whole_by_ns = 0
+        self._waiting: list[NodeChange] | None = None
+        """What changed before the recorder heard everything; None once it does."""
 
     # --- for the watch -----------------------------------------------------------------------------
 
@@ -105,18 +121,54 @@ class Player:
     # --- for who reads the recording ---------------------------------------------------------------
 
     def start(self, first: Entry, begin: Callable[[], None]) -> None:
-        """Begin where ``first``, the recording's first entry, says; ``begin`` starts the watch."""
+        """Begin where ``first``, the recording's first entry, says; ``begin`` starts the watch, there or
+        where all is heard.
+        """
         self.began = True
+        self._begin = begin
         if isinstance(first, Began):
             self._now_ns = first.received_ns
             self._paced = first.paced
             self.repair_s = first.repair_s
         else:
             self._now_ns = first.received_ns - self._early_ns
-        begin()
+        if isinstance(first, Began) and not first.whole:
+            self._waiting, self._whole_by_ns = [], first.received_ns + WHOLE_NS
+        else:
+            begin()
+
+    def finish(self) -> None:
+        """The recording is over: the watch is started if it was not."""
+        if self.began and self._waiting is not None:
+            self._start_late()
+
+    def _start_late(self) -> None:
+        changes, self._waiting = self._waiting or [], None
+        self._begin()
+        for change in changes:
+            self._change(change)
+
+    def _wait(self, entry: Entry) -> None:
+        """What is heard before all is heard is left out."""
+        assert self._waiting is not None
+        if entry.received_ns > self._whole_by_ns:  # where it says so is damaged
+            self._start_late()
+            self.play(entry)
+            return
+        self._move_to(entry.received_ns)
+        match entry:
+            case NodeChange():
+                self._waiting.append(entry)
+            case Whole():
+                self._start_late()
+            case Missed():
+                self._missed[_subject(entry.text)] = entry.text
 
     def play(self, entry: Entry) -> None:
         """Tell the watch of ``entry``."""
+        if self._waiting is not None:
+            self._wait(entry)
+            return
         if self._paced:
             self._now_ns = entry.received_ns
         else:
@@ -133,7 +185,7 @@ class Player:
                 self._change(entry)
             case Missed():
                 self._missed[_subject(entry.text)] = entry.text
-            case Began() | Ended() | _:
+            case Began() | Whole() | Ended() | _:
                 pass
 
     def _take_turn(self, pulse: Pulse) -> None:
@@ -181,4 +233,8 @@ def _subject(problem: str) -> str:
 
 
 def _nothing(_: Observation) -> None:
+    pass
+
+
+def _nothing_to_begin() -> None:
     pass

@@ -29,6 +29,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
         paced: whether a monitor was recorded, with its turns (:class:`Pulse`). If not, who checks the
             recording takes its own turns.
         repair_s: the middleware's (``Transport.repair_s``).
+        whole: whether all is heard from here on, not only from where it says so (:class:`Whole`).
     """
 
     received_ns: int
@@ -36,6 +37,20 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
     transport: str = ""
     paced: bool = False
     repair_s: float = 0.0
+    whole: bool = True
+
+
+class Whole(msgspec.Struct, frozen=True, tag="whole", tag_field="entry"):
+    """From now on the recorder hears all that there is (``Tap.is_complete``).
+
+    What was received before is true, but an answer may be without its question: nothing can be concluded
+    from what is not there.
+
+    Attributes:
+        received_ns: now.
+    """
+
+    received_ns: int
 
 
 class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
@@ -116,7 +131,7 @@ class Ended(msgspec.Struct, frozen=True, tag="ended", tag_field="entry"):
     received_ns: int
 
 
-Event = Began | NodeChange | Missed | Ended
+Event = Began | Whole | NodeChange | Missed | Ended
 """What is rare, and kept as JSON; ``entry`` tells which it is."""
 
 Entry = Observation | Event | Pulse | Said

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from moon.recording.entries import Began, Ended, Missed, NodeChange
+from moon.recording.entries import Began, Ended, Missed, NodeChange, Whole
 from moon.recording.writer import RecordingWriter
+from moon.tap.completeness import when_complete
 from moon.tap.selection import Selection, check, matches
 from transports.interface import Observation, Tap, Transport
 
@@ -43,14 +44,20 @@ class Recorder:
     def start(self) -> None:
         """Begin to listen (on the executor, or before it spins)."""
         connection, writer = self._connection, self._writer
+        now_ns = connection.now_ns()
+        observe = self._observe if self._globs else writer.add
+        self.listener = tap = connection.tap(Selection(self._globs).to_hear(), observe)
+        whole = tap.is_complete
         writer.add(
             Began(
-                connection.now_ns(), connection.node, self._transport, repair_s=connection.repair_s
+                *(now_ns, connection.node, self._transport),
+                repair_s=connection.repair_s,
+                whole=whole,
             )
         )
-        observe = self._observe if self._globs else writer.add
-        self.listener = connection.tap(Selection(self._globs).to_hear(), observe)
         connection.watch_nodes(self._node_changed)
+        if not whole:
+            when_complete(connection, tap, self._note_whole, self._give_up)
 
     def look_around(self) -> None:
         """Hand what was recorded to the system, and record what the tap could not hear.
@@ -62,7 +69,7 @@ class Recorder:
         problems = self.listener.problems()
         for text in problems:
             if text not in self._problems:
-                self._writer.add(Missed(self._connection.now_ns(), text))
+                self._note_missed(text)
         self._problems = frozenset(problems)
         self._writer.flush()
 
@@ -82,6 +89,15 @@ class Recorder:
                 self._wanted[channel] = wanted
         if wanted:
             self._writer.add(seen)
+
+    def _note_whole(self) -> None:
+        self._writer.add(Whole(self._connection.now_ns()))
+
+    def _give_up(self) -> None:
+        self._note_missed("the graph goes on changing: what was recorded first may be a part of it")
+
+    def _note_missed(self, text: str) -> None:
+        self._writer.add(Missed(self._connection.now_ns(), text))
 
     def _node_changed(self, name: str, up: bool) -> None:
         connection = self._connection

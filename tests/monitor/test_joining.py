@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from moon.monitor.joining import AT_MOST_S, Joining
+from moon.monitor.joining import Joining
+from moon.tap.completeness import AT_MOST_S
 from tests.monitor.hand_driven import HandDriven, S
 from transports.interface import Observation, ObservationKind
 from transports.simulated import SimulatedTransport, SimulatedWorld

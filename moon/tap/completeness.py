@@ -1,0 +1,44 @@
+"""When a tap hears all that there is.
+
+Subscriptions take effect one after the other: in the middle of a run a tap hears an answer before it can hear
+the question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from transports.interface import Tap, Transport
+
+LOOK_S = 0.02
+"""How often it is looked whether the tap is complete."""
+AT_MOST_S = 15.0
+"""Nobody waits longer for a graph that goes on changing."""
+
+
+def when_complete(
+    connection: Transport, tap: Tap, begin: Callable[[], None], give_up: Callable[[], None]
+) -> None:
+    """Call ``begin`` once, when ``tap`` hears everything; at once, if it does already.
+
+    Args:
+        connection: the tap's, of whose executor this is called.
+        tap: which.
+        begin: what then begins.
+        give_up: called first if that is not so within :data:`AT_MOST_S`; then it begins all the same.
+    """
+    if tap.is_complete:
+        begin()
+        return
+    deadline_ns = connection.now_ns() + round(AT_MOST_S * 1e9)
+
+    def look() -> None:
+        is_complete = tap.is_complete
+        if not is_complete and connection.now_ns() <= deadline_ns:
+            return
+        timer.cancel()
+        if not is_complete:
+            give_up()
+        begin()
+
+    timer = connection.every(LOOK_S, look)

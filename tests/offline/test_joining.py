@@ -1,0 +1,122 @@
+"""A recording that began in the middle of a run, when its tap did not hear everything yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from m2c.launch.in_process import SimulatedRun
+from moon.offline.engine import check_recording
+from moon.recording.definitions import Definitions
+from moon.recording.entries import Began, Entry, NodeChange, Whole
+from moon.recording.reader import open_recording
+from moon.recording.recorder import Recorder
+from moon.recording.writer import RecordingWriter
+from moon.tap.completeness import AT_MOST_S
+from tests.offline.live import SUBJECT, monitored, program
+from transports.interface import Observation, ObservationKind, Tap
+from transports.simulated import SimulatedTransport, SimulatedWorld
+from transports.simulated.routes import Tap as SimulatedTap
+
+BEFORE_S = 2.0
+PARTIAL_S = 1.5
+REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+
+
+class Partial(SimulatedTransport):
+    """A connection whose tap hears no requests at first; where nothing is numbered, as on ROS 2."""
+
+    def __init__(self, world: SimulatedWorld, whole_after_s: float) -> None:
+        super().__init__(world, "recorder")
+        self.whole_ns = self.now_ns() + round(whole_after_s * 1e9)
+
+    @property
+    def hears_everything(self) -> bool:
+        return self.now_ns() >= self.whole_ns
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        def hear(seen: Observation) -> None:
+            if self.hears_everything or seen.kind not in REQUESTS:
+                handler(replace(seen, sequence=-1, order=-1))
+
+        return super().tap(channels, hear)
+
+
+def recorded(path: Path, whole_after_s: float, seconds: float = 5.0) -> Path:
+    """The lab tour, recorded from its second second on."""
+    world = SimulatedWorld(5)
+    nodes = SimulatedRun(program(), world)
+    nodes.run(BEFORE_S)
+    writer = RecordingWriter(path, Definitions(monitored().system.library))
+    recorder = Recorder(Partial(world, whole_after_s), "simulated", writer, ())
+    recorder.start()
+    nodes.run(seconds)
+    recorder.finish()
+    world.close()
+    return path
+
+
+@pytest.fixture
+def knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Taps know whether they hear everything."""
+    monkeypatch.setattr(
+        SimulatedTap, "is_complete", property(lambda tap: tap._node.hears_everything)
+    )
+
+
+def accused(path: Path) -> set[str]:
+    result = check_recording(path, SUBJECT, monitored())
+    assert result.recording.complete, result.recording.faults
+    seen = [item.machine for item in result.machines if item.verdict == "unseen"]
+    assert not seen
+    return {item.machine for item in result.machines if item.verdict == "violated"}
+
+
+def entries(path: Path) -> list[Entry]:
+    return [item for item in open_recording(path).entries() if not isinstance(item, Observation)]
+
+
+def test_what_was_heard_in_part_accuses_nobody(tmp_path: Path, knows: None) -> None:
+    path = recorded(tmp_path / "run.mcap", PARTIAL_S)
+    began = entries(path)[0]
+    assert isinstance(began, Began)
+    assert not began.whole
+    (whole,) = (item for item in entries(path) if isinstance(item, Whole))
+    assert whole.received_ns - began.received_ns == pytest.approx(PARTIAL_S * 1e9, abs=0.05e9)
+    assert list(open_recording(path).entries()).index(whole) > 20, "all is kept"
+    assert accused(path) == set()
+
+
+def test_it_would_otherwise(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", PARTIAL_S)
+    began = entries(path)[0]
+    assert isinstance(began, Began)
+    assert began.whole
+    assert accused(path)
+
+
+def test_who_hears_everything_at_once_says_nothing(tmp_path: Path, knows: None) -> None:
+    path = recorded(tmp_path / "run.mcap", 0.0)
+    assert [type(item) for item in entries(path)[:2]] == [Began, NodeChange]
+    assert not [item for item in entries(path) if isinstance(item, Whole)]
+    assert accused(path) == set()
+
+
+def test_a_run_that_is_over_before_is_not_judged(tmp_path: Path, knows: None) -> None:
+    path = recorded(tmp_path / "run.mcap", 1000.0)
+    result = check_recording(path, SUBJECT, monitored())
+    assert "violated" not in {item.verdict for item in result.machines}
+    assert result.recording.complete
+
+
+def test_a_graph_that_goes_on_changing_is_not_waited_for_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SimulatedTap, "is_complete", False)
+    path = recorded(tmp_path / "run.mcap", 0.0, AT_MOST_S + 5.0)
+    assert accused(path) == set()
+    result = check_recording(path, SUBJECT, monitored())
+    assert any("goes on changing" in problem for problem in result.problems)
