@@ -26,8 +26,16 @@ be more than 5 ms behind, and needs half of that itself."""
 QUIET_S = 0.002
 """For how long a node must have told nothing: longer than between two calls of a policy."""
 AT_MOST_S = 0.012
-"""How long anything waits where a node is never quiet, and how long it is at least from one burst to the
+"""How long anything waits where a node is seldom at work, and how long it is at least from one burst to the
 next: half of the 25 ms that a monitor allows for at least (``moon.monitor.patience.LEAST_NS``)."""
+IN_A_ROW = 3
+"""A node that so often had something to tell again before the next burst was due is at work all the time, not
+only in the middle of a tick."""
+GROWTH = 1.5
+"""By how much its bursts get rarer each time: less than what a monitor allows for beyond the longest lag so
+far (``moon.monitor.patience.MARGIN``)."""
+SELDOM_S = 0.05
+"""How rare they get: a quarter of the latency that is allowed for by default."""
 
 NEAR_S = 0.0055
 """A node that began to work at most so long before the end of the last round waits for the end of the next,
@@ -82,6 +90,9 @@ class Outbox(Generic[Item]):
         self._closed = False
         self._first_s = self._last_s = 0.0
         self._burst_s = -AT_MOST_S
+        self._apart_s = AT_MOST_S
+        """How long it is from one burst to the next at present."""
+        self._in_a_row = 0
         self._expected_until_s = 0.0
         """How long the end of a round is waited for."""
 
@@ -95,9 +106,18 @@ class Outbox(Generic[Item]):
         if not self._scheduled:
             self._scheduled = True
             self._first_s = now_s
+            self._set_apart(now_s)
             least_s = AT_MOST_S if now_s < self._expected_until_s else self._delay_s
-            wait_s = max(least_s, delay_s, self._burst_s + AT_MOST_S - now_s)
+            wait_s = max(least_s, delay_s, self._burst_s + self._apart_s - now_s)
             self._timer = self._executor.after(wait_s, self._look)
+
+    def _set_apart(self, now_s: float) -> None:
+        if now_s >= self._burst_s + self._apart_s:
+            self._in_a_row, self._apart_s = 0, AT_MOST_S
+        elif self._in_a_row < IN_A_ROW:
+            self._in_a_row += 1
+        else:
+            self._apart_s = min(GROWTH * self._apart_s, SELDOM_S)
 
     def _look(self) -> None:
         wait_s = min(self._last_s + QUIET_S, self._first_s + AT_MOST_S) - self._clock()

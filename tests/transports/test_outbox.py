@@ -6,8 +6,19 @@ import heapq
 import itertools
 from collections.abc import Callable
 
-from moon.monitor.patience import LEAST_NS
-from transports.outbox import AT_MOST_S, CALLER_S, DELAY_S, NEAR_S, QUIET_S, ROUNDS_S, Outbox
+from moon.monitor.patience import LEAST_NS, MARGIN, Patience
+from moon.oracle.bounds import Bounds
+from transports.outbox import (
+    AT_MOST_S,
+    CALLER_S,
+    DELAY_S,
+    GROWTH,
+    NEAR_S,
+    QUIET_S,
+    ROUNDS_S,
+    SELDOM_S,
+    Outbox,
+)
 from transports.timers import Timer
 
 
@@ -77,20 +88,63 @@ def test_nothing_leaves_while_the_node_is_at_work():
     assert node.left == [(0.0035 + QUIET_S, number) for number in range(4)]
 
 
-def test_a_node_that_is_never_quiet_tells_each_event_in_time():
-    node = Node()
-    told = [number * 0.001 for number in range(500)]
+def at_work_all_the_time(node: Node, from_s: float = 0.0) -> list[float]:
+    """What was told when within half a second."""
+    told = [from_s + number * 0.001 for number in range(500)]
     for at_s in told:
         node.tell(at_s)
-    node.time.pass_until(1.0)
+    node.time.pass_until(told[-1] + 0.5)
+    return told
+
+
+def test_a_node_that_is_never_quiet_tells_each_event_in_time():
+    node = Node()
+    told = at_work_all_the_time(node)
     waits_s = [left_s - told[number] for left_s, number in node.left]
     assert [number for _, number in node.left] == list(range(500))
-    assert max(waits_s) <= AT_MOST_S + 1e-9
-    assert len({left_s for left_s, _ in node.left}) < 60  # bursts
+    assert max(waits_s) <= SELDOM_S + 1e-9
+    assert len({left_s for left_s, _ in node.left}) < 18  # bursts
+
+
+def test_its_bursts_get_rare_no_faster_than_a_monitor_learns_how_late_they_are():
+    node = Node()
+    told = at_work_all_the_time(node)
+    patience = Patience(latency_ns=round(1e9))
+    at_first = [left_s for left_s, _ in node.left if left_s < 0.04]
+    assert (
+        max(left_s - told[number] for left_s, number in node.left[: len(at_first)])
+        <= AT_MOST_S + 1e-9
+    )
+    for left_s, number in node.left:
+        lag_ns, now_ns = round((left_s - told[number]) * 1e9), round(left_s * 1e9)
+        assert lag_ns < patience.wait_ns
+        patience.heard(lag_ns, now_ns)
+
+
+def test_after_a_pause_they_are_as_before():
+    node = Node()
+    at_work_all_the_time(node)
+    node.left.clear()
+    node.tell(2.0)
+    node.time.pass_until(3.0)
+    assert [left_s for left_s, _ in node.left] == [2.0 + DELAY_S]
+
+
+def test_a_long_tick_makes_them_no_rarer():
+    node = Node()
+    for tick in range(5):
+        for part in range(4):
+            node.tell(tick * 0.1 + part * 0.01)
+    node.time.pass_until(1.0)
+    assert max(
+        left_s - (number // 4 * 0.1 + number % 4 * 0.01) for left_s, number in node.left
+    ) <= (AT_MOST_S + 1e-9)
 
 
 def test_an_event_waits_for_less_than_a_monitor_allows_for():
     assert DELAY_S + QUIET_S <= AT_MOST_S <= LEAST_NS / 1e9 / 2
+    assert GROWTH < MARGIN
+    assert Bounds().latency / 1e9 >= 4 * SELDOM_S
 
 
 def test_a_call_that_takes_its_time_is_told_at_once_and_what_follows_later():
