@@ -54,6 +54,8 @@ class Graph:
         self._subscription: Any = None
         self._names: dict[bytes, str] = {}
         self._participants: dict[bytes, set[str]] = {}
+        self._announced: dict[bytes, str] = {}
+        """Of participants that hold one node, which says so itself."""
         self._thread = threading.Thread(target=self._watch, name="ros2-graph", daemon=True)
 
     def listen(self, listener: Callable[[], None]) -> None:
@@ -90,7 +92,7 @@ class Graph:
 
     def publisher_of(self, topic: str, gid: bytes) -> str:
         """The node whose publisher of ``topic`` has this GID; empty while nobody knows."""
-        name = self._names.get(gid)
+        name = self._known(gid)
         if name is None and not self._stopping.is_set():
             self._learn(self._node.get_publishers_info_by_topic(topic))
         return self._find(gid) if name is None else name
@@ -100,7 +102,7 @@ class Graph:
 
         The client's end names itself by its request writer, the server by the response reader.
         """
-        name = self._names.get(gid)
+        name = self._known(gid)
         if name is None and not self._stopping.is_set():
             node = self._node
             self._learn(node.get_publishers_info_by_topic(request_topic(service), no_mangle=True))
@@ -125,17 +127,21 @@ class Graph:
                 continue
             gid = bytes(endpoint.endpoint_gid)[: native.GID_BYTES]
             self._names[gid] = endpoint.node_name
-            self.learn_node(gid, endpoint.node_name)
+            self._participants.setdefault(native.participant_of(gid), set()).add(endpoint.node_name)
 
     def learn_node(self, gid: bytes, name: str) -> None:
-        """``name`` says that the endpoint with this GID is its own; the graph may tell seconds later,
-        or never.
+        """``name`` says that the endpoint with this GID is its own, and that it has its participant for
+        itself; the graph may tell seconds later, or never.
         """
-        self._participants.setdefault(native.participant_of(gid), set()).add(name)
+        self._announced[native.participant_of(gid)] = name
+
+    def _known(self, gid: bytes) -> str | None:
+        """The node, without asking the graph."""
+        return self._names.get(gid) or self._announced.get(native.participant_of(gid))
 
     def _find(self, gid: bytes) -> str:
         """By the endpoint, else by its participant if that is known to hold one node only."""
-        name = self._names.get(gid)
+        name = self._known(gid)
         if name is not None:
             return name
         names = self._participants.get(native.participant_of(gid), set())

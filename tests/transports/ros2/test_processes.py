@@ -15,6 +15,7 @@ from m2c.rosidl.build import build_interfaces
 from transports.conformance import DOUBLE, NUMBERS, Ask, on
 from transports.interface import CallOutcome
 from transports.networks import PATIENCE_S, ThreadedNetwork
+from transports.ros2.graph import UNKNOWN
 
 pytestmark = [pytest.mark.ros2, pytest.mark.slow]
 
@@ -104,13 +105,18 @@ def test_who_never_hears_how_nodes_are_called_knows_who_is_up(network: ThreadedN
     held.unlink()
     held.with_name(held.name.removesuffix("_el")).unlink()
     client = on(network, node, lambda: node.client(DOUBLE))
-    tap = on(network, node, lambda: node.tap(["/**"], lambda observation: None))
+    sources: set[str] = set()
+    tap = on(network, node, lambda: node.tap(["/**"], lambda seen: sources.add(seen.source)))
     with start("peer", "serve") as process:
         assert not node.wait_for_nodes(["peer"], PATIENCE_S)
         answer = network.caller(lambda: client.call_and_wait(Ask(4), PATIENCE_S))()
         assert answer.response.value == 8
         assert "peer" not in node.ros_node.get_node_names(), "this should be what is tested"
         assert "peer" in tap.peers()
+        assert network.until(lambda: "peer" in sources)
+        (publisher,) = node.ros_node.get_publishers_info_by_topic(NUMBERS.name)
+        assert publisher.node_name == UNKNOWN
+        assert node._graph.name_of(publisher) == "peer"
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE_S) == 0
 
