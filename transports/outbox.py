@@ -29,8 +29,8 @@ AT_MOST_S = 0.012
 """How long anything waits where a node is seldom at work, and how long it is at least from one burst to the
 next: half of the 25 ms that a monitor allows for at least (``moon.monitor.patience.LEAST_NS``)."""
 IN_A_ROW = 3
-"""A node that so often had something to tell again before the next burst was due is at work all the time, not
-only in the middle of a tick."""
+"""A node that so often had something to tell again within ``AT_MOST_S`` of a burst is at work all the time,
+not only in the middle of a tick."""
 GROWTH = 1.5
 """By how much its bursts get rarer each time: less than what a monitor allows for beyond the longest lag so
 far (``moon.monitor.patience.MARGIN``)."""
@@ -112,7 +112,7 @@ class Outbox(Generic[Item]):
             self._timer = self._executor.after(wait_s, self._look)
 
     def _set_apart(self, now_s: float) -> None:
-        if now_s >= self._burst_s + self._apart_s:
+        if now_s >= self._burst_s + AT_MOST_S:
             self._in_a_row, self._apart_s = 0, AT_MOST_S
         elif self._in_a_row < IN_A_ROW:
             self._in_a_row += 1

@@ -13,7 +13,7 @@ from moon.monitor.pace import NS
 
 LEAST_NS = 25_000_000
 """Several times what a message takes on an idle machine, service events' 3.5 ms at their node included (12
-on a busy one)."""
+on a busy one, and up to 50 where a node is at work all the time, which is learned)."""
 MARGIN = 2
 """How much later than the latest so far the next one may be."""
 WINDOW_NS = 30 * NS

@@ -130,6 +130,19 @@ def test_after_a_pause_they_are_as_before():
     assert [left_s for left_s, _ in node.left] == [2.0 + DELAY_S]
 
 
+def test_who_is_at_work_now_and_then_after_that_does_not_wait_as_long():
+    node = Node()
+    at_work_all_the_time(node)
+    node.left.clear()
+    calls = [2.0 + 0.03 * number for number in range(20)]
+    for at_s in calls:
+        node.tell(at_s)
+    node.time.pass_until(4.0)
+    assert (
+        max(left_s - at_s for (left_s, _), at_s in zip(node.left, calls, strict=True)) <= AT_MOST_S
+    )
+
+
 def test_a_long_tick_makes_them_no_rarer():
     node = Node()
     for tick in range(5):
