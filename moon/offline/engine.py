@@ -94,7 +94,7 @@ def check_recording(
         last_ns=last.received_ns,
         complete=not faults and (recording.ended or recording.form != OWN),
         faults=faults,
-        limits=(*recording.limits(), *_assumed(attribution)),
+        limits=(*recording.limits(), *player.limits(), *_assumed(attribution)),
     )
     return CheckResult(
         recording=facts,

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from moon.monitor.pace import NS
 from moon.recording.entries import (
     Began,
-    Ended,
     Entry,
     Missed,
     NodeChange,
@@ -62,8 +61,11 @@ class Player:
         self._missed: dict[str, str] = {}
         self._begin: Callable[[], None] = _nothing_to_begin
         self._whole_by_ns = 0
-        self._waiting: list[NodeChange] | None = None
-        """What changed before the recorder heard everything; None once it does."""
+        self._waiting: list[Entry] | None = None
+        """What was recorded before the recorder heard everything; None once it does."""
+        self._left_out_ns = 0
+        """How long it did not; 0: what was recorded then is judged, too."""
+        self._is_over = False
 
     # --- for the watch -----------------------------------------------------------------------------
 
@@ -100,7 +102,7 @@ class Player:
 
     @property
     def is_complete(self) -> bool:
-        """Who recorded it began when it was."""
+        """The watch is told of nothing before that."""
         return True
 
     def peers(self) -> Sequence[str]:
@@ -140,29 +142,45 @@ class Player:
     def finish(self) -> None:
         """The recording is over: the watch is started if it was not."""
         if self.began and self._waiting is not None:
-            self._start_late()
+            self._stop_waiting(self._waiting[-1].received_ns if self._waiting else self._now_ns)
+            self._is_over = True
 
-    def _start_late(self) -> None:
-        changes, self._waiting = self._waiting or [], None
-        self._begin()
-        for change in changes:
-            self._change(change)
+    def limits(self) -> list[str]:
+        """What is not judged as the recorder did not hear all of it, one sentence at most."""
+        if not self._left_out_ns:
+            return []
+        if self._is_over:
+            return ["it was over before its recorder heard everything: nothing is judged"]
+        return [
+            f"its recorder heard everything from {self._left_out_ns / NS:.1f} s on: "
+            "what was before is not judged"
+        ]
 
     def _wait(self, entry: Entry) -> None:
-        """What is heard before all is heard is left out."""
+        """``entry`` was heard, but perhaps not what belongs to it."""
         assert self._waiting is not None
         if entry.received_ns > self._whole_by_ns:  # where it says so is damaged
-            self._start_late()
+            self._stop_waiting(entry.received_ns)
             self.play(entry)
+        elif isinstance(entry, Whole):
+            self._stop_waiting(entry.received_ns)
+        else:
+            self._waiting.append(entry)
+
+    def _stop_waiting(self, now_ns: int) -> None:
+        """All is heard from ``now_ns`` on; before it, too, if nobody was there when it began."""
+        waited, self._waiting = self._waiting or [], None
+        if _is_from_the_start(self._now_ns, waited):
+            self._begin()
+            for entry in waited:
+                self.play(entry)
             return
-        self._move_to(entry.received_ns)
-        match entry:
-            case NodeChange():
-                self._waiting.append(entry)
-            case Whole():
-                self._start_late()
-            case Missed():
-                self._missed[_subject(entry.text)] = entry.text
+        self._left_out_ns = now_ns - self._now_ns
+        self._move_to(now_ns)
+        self._begin()
+        for entry in waited:
+            if isinstance(entry, NodeChange | Missed):
+                self._note(entry)
 
     def play(self, entry: Entry) -> None:
         """Tell the watch of ``entry``."""
@@ -180,13 +198,26 @@ class Player:
             if self._paced:
                 self._take_turn(entry)
             return
+        self._note(entry)
+
+    def _note(self, entry: Entry) -> None:
         match entry:
             case NodeChange():
                 self._change(entry)
             case Missed():
                 self._missed[_subject(entry.text)] = entry.text
-            case Began() | Whole() | Ended() | _:
+            case Began():
+                self._return_all()
+            case _:
                 pass
+
+    def _return_all(self) -> None:
+        """Something is missing: all nodes are found in the middle of what they do."""
+        if self._changed is None:
+            return
+        for name in tuple(self._since):
+            self._changed(name, False)
+            self._changed(name, True)
 
     def _take_turn(self, pulse: Pulse) -> None:
         self._monotonic_ns = pulse.monotonic_ns
@@ -225,6 +256,22 @@ class _Since(dict[str, int]):
 
     def __missing__(self, name: str) -> int:
         return 0
+
+
+def _is_from_the_start(began_ns: int, entries: Sequence[Entry]) -> bool:
+    """Whether all who are heard in ``entries`` began to connect after ``began_ns``."""
+    started: set[str] = set()
+    heard: set[str] = set()
+    for number, entry in enumerate(entries):
+        if type(entry) is Observation:
+            heard.add(entry.source)
+        elif isinstance(entry, NodeChange):
+            if entry.up and entry.since_ns < began_ns:
+                return False
+            started.add(entry.node)
+        elif isinstance(entry, Began) and number:  # something is missing
+            return False
+    return heard <= started
 
 
 def _subject(problem: str) -> str:

@@ -101,9 +101,14 @@ def record(
             assert listener is not None
             notices = Notices(say)
             line = _Line(writer)
+            is_partial = not recorder.is_whole
 
             def look_around() -> None:
+                nonlocal is_partial
                 recorder.look_around()
+                if is_partial and recorder.is_whole:
+                    is_partial = False
+                    say("all that happens is heard now")
                 notices.links(listener.peers())
                 notices.problems(listener.problems())
                 line.show((connection.now_ns() - start_ns) / 1e9)

@@ -40,6 +40,8 @@ class Recorder:
         self._wanted: dict[str, bool] = {}
         self._problems: frozenset[str] = frozenset()
         self.listener: Tap | None = None
+        self.is_whole = False
+        """Whether everything is heard by now."""
 
     def start(self) -> None:
         """Begin to listen (on the executor, or before it spins)."""
@@ -47,7 +49,7 @@ class Recorder:
         now_ns = connection.now_ns()
         observe = self._observe if self._globs else writer.add
         self.listener = tap = connection.tap(Selection(self._globs).to_hear(), observe)
-        whole = tap.is_complete
+        self.is_whole = whole = tap.is_complete
         writer.add(
             Began(
                 *(now_ns, connection.node, self._transport),
@@ -91,6 +93,7 @@ class Recorder:
             self._writer.add(seen)
 
     def _note_whole(self) -> None:
+        self.is_whole = True
         self._writer.add(Whole(self._connection.now_ns()))
 
     def _give_up(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -10,24 +11,30 @@ from msgspec.structs import replace
 
 from m2c.launch.in_process import SimulatedRun
 from moon.offline.engine import check_recording
+from moon.offline.playing import WHOLE_NS
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Entry, NodeChange, Whole
 from moon.recording.reader import open_recording
 from moon.recording.recorder import Recorder
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import AT_MOST_S
-from tests.offline.live import SUBJECT, monitored, program
+from tests.offline.live import SUBJECT, faulty_program, monitored, program
 from transports.interface import Observation, ObservationKind, Tap
 from transports.simulated import SimulatedTransport, SimulatedWorld
 from transports.simulated.routes import Tap as SimulatedTap
 
 BEFORE_S = 2.0
 PARTIAL_S = 1.5
-REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+REQUESTS: tuple[ObservationKind, ...] = (
+    ObservationKind.REQUEST_SENT,
+    ObservationKind.REQUEST_RECEIVED,
+)
 
 
 class Partial(SimulatedTransport):
     """A connection whose tap hears no requests at first; where nothing is numbered, as on ROS 2."""
+
+    drops = REQUESTS
 
     def __init__(self, world: SimulatedWorld, whole_after_s: float) -> None:
         super().__init__(world, "recorder")
@@ -39,10 +46,16 @@ class Partial(SimulatedTransport):
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         def hear(seen: Observation) -> None:
-            if self.hears_everything or seen.kind not in REQUESTS:
+            if self.hears_everything or seen.kind not in self.drops:
                 handler(replace(seen, sequence=-1, order=-1))
 
         return super().tap(channels, hear)
+
+
+class WaitsForQuiet(Partial):
+    """Hears everything, and knows it late."""
+
+    drops = ()
 
 
 def recorded(path: Path, whole_after_s: float, seconds: float = 5.0) -> Path:
@@ -105,11 +118,53 @@ def test_who_hears_everything_at_once_says_nothing(tmp_path: Path, knows: None) 
     assert accused(path) == set()
 
 
+def test_from_when_on_it_is_judged_is_said(tmp_path: Path, knows: None) -> None:
+    result = check_recording(recorded(tmp_path / "run.mcap", PARTIAL_S), SUBJECT, monitored())
+    (limit,) = (text for text in result.recording.limits if "judged" in text)
+    assert re.fullmatch(r"its recorder heard everything from 1\.5 s on: .* is not judged", limit)
+
+
 def test_a_run_that_is_over_before_is_not_judged(tmp_path: Path, knows: None) -> None:
-    path = recorded(tmp_path / "run.mcap", 1000.0)
-    result = check_recording(path, SUBJECT, monitored())
+    result = check_recording(recorded(tmp_path / "run.mcap", 1000.0), SUBJECT, monitored())
     assert "violated" not in {item.verdict for item in result.machines}
-    assert result.recording.complete
+    assert {item.verdict for item in result.machines} > {"unseen"}, "it is known who was there"
+    assert any("nothing is judged" in text for text in result.recording.limits)
+
+
+def test_where_that_is_damaged_it_is_judged_after_a_while(tmp_path: Path, knows: None) -> None:
+    path = recorded(tmp_path / "run.mcap", PARTIAL_S, WHOLE_NS / 1e9 + 5.0)
+    whole = tmp_path / "without.mcap"
+    writer = RecordingWriter(whole, Definitions(monitored().system.library))
+    for entry in open_recording(path).entries():
+        if not isinstance(entry, Whole):
+            writer.add(entry)
+    writer.close()
+    result = check_recording(whole, SUBJECT, monitored())
+    assert any("heard everything from 20.0 s on" in text for text in result.recording.limits)
+    assert accused(whole) == set()
+    assert "conforming" in {item.verdict for item in result.machines}
+
+
+def test_a_system_that_starts_after_the_recorder_is_judged_from_the_start(
+    tmp_path: Path, knows: None
+) -> None:
+    """Whoever comes up is told as being up once the tap hears it all."""
+    path = tmp_path / "run.mcap"
+    world = SimulatedWorld(5)
+    writer = RecordingWriter(path, Definitions(monitored().system.library))
+    recorder = Recorder(WaitsForQuiet(world, 6.0), "simulated", writer, ())
+    recorder.start()
+    world.run_for(0.01)
+    SimulatedRun(faulty_program("T1"), world).run(8.0)
+    recorder.finish()
+    world.close()
+    (whole,) = (item for item in entries(path) if isinstance(item, Whole))
+    result = check_recording(path, SUBJECT, monitored())
+    assert not [text for text in result.recording.limits if "judged" in text]
+    first = min(
+        said.verdict.stamp_ns for said in result.verdicts if said.verdict.outcome == "violated"
+    )
+    assert first < whole.received_ns
 
 
 def test_a_graph_that_goes_on_changing_is_not_waited_for_for_ever(
@@ -120,3 +175,22 @@ def test_a_graph_that_goes_on_changing_is_not_waited_for_for_ever(
     assert accused(path) == set()
     result = check_recording(path, SUBJECT, monitored())
     assert any("goes on changing" in problem for problem in result.problems)
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_after_a_gap_all_are_found_anew(tmp_path: Path, knows: None, is_known: bool) -> None:
+    found = list(open_recording(recorded(tmp_path / "run.mcap", 0.0)).entries())
+    began = found[0]
+    assert isinstance(began, Began)
+    path = tmp_path / "gap.mcap"
+    writer = RecordingWriter(path, Definitions(monitored().system.library))
+    gap_ns = began.received_ns + round(PARTIAL_S * 1e9)
+    missing = [entry for entry in found if gap_ns <= entry.received_ns < gap_ns + 330_000_000]
+    assert len(missing) > 10
+    for entry in found:
+        if entry not in missing:
+            writer.add(entry)
+        elif entry is missing[-1] and is_known:
+            writer.add(replace(began, received_ns=entry.received_ns))
+    writer.close()
+    assert bool(accused(path)) == (not is_known)
