@@ -89,7 +89,10 @@ class Process:
         """Its exit code, after ``number`` was sent (None: it ends by itself)."""
         if number is not None and self.process.poll() is None:
             self.send(number)
-        code = self.process.wait(WAIT_S)
+        try:
+            code = self.process.wait(WAIT_S)
+        except subprocess.TimeoutExpired as error:
+            raise AssertionError(f"it does not end; it said:\n{self.said}") from error
         for reader in self._readers:
             reader.join(WAIT_S)
         return code

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import zenoh
 
 from moon.sinks.topic import VERDICTS
 from tests.monitor.processes import BIN, WAIT_S, Monitor, Process, free_endpoint, router
@@ -53,6 +54,11 @@ class Robot:
             name: self._connection.publisher(Topic(f"/{name}", "std_msgs/msg/Int32", Number))
             for name in ("asked", "answered", "level")
         }
+        self._matched = threading.Condition()
+        for publisher in self._publishers.values():
+            publisher.declared.declare_matching_listener(
+                zenoh.handlers.Callback(self._matching, indirect=False)
+            )
         self._connection.announce()
         self._thread = threading.Thread(target=self._connection.spin)
         self._thread.start()
@@ -61,6 +67,18 @@ class Robot:
         self.told.append(message)
         if message.outcome == "violated":
             self._heard.set()
+
+    def _matching(self, _: zenoh.MatchingStatus) -> None:
+        with self._matched:
+            self._matched.notify_all()
+
+    def is_listened_to(self) -> bool:
+        """Whether somebody listens to all it says, before long."""
+        publishers = [publisher.declared for publisher in self._publishers.values()]
+        with self._matched:
+            return self._matched.wait_for(
+                lambda: all(item.matching_status.matching for item in publishers), WAIT_S
+            )
 
     def say(self, name: str, value: int = 0) -> None:
         self._publishers[name].publish(Number(value))
@@ -101,8 +119,10 @@ def properties(tmp_path) -> Path:
     return path
 
 
-def linked(monitor: Process) -> None:
+def linked(monitor: Process, robot: Robot) -> None:
+    """Wait until they know of each other: the monitor of the robot, and the robot that somebody listens."""
     monitor.until(lambda: any("linked to" in line and "robot" in line for line in monitor.err))
+    assert robot.is_listened_to()
 
 
 def test_without_models_silence_is_told_everywhere_and_ends_it_with_1(
@@ -115,7 +135,7 @@ def test_without_models_silence_is_told_everywhere_and_ends_it_with_1(
         *("--properties", properties, "--endpoint", endpoint),
         *("--log", log, "--exit-on-violation"),
     )
-    linked(monitor)
+    linked(monitor, node)
     node.say("asked")
     assert monitor.end() == 1, monitor.said
     (verdict,) = [item for item in monitor.verdicts if item["outcome"] == "violated"]
@@ -142,7 +162,7 @@ def test_without_models_and_without_violation_it_ends_with_0(start, endpoint, pr
     monitor = start(Monitor, "--properties", properties, "--endpoint", endpoint)
     monitor.until_listening()
     with a_robot(endpoint) as node:
-        linked(monitor)
+        linked(monitor, node)
         for value in range(20):
             node.say("asked")
             node.say("answered")
@@ -159,7 +179,7 @@ def test_without_models_and_without_violation_it_ends_with_0(start, endpoint, pr
 def test_a_violation_is_printed_with_its_witness_for_people(start, robot, properties) -> None:
     node, endpoint = robot  # before the monitor: nothing is known of what it did, or left out
     monitor = start(Process, "moon", "monitor", "--properties", properties, "--endpoint", endpoint)
-    linked(monitor)
+    linked(monitor, node)
     node.say("level", 20)
     monitor.until(lambda: any("VIOLATED" in line for line in monitor.out))
     assert monitor.end(signal.SIGINT) == 1, monitor.said
