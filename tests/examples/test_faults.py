@@ -262,7 +262,11 @@ def test_who_is_blamed_without_a_fault_fails_the_run(faults_run: Any) -> None:
     both = msgspec.structs.replace(
         run, violations=(said, msgspec.structs.replace(said, verdict=other))
     )
-    assert not faults_run.judged(faults_run.fault("T3"), both).detected
+    row = faults_run.judged(faults_run.fault("T3"), both)
+    assert not row.detected
+    assert (
+        row.problem == f"blamed without a fault: WaitSkill ({said.verdict.reason.splitlines()[0]})"
+    )
     assert faults_run.judged_nominal(both).problem == "a false alarm"
 
 

@@ -91,9 +91,14 @@ def judged(chosen: Fault, run: Run) -> Row:
             return _failed(row, f"not the first wrong output, but one {after_ms:.0f} ms later")
         if after_ms < 0:
             return _failed(row, f"blamed {-after_ms:.0f} ms before the first wrong output")
-    others = [name for name in blamed if name != chosen.node]
+    others = {
+        item.verdict.node: item.verdict.reason.splitlines()[0]
+        for item in reversed(run.violations)
+        if item.verdict.node != chosen.node
+    }
     if others:
-        return _failed(row, f"blamed without a fault: {', '.join(others)}")
+        told = ", ".join(f"{name} ({reason})" for name, reason in others.items())
+        return _failed(row, f"blamed without a fault: {told}")
     return msgspec.structs.replace(row, detected=True)
 
 
