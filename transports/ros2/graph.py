@@ -119,13 +119,13 @@ class Graph:
         """The node of an endpoint that the graph shows; UNKNOWN while nobody knows."""
         if endpoint.node_name != UNKNOWN:
             return str(endpoint.node_name)
-        return self._find(bytes(endpoint.endpoint_gid)[: native.GID_BYTES]) or UNKNOWN
+        return self._find(native.gid_of(endpoint)) or UNKNOWN
 
     def _learn(self, endpoints: Iterable[Any]) -> None:
         for endpoint in endpoints:
             if endpoint.node_name == UNKNOWN:
                 continue
-            gid = bytes(endpoint.endpoint_gid)[: native.GID_BYTES]
+            gid = native.gid_of(endpoint)
             self._names[gid] = endpoint.node_name
             self._participants.setdefault(native.participant_of(gid), set()).add(endpoint.node_name)
 

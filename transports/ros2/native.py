@@ -27,6 +27,11 @@ _RCL_RET_SUBSCRIPTION_TAKE_FAILED = 401
 _FIRST_BUFFER = 1024
 
 
+def gid_of(endpoint: Any) -> bytes:
+    """The GID of an endpoint that the graph shows (``rclpy.topic_endpoint_info``), as messages have it."""
+    return bytes(endpoint.endpoint_gid[:GID_BYTES])
+
+
 def participant_of(gid: Sequence[int]) -> bytes:
     """What an endpoint's GID says of its participant (DDSI-RTPS 2.5, 9.3.1)."""
     return bytes(gid[:PREFIX_BYTES])

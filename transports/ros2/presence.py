@@ -159,8 +159,7 @@ class Announcements:
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 LOG.warning("%s: message dropped: %s", self._topic, error)
         there = {
-            bytes(info.endpoint_gid)[: native.GID_BYTES]
-            for info in self._node.get_publishers_info_by_topic(self._topic)
+            native.gid_of(info) for info in self._node.get_publishers_info_by_topic(self._topic)
         }
         gone = [gid for gid in self._up if gid not in there]
         come = {

@@ -180,7 +180,7 @@ class Client:
             raise TransportError(f"cannot call {name} ({service.type_name}): {text}") from error
         self._handle = self.declared.handle
         self._gid = native.gid_of_client(self._handle)
-        self._prefix = self._gid[: native.PREFIX_BYTES].hex()
+        self._prefix = native.participant_of(self._gid).hex()
         self._settled = time.monotonic() + SETTLE_S
         self._lock = threading.Lock()
         self._sent: dict[int, _Call] = {}
