@@ -33,17 +33,14 @@ class Player:
     """A connection to a recording; see :class:`moon.monitor.watch.SystemWatch`.
 
     Args:
-        begin: called once, when listening begins: ``SystemWatch.start``.
         early_ns: where a recording does not say when it began, it did so long before its first
             entry.
 
     Attributes:
-        began: whether listening has begun.
         repair_s: of the middleware that was recorded (``Transport.repair_s``).
     """
 
     def __init__(self, early_ns: int) -> None:
-        self.began = False
         self.repair_s = 0.0
         self._early_ns = early_ns
         self._now_ns = 0
@@ -126,7 +123,6 @@ class Player:
         """Begin where ``first``, the recording's first entry, says; ``begin`` starts the watch, there or
         where all is heard.
         """
-        self.began = True
         self._begin = begin
         if isinstance(first, Began):
             self._now_ns = first.received_ns
@@ -141,7 +137,7 @@ class Player:
 
     def finish(self) -> None:
         """The recording is over: the watch is started if it was not."""
-        if self.began and self._waiting is not None:
+        if self._waiting is not None:
             self._stop_waiting(self._waiting[-1].received_ns if self._waiting else self._now_ns)
             self._is_over = True
 

@@ -94,21 +94,16 @@ def record(
         except FileExistsError:
             fail(f"{output}: is there already; a recording is not written over")
         try:
-            recorder = Recorder(connection, network.transport, writer, channels)
+            recorder = Recorder(connection, network.transport, writer, channels, say)
             start_ns = connection.now_ns()
             recorder.start()
             listener = recorder.listener
             assert listener is not None
             notices = Notices(say)
             line = _Line(writer)
-            is_partial = not recorder.is_whole
 
             def look_around() -> None:
-                nonlocal is_partial
                 recorder.look_around()
-                if is_partial and recorder.is_whole:
-                    is_partial = False
-                    say("all that happens is heard now")
                 notices.links(listener.peers())
                 notices.problems(listener.problems())
                 line.show((connection.now_ns() - start_ns) / 1e9)

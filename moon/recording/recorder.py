@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from moon.recording.entries import Began, Ended, Missed, NodeChange, Whole
 from moon.recording.writer import RecordingWriter
@@ -23,13 +23,19 @@ class Recorder:
         writer: where to.
         globs: channels to be recorded (``moon.tap.selection.matches``; an action stands for all its
             parts); empty: all.
+        say: told when everything is heard, if it was not from the beginning, or that it never was.
 
     Raises:
         GlobError: no channel can match one of ``globs``.
     """
 
     def __init__(
-        self, connection: Transport, transport: str, writer: RecordingWriter, globs: Sequence[str]
+        self,
+        connection: Transport,
+        transport: str,
+        writer: RecordingWriter,
+        globs: Sequence[str],
+        say: Callable[[str], None],
     ) -> None:
         for glob in globs:
             check(glob)
@@ -37,11 +43,10 @@ class Recorder:
         self._transport = transport
         self._writer = writer
         self._globs = tuple(globs)
+        self._say = say
         self._wanted: dict[str, bool] = {}
         self._problems: frozenset[str] = frozenset()
         self.listener: Tap | None = None
-        self.is_whole = False
-        """Whether everything is heard by now."""
 
     def start(self) -> None:
         """Begin to listen (on the executor, or before it spins)."""
@@ -49,14 +54,9 @@ class Recorder:
         now_ns = connection.now_ns()
         observe = self._observe if self._globs else writer.add
         self.listener = tap = connection.tap(Selection(self._globs).to_hear(), observe)
-        self.is_whole = whole = tap.is_complete
-        writer.add(
-            Began(
-                *(now_ns, connection.node, self._transport),
-                repair_s=connection.repair_s,
-                whole=whole,
-            )
-        )
+        whole = tap.is_complete
+        repair_s = connection.repair_s
+        writer.add(Began(now_ns, connection.node, self._transport, repair_s=repair_s, whole=whole))
         connection.watch_nodes(self._node_changed)
         if not whole:
             when_complete(connection, tap, self._note_whole, self._give_up)
@@ -93,11 +93,13 @@ class Recorder:
             self._writer.add(seen)
 
     def _note_whole(self) -> None:
-        self.is_whole = True
         self._writer.add(Whole(self._connection.now_ns()))
+        self._say("what is recorded from here on is judged in any case")
 
     def _give_up(self) -> None:
-        self._note_missed("the graph goes on changing: what was recorded first may be a part of it")
+        text = "the graph goes on changing: what was recorded first may be a part of it"
+        self._note_missed(text)
+        self._say(f"warning: {text}")
 
     def _note_missed(self, text: str) -> None:
         self._writer.add(Missed(self._connection.now_ns(), text))

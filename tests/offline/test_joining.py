@@ -58,13 +58,15 @@ class WaitsForQuiet(Partial):
     drops = ()
 
 
-def recorded(path: Path, whole_after_s: float, seconds: float = 5.0) -> Path:
+def recorded(
+    path: Path, whole_after_s: float, seconds: float = 5.0, say: Callable[[str], None] = print
+) -> Path:
     """The lab tour, recorded from its second second on."""
     world = SimulatedWorld(5)
     nodes = SimulatedRun(program(), world)
     nodes.run(BEFORE_S)
     writer = RecordingWriter(path, Definitions(monitored().system.library))
-    recorder = Recorder(Partial(world, whole_after_s), "simulated", writer, ())
+    recorder = Recorder(Partial(world, whole_after_s), "simulated", writer, (), say)
     recorder.start()
     nodes.run(seconds)
     recorder.finish()
@@ -93,7 +95,9 @@ def entries(path: Path) -> list[Entry]:
 
 
 def test_what_was_heard_in_part_accuses_nobody(tmp_path: Path, knows: None) -> None:
-    path = recorded(tmp_path / "run.mcap", PARTIAL_S)
+    said: list[str] = []
+    path = recorded(tmp_path / "run.mcap", PARTIAL_S, say=said.append)
+    assert said == ["what is recorded from here on is judged in any case"]
     began = entries(path)[0]
     assert isinstance(began, Began)
     assert not began.whole
@@ -112,7 +116,7 @@ def test_it_would_otherwise(tmp_path: Path) -> None:
 
 
 def test_who_hears_everything_at_once_says_nothing(tmp_path: Path, knows: None) -> None:
-    path = recorded(tmp_path / "run.mcap", 0.0)
+    path = recorded(tmp_path / "run.mcap", 0.0, say=pytest.fail)
     assert [type(item) for item in entries(path)[:2]] == [Began, NodeChange]
     assert not [item for item in entries(path) if isinstance(item, Whole)]
     assert accused(path) == set()
@@ -152,7 +156,7 @@ def test_a_system_that_starts_after_the_recorder_is_judged_from_the_start(
     path = tmp_path / "run.mcap"
     world = SimulatedWorld(5)
     writer = RecordingWriter(path, Definitions(monitored().system.library))
-    recorder = Recorder(WaitsForQuiet(world, 6.0), "simulated", writer, ())
+    recorder = Recorder(WaitsForQuiet(world, 6.0), "simulated", writer, (), print)
     recorder.start()
     world.run_for(0.01)
     SimulatedRun(faulty_program("T1"), world).run(8.0)
@@ -171,7 +175,9 @@ def test_a_graph_that_goes_on_changing_is_not_waited_for_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(SimulatedTap, "is_complete", False)
-    path = recorded(tmp_path / "run.mcap", 0.0, AT_MOST_S + 5.0)
+    said: list[str] = []
+    path = recorded(tmp_path / "run.mcap", 0.0, AT_MOST_S + 5.0, said.append)
+    assert said[0].startswith("warning: the graph goes on changing")
     assert accused(path) == set()
     result = check_recording(path, SUBJECT, monitored())
     assert any("goes on changing" in problem for problem in result.problems)
