@@ -87,11 +87,16 @@ def test_who_is_never_ready_is_not_waited_for_for_ever(
     monkeypatch.setattr(run, "START_S", 0.5)
     placement = run.read_placement(BRIDGE / "placement.yaml", read_checked([SYSTEM]))
     processes = run._Processes(tmp_path, SYSTEM, placement, "", Home())
+    # it stays until it is stopped, or for a minute at most if the test cannot stop it
     speak = "import time; print('waiting for others', flush=True); time.sleep(60)"
-    processes.start("zenoh", [sys.executable, "-c", speak])
-    with pytest.raises(run.RunError, match=r"zenoh was not ready in 0\.5 s; it said:\nwaiting for"):
-        processes.wait("zenoh", "nodes are up")
-    processes.stop()
+    try:
+        processes.start("zenoh", [sys.executable, "-c", speak])
+        with pytest.raises(
+            run.RunError, match=r"zenoh was not ready in 0\.5 s; it said:\nwaiting for"
+        ):
+            processes.wait("zenoh", "nodes are up")
+    finally:
+        processes.stop()
 
 
 def test_messages_cross_in_their_order(worlds: TwoWorlds, imported: Any) -> None:

@@ -8,7 +8,7 @@ import by_property
 import msgspec
 from by_property import Cell
 from catalogue import Detected, Fault
-from listener import DEADLINE_NS, LATENCY_NS, Run
+from listener import DEADLINE_NS, LATENCY_NS, Run, Said
 from onset import Onset, onset
 
 LATE_NS = 200_000_000
@@ -74,9 +74,7 @@ def judged(chosen: Fault, run: Run) -> Row:
     if said is None:
         return _failed(row, f"missed: {wrong.what} {_seconds(run, wrong.stamp_ns)}, and no verdict")
     latency_ns = said.at_ns - wrong.stamp_ns
-    row = msgspec.structs.replace(
-        row, reason=said.verdict.reason.splitlines()[0], latency_ms=latency_ns / 1e6
-    )
+    row = msgspec.structs.replace(row, reason=_reason(said), latency_ms=latency_ns / 1e6)
     if chosen.expected.when is Detected.AT_THE_DEADLINE:
         late_ns = latency_ns - DEADLINE_NS
         row = msgspec.structs.replace(row, after_deadline_ms=late_ns / 1e6)
@@ -92,7 +90,7 @@ def judged(chosen: Fault, run: Run) -> Row:
         if after_ms < 0:
             return _failed(row, f"blamed {-after_ms:.0f} ms before the first wrong output")
     others = {
-        item.verdict.node: item.verdict.reason.splitlines()[0]
+        item.verdict.node: _reason(item)
         for item in reversed(run.violations)
         if item.verdict.node != chosen.node
     }
@@ -111,8 +109,8 @@ def judged_nominal(run: Run) -> Row:
     if len(run.lost) > MOST_LOST:
         return _failed(row, f"not known what these do: {', '.join(run.lost)}")
     if run.violations:
-        reason = run.violations[0].verdict.reason.splitlines()[0]
-        return _failed(msgspec.structs.replace(row, reason=reason), "a false alarm")
+        row = msgspec.structs.replace(row, reason=_reason(run.violations[0]))
+        return _failed(row, "a false alarm")
     return row
 
 
@@ -153,6 +151,10 @@ def _named(verdict: tuple[str, ...] | bool) -> str:
     if isinstance(verdict, bool):
         return "yes" if verdict else "no"
     return ", ".join(verdict) or "nobody"
+
+
+def _reason(said: Said) -> str:
+    return str(said.verdict.reason.splitlines()[0])
 
 
 def _failed(row: Row, problem: str) -> Row:
