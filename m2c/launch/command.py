@@ -67,8 +67,8 @@ def run(
     """Run a system: every node as a process of its own, and the policy.
 
     SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The tree is
-    ticked once all nodes are up. Exit code 0: the last tick was made, or Ctrl-C; 1: a node died; 2:
-    it could not be started.
+    ticked once all nodes are up. Exit code 0: the last tick was made, or Ctrl-C; 1: a node died, or
+    did not end when it should; 2: it could not be started.
 
     Example: m2c run generated --ticks 100
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import os
 import signal
 import subprocess
@@ -14,10 +15,12 @@ from pathlib import Path
 
 from m2c.launch import child
 
-KEPT_LINES = 8
+KEPT_LINES = 20
 """Last lines of a process's error output, for the report of how it died."""
 STOP_TIMEOUT_S = 10.0
 """A process that has not ended so long after SIGTERM is killed."""
+LAST_WORDS_S = 1.0
+"""How long a process that is to be killed may take to say where it stands."""
 OUTPUT_TIMEOUT_S = 2.0
 """How long the last output of a process that has ended may take; a child of its own may hold it open."""
 
@@ -78,14 +81,24 @@ class NodeProcess:
         """End the process without asking."""
         self._process.kill()
 
-    def finish(self, deadline: float) -> None:
-        """Wait for its end; kill it if it has not ended by ``deadline`` (of ``time.monotonic``)."""
+    def finish(self, deadline: float) -> str:
+        """Wait for its end; kill it if it has not ended by ``deadline`` (of ``time.monotonic``).
+
+        Returns:
+            How it ended, in words; "" if as it was asked to (by SIGTERM itself, if it had just begun).
+        """
         try:
-            self._process.wait(max(deadline - time.monotonic(), 0.0))
+            code = self._process.wait(max(deadline - time.monotonic(), 0.0))
+            how = "" if code in (0, -signal.SIGTERM) else describe_end(code)
         except subprocess.TimeoutExpired:
+            self._process.send_signal(child.SAY_WHERE_AND_END)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(LAST_WORDS_S)
             self._process.kill()
             self._process.wait()
+            how = f"did not end in {STOP_TIMEOUT_S:g} s and was killed"
         self._thread.join(OUTPUT_TIMEOUT_S)
+        return how
 
 
 def describe_end(code: int) -> str:

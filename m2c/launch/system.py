@@ -60,6 +60,9 @@ class RunningSystem:
         self._screen = screen
         self._processes: dict[str, NodeProcess] = {}
         self._died: tuple[str, int] | None = None
+        self._ended_badly: dict[str, str] = {}
+        """Who was told to end and did not do so well, and what happened instead."""
+        self._killed = False
         self._stopping = False
         self._interrupted_by_signal = False
         self._ticks = 0
@@ -79,7 +82,7 @@ class RunningSystem:
             signals: what stops it.
 
         Returns:
-            0 after the policy's last tick or Ctrl-C, 1 if a process died.
+            0 after the policy's last tick or Ctrl-C, 1 if a process died or did not end when it was told to.
 
         Raises:
             LaunchError: a node did not come up in time.
@@ -143,6 +146,7 @@ class RunningSystem:
         """A signal: stop; a second one does not wait for the processes."""
         self._interrupted_by_signal = True
         if self._stopping:
+            self._killed = True
             for process in list(self._processes.values()):
                 process.kill()
         self._transport.post(self._stop)
@@ -156,7 +160,8 @@ class RunningSystem:
                 process.terminate()
             deadline = time.monotonic() + STOP_TIMEOUT_S
             for process in processes:
-                process.finish(deadline)
+                if how := process.finish(deadline):
+                    self._ended_badly[process.name] = how
 
     def _start(self, node: Package, arguments: Sequence[str]) -> None:
         self._processes[node.name] = NodeProcess(
@@ -216,20 +221,32 @@ class RunningSystem:
         timer.cancel()
 
     def _report(self) -> int:
-        if self._died is None and not self._up:
-            self._screen.line("stopped before all nodes were up; all nodes have ended")
+        if self._died is not None:
+            name, code = self._died
+            self._report_end(name, f"{describe_end(code)}; everything was stopped")
+            return 1
+        if not self._up:
+            stopped = "stopped before all nodes were up"
+        else:
+            stopped = "stopped after " + ("1 tick" if self._ticks == 1 else f"{self._ticks} ticks")
+        if self._killed:  # as was wished: by a second signal
+            self._screen.line(f"{stopped}; nodes that had not ended yet were killed")
             return 0
-        if self._died is None:
-            ticks = "1 tick" if self._ticks == 1 else f"{self._ticks} ticks"
-            self._screen.line(f"stopped after {ticks}; all nodes have ended")
+        if not self._ended_badly:
+            self._screen.line(f"{stopped}; all nodes have ended")
             return 0
-        name, code = self._died
+        for name, how in self._ended_badly.items():
+            self._report_end(name, f"{how} when everything was stopped")
+        self._screen.line(f"{stopped}; not all nodes have ended well")
+        return 1
+
+    def _report_end(self, name: str, how: str) -> None:
+        """Somebody's end, and what he said last."""
         last_lines = self._processes[name].last_lines
         said = "Its last lines:" if last_lines else "It had said nothing."
-        self._screen.line(f"{name} {describe_end(code)}; everything was stopped. {said}")
+        self._screen.line(f"{name} {how}. {said}")
         for text in last_lines:
             self._screen.line(f"  {text}")
-        return 1
 
 
 def _nodes_are(description: LaunchDescription) -> str:

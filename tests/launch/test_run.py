@@ -251,6 +251,49 @@ def test_a_node_that_dies_while_starting_ends_the_run_with_its_last_lines(system
     ]
 
 
+DEAF = """
+import signal, time
+def wait_for_ever():
+    while True:
+        time.sleep(60.0)
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print("deaf", flush=True)
+wait_for_ever()
+"""
+
+
+def test_a_node_that_does_not_end_is_killed_and_says_where_it_stood(system: System) -> None:
+    broken = system.folder / "broken" / "broken"
+    broken.mkdir(parents=True)
+    (broken / "__main__.py").write_text(DEAF)
+    run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}")
+    run.until("deaf")
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 1, run.output
+    said = run.lines.index(
+        "MoveSkill did not end in 10 s and was killed when everything was stopped. Its last lines:"
+    )
+    assert any("in wait_for_ever" in line for line in run.lines[said:]), run.output
+    assert run.lines[-1] == "stopped before all nodes were up; not all nodes have ended well"
+
+
+def test_a_second_signal_kills_who_has_not_ended(system: System) -> None:
+    broken = system.folder / "broken" / "broken"
+    broken.mkdir(parents=True)
+    (broken / "__main__.py").write_text(DEAF)
+    run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}")
+    run.until("deaf")
+    first = os.pidfd_open(run.children()["LevelSkill"])
+    run.process.send_signal(signal.SIGINT)
+    with open(first, "rb", buffering=0):
+        assert select.select([first], [], [], LIMIT_S)[0]
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 0, run.output
+    assert run.lines[-1] == (
+        "stopped before all nodes were up; nodes that had not ended yet were killed"
+    )
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_everything_and_is_no_fault(system: System, number: signal.Signals) -> None:
     run = Run(system.path)

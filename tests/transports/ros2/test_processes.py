@@ -231,6 +231,7 @@ def test_the_lab_tour_runs_and_is_heard(lab_tour: dict[str, str]) -> None:
         tap.send_signal(signal.SIGINT)
         heard, _ = tap.communicate(timeout=PATIENCE_S)
     assert done.returncode == 0, done.stdout + done.stderr
+    assert tap.returncode == 0
     assert "stopped after 100 ticks" in done.stdout
     for channel in ("/BatteryLevelSkill/tick", "/BlackboardComponent/GetInt", "/policy/ticks"):
         assert channel in heard, f"{channel} was not heard"
