@@ -1,5 +1,5 @@
 """The order of all tests: files with slow ones first, so that none of them runs alone at the end.
-And what they leave in shared memory together.
+And their shared memory: of their own where that is permitted, and what they leave in it together.
 """
 
 from __future__ import annotations
@@ -9,11 +9,23 @@ import pytest
 from tests.transports import shared_memory
 
 _BEFORE = pytest.StashKey[set[str]]()
+_IS_OWN = pytest.StashKey[bool]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if not hasattr(config, "workerinput"):
+    if not hasattr(config, "workerinput"):  # those of pytest-xdist start later, and inherit it
+        config.stash[_IS_OWN] = shared_memory.separate()
         config.stash[_BEFORE] = shared_memory.unused()
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    is_own = config.stash.get(_IS_OWN, None)
+    if is_own is None:
+        return None
+    whose = (
+        "the tests' own" if is_own else "that of all processes (only root can have it otherwise)"
+    )
+    return f"shared memory: {whose}"
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -9,6 +9,7 @@ busy machine: it takes that one for broken, and nobody for its owner (``SharedMe
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import re
 import time
 from pathlib import Path
@@ -21,6 +22,33 @@ SHARED_PORTS = range(7000, _FIRST_PORT)
 """Mailboxes in which participants of all domains, numbered as they come, hear how nodes are called. Who loses
 his, or the lock that says that it is his, never hears it; and Fast DDS's own care for them fails now and
 then as participants come and go (decision 20)."""
+
+
+_CLONE_NEWNS = 0x20000
+_MS_REC, _MS_PRIVATE = 0x4000, 0x40000
+
+
+def separate() -> bool:
+    """Give this process, and those it starts from now on, a ``/dev/shm`` of their own; whether that worked.
+
+    What others leave in it (somebody else's system, killed at this moment) is not taken for ours then, and the
+    mailboxes that participants of all domains share are shared among us only. Needs CAP_SYS_ADMIN: see
+    unshare(2), mount(2), mount_namespaces(7).
+    """
+    libc = ctypes.CDLL(None)
+    mount = libc.mount
+    mount.argtypes = [
+        ctypes.c_char_p,
+        ctypes.c_char_p,
+        ctypes.c_char_p,
+        ctypes.c_ulong,
+        ctypes.c_char_p,
+    ]
+    return bool(
+        libc.unshare(_CLONE_NEWNS) == 0
+        and mount(b"none", b"/", None, _MS_REC | _MS_PRIVATE, None) == 0
+        and mount(b"tmpfs", bytes(SHARED), b"tmpfs", 0, b"mode=1777") == 0
+    )
 
 
 def ports_of(domain: int) -> range:

@@ -75,3 +75,24 @@ def test_what_was_there_before_or_is_in_use_stays(shared: Path, held: list[Path]
     shared_memory.remove_mailboxes(shared_memory.SHARED_PORTS, before=shared_memory.unused())
     shared_memory.remove_mailboxes(shared_memory.SHARED_PORTS, before={"fastrtps_port7003"})
     assert sorted(shared.iterdir()) == sorted([*held, *before])
+
+
+SEPARATE = """
+import subprocess, sys
+from tests.transports import shared_memory
+is_own = shared_memory.separate()
+(shared_memory.SHARED / sys.argv[1]).touch()
+subprocess.run(["test", "-e", shared_memory.SHARED / sys.argv[1]], check=True)
+print(is_own)
+"""
+
+
+def test_what_stands_in_shared_memory_of_ones_own_is_seen_by_nobody_else(tmp_path: Path) -> None:
+    name = f"{tmp_path.parent.name}-{tmp_path.name}"
+    done = subprocess.run(
+        [sys.executable, "-c", SEPARATE, name], capture_output=True, text=True, check=True
+    )
+    seen = shared_memory.SHARED / name
+    is_seen = seen.exists()
+    seen.unlink(missing_ok=True)
+    assert done.stdout.strip() == str(not is_seen)
