@@ -17,6 +17,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.runtime.messages import message_class
 from tests.transports import ros2_network
 from transports.interface import TransportError
+from transports.service_events import REQUEST_RECEIVED, REQUEST_SENT
 
 pytestmark = pytest.mark.ros2
 
@@ -133,6 +134,100 @@ def test_every_kind_of_field_comes_back_as_it_left(
     struct, plain = through_cdr("conformance/msg/Everything", message)
     assert as_text(struct) == as_text(message)
     assert repr(plain) == as_text(message)
+
+
+SERVICES = ("Describe", "Double")
+
+
+@pytest.mark.parametrize("service", SERVICES)
+@pytest.mark.parametrize("which", ["request", "response"])
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_an_event_of_a_service_is_what_rclpy_would_make_of_it(
+    everything: type[msgspec.Struct], service: str, which: str, data: st.DataObject
+) -> None:
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    from transports.ros2 import cdr, event_cdr
+    from transports.ros2.event_cdr import former
+    from transports.ros2.interfaces import ros_class
+    from transports.ros2.messages import Codec, plain_of
+
+    type_name = f"conformance/srv/{service}"
+    kind = getattr(LIBRARY.service(type_name), which)
+    message = data.draw(values(kind))
+    part = Codec(f"{type_name}_{which.capitalize()}", type(message))
+    event = ros_class(f"{type_name}_Event")
+    number, call = data.draw(st.integers(0, 3)), data.draw(st.integers(0, 2**63 - 1))
+    gid = data.draw(st.binary(min_size=16, max_size=16))
+    encoded = part.encode(message)
+    formed = former(event, part.ros, which)(number, 1_700_000_001_000_000_002, gid, call, encoded)
+    sent = formed if isinstance(formed, bytes) else serialize_message(formed)
+    expected = event()
+    expected.info.event_type, expected.info.sequence_number = number, call
+    expected.info.stamp.sec, expected.info.stamp.nanosec = 1_700_000_001, 2
+    expected.info.client_gid = list(gid)
+    setattr(expected, which, [encoded])
+    received = deserialize_message(sent, event)
+    assert repr(plain_of(received)) == repr(plain_of(expected))
+    assert repr(cdr.reader(event)(sent)) == repr(plain_of(expected))
+    is_request = number in (REQUEST_SENT, REQUEST_RECEIVED)
+    read = event_cdr.reader(event)(sent)
+    assert (read.event_type, read.stamp_ns, read.gid) == (number, 1_700_000_001_000_000_002, gid)
+    assert read.call == call
+    contents = plain_of(encoded) if is_request == (which == "request") else None
+    assert repr(read.contents) == repr(contents)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_bytes_that_are_no_event_are_an_error_and_nothing_else(
+    everything: type[msgspec.Struct], data: st.DataObject
+) -> None:
+    from rclpy.serialization import serialize_message
+
+    from transports.ros2 import cdr, event_cdr
+    from transports.ros2.interfaces import ros_class
+
+    event = ros_class(f"conformance/srv/{data.draw(st.sampled_from(SERVICES))}_Event")
+    part = data.draw(st.sampled_from(["request", "response"]))
+    whole = event()
+    setattr(
+        whole, part, [ros_class(f"conformance/srv/{event.__name__[:-6]}_{part.capitalize()}")()]
+    )
+    whole.info.event_type = data.draw(st.integers(0, 5))
+    sent = bytearray(serialize_message(whole))
+    for place, byte in data.draw(
+        st.lists(st.tuples(st.integers(4, len(sent) - 1), st.integers(0, 255)))
+    ):
+        sent[place] = byte
+    cut = bytes(sent[: data.draw(st.integers(4, len(sent)))])
+    try:
+        read = event_cdr.reader(event)(cut)
+    except cdr.CdrError:
+        return
+    assert 0 <= read.event_type < 256
+    assert len(read.gid) == 16
+
+
+@pytest.mark.parametrize(
+    ("service", "which", "made"),
+    [
+        ("Describe", "request", "request"),
+        ("Describe", "response", "_whole"),  # wide strings
+        ("Double", "request", "_whole"),  # eight bytes
+        ("Double", "response", "response"),
+    ],
+)
+def test_an_event_is_made_from_its_parts_where_these_can_move(
+    everything: type[msgspec.Struct], service: str, which: str, made: str
+) -> None:
+    from transports.ros2.event_cdr import former
+    from transports.ros2.interfaces import ros_class
+
+    event = ros_class(f"conformance/srv/{service}_Event")
+    formed = former(event, ros_class(f"conformance/srv/{service}_{which.capitalize()}"), which)
+    assert getattr(formed, "func", formed).__name__ == made
 
 
 @pytest.mark.parametrize(

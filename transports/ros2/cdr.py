@@ -40,8 +40,8 @@ _CODES = {
 _SIZES = {name: struct.calcsize(f"<{code}") for name, code in _CODES.items()}
 _length = struct.Struct("<I").unpack_from
 
-_Value = Callable[[bytes, int], tuple[Any, int]]
-"""(payload, position) to (value, position behind it)."""
+Value = Callable[[bytes, int], tuple[Any, int]]
+"""(data, position) to (value, position behind it); positions count from behind the encapsulation."""
 
 
 class CdrError(ValueError):
@@ -52,12 +52,30 @@ class _OtherwiseError(Exception):
     """A type that rclpy reads."""
 
 
+def can_move(ros: Any, by: int) -> bool:
+    """Whether what rclpy serializes of its class ``ros`` may stand ``by`` bytes further on, before more.
+
+    Not where a scalar is larger, as it is aligned. Nor with wide strings: behind these, Fast DDS's type
+    support leaves room that it does not use, so where the message ends is not known.
+    """
+    return all(_can_move(kind, by) for kind in ros.SLOT_TYPES)
+
+
+def _can_move(kind: Any, by: int) -> bool:
+    if isinstance(kind, AbstractNestedType):
+        return _can_move(kind.value_type, by)
+    if isinstance(kind, NamespacedType):
+        return can_move(ros_class(type_name_of(kind)), by)
+    if isinstance(kind, AbstractString):
+        return True
+    return isinstance(kind, BasicType) and _SIZES.get(kind.typename, by + 1) <= by
+
+
 @functools.lru_cache(maxsize=1024)
 def reader(ros: Any) -> Callable[[bytes], dict[str, Any]]:
     """What reads serialized messages of rclpy's class ``ros``; it raises CdrError."""
-    try:
-        read = _structure(ros)
-    except _OtherwiseError:
+    read = structure(ros)
+    if read is None:
         return functools.partial(_by_rclpy, ros)
 
     def message(payload: bytes) -> dict[str, Any]:
@@ -72,6 +90,22 @@ def reader(ros: Any) -> Callable[[bytes], dict[str, Any]]:
     return message
 
 
+def structure(ros: Any) -> Value | None:
+    """What reads an ``ros`` that stands in something else; None if only rclpy can.
+
+    It raises CdrError, struct.error and UnicodeDecodeError.
+    """
+    try:
+        return _structure(ros)
+    except _OtherwiseError:
+        return None
+
+
+def element_class(kind: Any) -> Any:
+    """The class of the messages in a sequence or array (an entry of ``SLOT_TYPES``)."""
+    return ros_class(type_name_of(kind.value_type))
+
+
 def _by_rclpy(ros: Any, payload: bytes) -> dict[str, Any]:
     try:
         return plain_of(deserialize_message(payload, ros))
@@ -79,7 +113,7 @@ def _by_rclpy(ros: Any, payload: bytes) -> dict[str, Any]:
         raise CdrError(str(error)) from error
 
 
-def _structure(ros: Any) -> _Value:
+def _structure(ros: Any) -> Value:
     fields = list(zip(ros.get_fields_and_field_types(), ros.SLOT_TYPES, strict=True))
     if not fields:  # rosidl gives an empty structure one byte
         return lambda data, position: ({}, position + 1)
@@ -96,6 +130,9 @@ def _structure(ros: Any) -> _Value:
     if run:
         steps.append(_run(run))
 
+    if len(steps) == 1 and steps[0][1].__class__ is list:
+        return functools.partial(_scalars, *steps[0])
+
     def read(data: bytes, position: int) -> tuple[dict[str, Any], int]:
         value: dict[str, Any] = {}
         for names, step in steps:
@@ -108,6 +145,13 @@ def _structure(ros: Any) -> _Value:
         return value, position
 
     return read
+
+
+def _scalars(
+    names: tuple[str, ...], tables: list[tuple[Any, int]], data: bytes, position: int
+) -> tuple[dict[str, Any], int]:
+    unpack, size = tables[position & 7]
+    return dict(zip(names, unpack(data, position), strict=True)), position + size
 
 
 def _run(run: list[tuple[str, str]]) -> tuple[tuple[str, ...], list[tuple[Any, int]]]:
@@ -123,7 +167,7 @@ def _run(run: list[tuple[str, str]]) -> tuple[tuple[str, ...], list[tuple[Any, i
     return tuple(name for name, _ in run), tables
 
 
-def _reader(kind: Any) -> _Value:
+def _reader(kind: Any) -> Value:
     if isinstance(kind, AbstractNestedType):
         return _items(kind.value_type, kind.size if isinstance(kind, Array) else None)
     if isinstance(kind, NamespacedType):
@@ -148,7 +192,7 @@ def _text(data: bytes, position: int) -> tuple[str, int]:
     return data[begin : end - 1].decode() if length else "", end
 
 
-def _items(element: Any, fixed: int | None) -> _Value:
+def _items(element: Any, fixed: int | None) -> Value:
     """A sequence, or an array of ``fixed`` elements."""
     scalar = isinstance(element, BasicType) and element.typename in _CODES
     code, size = (_CODES[element.typename], _SIZES[element.typename]) if scalar else ("", 1)

@@ -17,7 +17,6 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports.ros2 import native
-from transports.service_events import EVENT_SUFFIX
 
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
 """What rmw says of an endpoint whose node it has not heard of yet."""
@@ -137,7 +136,12 @@ class Graph:
 
     def _known(self, gid: bytes) -> str | None:
         """The node, without asking the graph."""
-        return self._names.get(gid) or self._announced.get(native.participant_of(gid))
+        name = self._names.get(gid)
+        if name is None:
+            name = self._announced.get(native.participant_of(gid))
+            if name is not None:
+                self._names[gid] = name
+        return name
 
     def _find(self, gid: bytes) -> str:
         """By the endpoint, else by its participant if that is known to hold one node only."""
@@ -146,8 +150,3 @@ class Graph:
             return name
         names = self._participants.get(native.participant_of(gid), set())
         return next(iter(names)) if len(names) == 1 else ""
-
-
-def is_event_topic(topic: str) -> bool:
-    """Whether ``topic`` carries a service's events."""
-    return topic.endswith(EVENT_SUFFIX)

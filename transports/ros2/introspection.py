@@ -11,16 +11,15 @@ kept only while somebody listens, and published with the others of its node (``t
 
 from __future__ import annotations
 
-import functools
 import time
 from typing import Any
 
-import numpy  # rosidl keeps arrays of fixed size in it
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports.outbox import CALLER_S, Outbox
 from transports.ros2 import qos
+from transports.ros2.event_cdr import former
 from transports.ros2.executor import Executor
 from transports.ros2.interfaces import ros_class
 from transports.service_events import EVENT_SUFFIX, REQUEST_RECEIVED, TYPE_SUFFIX
@@ -64,8 +63,8 @@ class ServiceEvents:
         self.flush = outbox.flush
         """Publish what is recorded, in order; from any thread."""
         event = ros_class(type_name + TYPE_SUFFIX)
-        self._request, self._response = event(), event()
-        """What is published, one after the other: only what changes is written, and not checked again."""
+        self._form_request = former(event, ros_class(f"{type_name}_Request"), "request")
+        self._form_response = former(event, ros_class(f"{type_name}_Response"), "response")
         self._closed = False
         self._publisher = node.create_publisher(
             event,
@@ -86,27 +85,12 @@ class ServiceEvents:
     def publish(self, recorded: Recorded) -> None:
         """Publish an event; one thread at a time."""
         _, event_type, stamp_ns, gid, call, message = recorded
-        if event_type <= REQUEST_RECEIVED:
-            event = self._request
-            event._request = [message]
-        else:
-            event = self._response
-            event._response = [message]
-        info = event._info
-        info._event_type = event_type
-        info._stamp._sec, info._stamp._nanosec = divmod(stamp_ns, 10**9)
-        info._client_gid = _array(gid)
-        info._sequence_number = call
+        formed = self._form_request if event_type <= REQUEST_RECEIVED else self._form_response
         try:
-            self._publisher.publish(event)
+            self._publisher.publish(formed(event_type, stamp_ns, gid, call, message))
         except _rclpy.InvalidHandle:  # a caller's thread was ending its call as it closed
             return
 
     def close(self) -> None:
         """Nothing happens any more that is to be recorded: the node is about to close."""
         self._closed = True
-
-
-@functools.lru_cache(maxsize=256)
-def _array(gid: bytes) -> Any:
-    return numpy.frombuffer(gid, dtype=numpy.uint8)

@@ -9,6 +9,7 @@ part of rcl's and rmw's public API. The structs are those of Jazzy's ``rmw/types
 from __future__ import annotations
 
 import ctypes
+import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -112,6 +113,14 @@ class _SubscriptionOptions(ctypes.Structure):
 
 class _ErrorText(ctypes.Structure):
     _fields_ = (("text", ctypes.c_char * 1024),)
+
+
+_place_of = struct.Struct("PN").unpack_from
+"""Of ``_Bytes``: address and length, in a third of the time that ctypes takes field by field."""
+_info_of = struct.Struct(
+    f"qqQ{_MessageInfo.publisher_gid.offset + _Gid.data.offset - 3 * 8}x{GID_BYTES}s"
+).unpack_from
+"""Of ``_MessageInfo``, what ``Taken`` has of it."""
 
 
 class Taken(msgspec.Struct, frozen=True):
@@ -344,21 +353,16 @@ class Taker:
             ctypes.byref(self._bytes), _FIRST_BUFFER, ctypes.byref(self._allocator)
         ):
             raise TransportError("no memory for messages")
+        self._take = functions.take
+        self._arguments = (ctypes.byref(self._bytes), ctypes.byref(self._info), None)
 
     def take(self, handle: Any) -> Taken | None:
         """The next message of a subscription (``subscription.handle``), None if there is none."""
-        functions, info, taken = self._functions, self._info, self._bytes
-        code = functions.take(handle.pointer, ctypes.byref(taken), ctypes.byref(info), None)
-        if code != _RCL_RET_OK:
-            functions.reset_error()
+        if self._take(handle.pointer, *self._arguments) != _RCL_RET_OK:
+            self._functions.reset_error()
             return None
-        return Taken(
-            ctypes.string_at(taken.buffer, taken.length),
-            info.source_timestamp,
-            info.received_timestamp,
-            info.publication_sequence_number,
-            bytes(info.publisher_gid.data),
-        )
+        payload = ctypes.string_at(*_place_of(self._bytes))
+        return Taken(payload, *_info_of(self._info))
 
     def close(self) -> None:
         """Give the buffer back; idempotent."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import msgspec
@@ -12,6 +12,7 @@ from transports import ros_forms
 from transports.channel_filter import matches
 from transports.interface import Observation
 from transports.losses import Losses
+from transports.ros2 import cdr, event_cdr
 from transports.ros2.graph import Graph
 from transports.ros2.native import Taken
 from transports.ros2.numbering import Numbers
@@ -66,7 +67,12 @@ _KEPT_CALLS = 4096
 
 
 class Observing(Protocol):
-    """Makes observations of what was taken from one topic (data: as ``cdr.reader`` reads it)."""
+    """Makes observations of what was taken from one topic (data: as ``read`` reads it)."""
+
+    @property
+    def read(self) -> Callable[[bytes], Any]:
+        """Reads a payload; it raises CdrError."""
+        ...
 
     def stamp_ns(self, taken: Taken, data: Any) -> int:
         """When it happened."""
@@ -84,7 +90,8 @@ class Observing(Protocol):
 class Messages:
     """Of an ordinary topic."""
 
-    def __init__(self, notes: Notes, topic: str, type_name: str) -> None:
+    def __init__(self, notes: Notes, topic: str, type_name: str, ros: Any) -> None:
+        self.read: Callable[[bytes], Any] = cdr.reader(ros)
         self._notes = notes
         self._topic = topic
         self._channel = topic.removeprefix(notes.prefix)
@@ -111,7 +118,8 @@ class Messages:
 class Events:
     """Of a service's event topic."""
 
-    def __init__(self, notes: Notes, topic: str, type_name: str) -> None:
+    def __init__(self, notes: Notes, topic: str, type_name: str, ros: Any) -> None:
+        self.read: Callable[[bytes], Any] = event_cdr.reader(ros)
         self._notes = notes
         self._topic = topic
         self._service = topic.removesuffix(EVENT_SUFFIX)
@@ -120,13 +128,11 @@ class Events:
 
     def stamp_ns(self, taken: Taken, data: Any) -> int:
         """See ``Observing``."""
-        stamp = data["info"]["stamp"]
-        seconds: int = stamp["sec"]
-        return seconds * 10**9 + int(stamp["nanosec"])
+        return int(data.stamp_ns)
 
     def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
         """See ``Observing``."""
-        graph, client = self._notes.graph, bytes(data["info"]["client_gid"])
+        graph, client = self._notes.graph, data.gid
         known = graph.publisher_of(self._topic, taken.gid)
         asker = graph.client_of(self._service, client)
         if known and asker:
@@ -136,14 +142,12 @@ class Events:
     def observation(self, taken: Taken, data: Any) -> Observation | None:
         """See ``Observing``."""
         source, number = self._notes.numbered(self._topic, self._channel, taken)
-        info = data["info"]
-        event_type = info["event_type"]
+        event_type = data.event_type
         if event_type >= len(KIND_OF_EVENT):
             fault = ValueError(f"unknown event type {event_type}")
             self._notes.losses.undecodable(self._topic, source, fault)
             return None
-        contents = data["request" if ros_forms.is_request(event_type) else "response"]
-        if not contents:
+        if data.contents is None:
             self._notes.without_contents.setdefault(
                 self._service,
                 f"the events of {self._service} carry no contents: ask for "
@@ -153,10 +157,10 @@ class Events:
             self._channel,
             self._type_name,
             event_type,
-            self.stamp_ns(taken, data),
-            info["sequence_number"],
-            contents[0] if contents else None,
-            self._notes.caller(self._service, bytes(info["client_gid"]), info["sequence_number"]),
+            data.stamp_ns,
+            data.call,
+            data.contents,
+            self._notes.caller(self._service, data.gid, data.call),
             taken.received_ns or time.time_ns(),
             source,
             number,
@@ -166,7 +170,8 @@ class Events:
 class Errors:
     """Of the topic on which it is said how calls ended without a response."""
 
-    def __init__(self, notes: Notes, topic: str, globs: Sequence[str]) -> None:
+    def __init__(self, notes: Notes, topic: str, globs: Sequence[str], ros: Any) -> None:
+        self.read: Callable[[bytes], Any] = cdr.reader(ros)
         self._notes = notes
         self._topic = topic
         self._globs = globs

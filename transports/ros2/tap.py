@@ -20,14 +20,14 @@ from transports.channel_filter import matches
 from transports.interface import Observation, TransportError
 from transports.ros2 import cdr, native, qos
 from transports.ros2.executor import Executor
-from transports.ros2.graph import Graph, is_event_topic
+from transports.ros2.graph import Graph
 from transports.ros2.interfaces import ros_class
 from transports.ros2.observing import Errors, Events, Messages, Notes, Observing
 from transports.ros2.presence import TOPIC as NODES_TOPIC
 from transports.ros2.presence import Announcements
 from transports.ros2.raw_subscription import RawSubscription
 from transports.ros2.subscribing import Subscriber
-from transports.service_events import EVENT_SUFFIX
+from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX
 from transports.timers import Timer
 
 _QUIET = ("/rosout", "/parameter_events", "/clock")
@@ -306,7 +306,8 @@ class Tap:
 
     def _take_from(self, handle: RawSubscription, heard: _Heard, ros: Any) -> None:
         topic = heard.topic
-        observing, read = self._observing(topic, heard.type_name), cdr.reader(ros)
+        observing = self._observing(topic, heard.type_name, ros)
+        read = observing.read
 
         def take() -> bool:
             taken = None if self._closed else self._taker.take(handle)
@@ -328,11 +329,12 @@ class Tap:
         self._not_complete_before(self._began_s + _DISCOVERY_S)
         self._not_complete_before(time.monotonic() + _MATCHED_S)
 
-    def _observing(self, topic: str, type_name: str) -> Observing:
+    def _observing(self, topic: str, type_name: str, ros: Any) -> Observing:
         if topic == self._prefix + ros_forms.CALL_ERRORS:
-            return Errors(self._notes, topic, self._globs)
-        made = Events if is_event_topic(topic) else Messages
-        return made(self._notes, topic, type_name)
+            return Errors(self._notes, topic, self._globs, ros)
+        is_of_service = topic.endswith(EVENT_SUFFIX) and type_name.endswith(TYPE_SUFFIX)
+        made = Events if is_of_service else Messages
+        return made(self._notes, topic, type_name, ros)
 
     def _pass_on(self) -> None:
         """Hand on what was taken in one turn in the order in which it happened: what one node told on several
