@@ -9,7 +9,8 @@ from moon.oracle.facts import Fact, Role
 KEPT_FACTS = 20_000
 """Facts kept while the oracle looks for a moment that is certain."""
 
-_SENT = (Role.OUTPUT, Role.STATUS, Role.RESULT, Role.STRANGE)
+_STEPS = (Role.INPUT, Role.OUTPUT, Role.STATUS, Role.RESULT, Role.STRANGE)
+"""What a machine is known to do at the moment of its stamp; a message it takes some time later."""
 
 
 class Anchoring:
@@ -23,7 +24,8 @@ class Anchoring:
         self._latency = latency
         self._recent: deque[Fact] = deque()
         self._since = 0
-        self._last_output = 0
+        self._last_step = 0
+        """When it last took or sent something."""
 
     def begin(self, stamp: int) -> None:
         """Listen from ``stamp`` (ns) on; what came before is forgotten, and what is newer is not known to
@@ -32,7 +34,7 @@ class Anchoring:
         stamps = (min(fact.stamp, fact.observation.received_ns) for fact in self._recent)
         newest = max(stamps, default=0)
         self._recent.clear()
-        self._since = self._last_output = max(stamp, newest)
+        self._since = self._last_step = max(stamp, newest)
 
     def remember(self, fact: Fact, finished: int) -> None:
         """Keep ``fact``; nothing that came ``finished`` (ns) or earlier is waited for."""
@@ -45,9 +47,9 @@ class Anchoring:
     def find(self, settled: int) -> tuple[int, tuple[Fact, ...], list[Fact]] | None:
         """The first moment until ``settled`` (ns) at which the machine was between two steps.
 
-        That is so when it takes an input (everything it owed is out by then), or when it has sent
-        nothing for as long as the latency bound. Messages from before the oracle listened have been
-        taken one latency bound later.
+        That is so when it takes an input (everything it owed is out by then), or when it has taken and
+        sent nothing for as long as the latency bound: what it took just before, it may still owe the
+        answer to. Messages from before the oracle listened have been taken one latency bound later.
 
         Returns:
             The moment (ns), the messages that may be under way then, and the facts after it; or None.
@@ -55,14 +57,14 @@ class Anchoring:
         earliest = self._since + self._latency
         facts = sorted((f for f in self._recent if f.stamp <= settled), key=lambda f: f.stamp)
         anchor = None
-        quiet_since = self._last_output
+        quiet_since = self._last_step
         for fact in facts:
             calm = fact.stamp - quiet_since > self._latency
             if fact.stamp >= earliest and (fact.role is Role.INPUT or calm):
                 anchor = fact.stamp - 1
                 break
-            if fact.role in _SENT:
-                quiet_since = self._last_output = fact.stamp
+            if fact.role in _STEPS:
+                quiet_since = self._last_step = fact.stamp
         if anchor is None:
             if settled < earliest or settled - quiet_since <= self._latency:
                 return None

@@ -264,10 +264,11 @@ def test_who_is_blamed_without_a_fault_fails_the_run(faults_run: Any) -> None:
     )
     row = faults_run.judged(faults_run.fault("T3"), both)
     assert not row.detected
-    assert (
-        row.problem == f"blamed without a fault: WaitSkill ({said.verdict.reason.splitlines()[0]})"
+    reason = said.verdict.reason.splitlines()[0]
+    assert row.problem == f"blamed without a fault: WaitSkill ({reason})"
+    assert faults_run.judged_nominal(both).problem == (
+        f"a false alarm: {said.verdict.node} ({reason}), WaitSkill ({reason})"
     )
-    assert faults_run.judged_nominal(both).problem == "a false alarm"
 
 
 def test_a_fault_that_never_shows_is_not_counted_as_found(faults_run: Any) -> None:

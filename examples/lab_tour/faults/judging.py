@@ -106,11 +106,12 @@ def judged_nominal(run: Run) -> Row:
     row = Row(id="nominal", type="no fault", violated=blamed, detected=not blamed)
     if not run.count:
         return _failed(row, "nothing was heard")
+    if run.violations:
+        told = {said.verdict.node: _reason(said) for said in reversed(run.violations)}
+        reasons = ", ".join(f"{name} ({told[name]})" for name in blamed)
+        return _failed(row, f"a false alarm: {reasons}")
     if len(run.lost) > MOST_LOST:
         return _failed(row, f"not known what these do: {', '.join(run.lost)}")
-    if run.violations:
-        row = msgspec.structs.replace(row, reason=_reason(run.violations[0]))
-        return _failed(row, "a false alarm")
     return row
 
 

@@ -1,0 +1,68 @@
+"""A machine that is found in the middle of what it does, at every moment at which that could go wrong."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from moon.oracle.bounds import Bounds
+from moon.oracle.oracle import Oracle
+from moon.verdict import Outcome
+from tests.oracle.tour import lab_tour, tour
+from transports.interface import Observation, ObservationKind
+from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+
+SECONDS = 5.0
+ENOUGH_S = 1.0
+"""For most machines to be found: the tree is ticked five times a second."""
+
+
+REACTION_NS = 90_000
+"""What a machine takes to do something about what it took; less than what anything is under way for."""
+_TAKEN = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_RECEIVED)
+
+
+@pytest.fixture(scope="module")
+def trace() -> list[Observation]:
+    """All that happens in a tour, in the order in which it is heard. The simulated nodes react at once; these
+    do not.
+    """
+    heard: list[Observation] = []
+
+    def hear(seen: Observation) -> None:
+        if seen.kind in _TAKEN:
+            seen = msgspec.structs.replace(seen, stamp_ns=seen.stamp_ns - REACTION_NS)
+        heard.append(seen)
+
+    def listen(world: SimulatedWorld) -> None:
+        SimulatedTransport(world, "recorder").tap([], hear)
+
+    tour(4, SECONDS, Conditions(delay_s=(0.0001, 0.002), tap_delay_s=(0.0, 0.01)), prepare=listen)
+    return heard
+
+
+@pytest.mark.parametrize("before_ns", [0, 1, REACTION_NS // 2])
+def test_who_joins_just_before_a_machine_sends_something_raises_no_alarm(
+    before_ns: int, trace: list[Observation]
+) -> None:
+    """What it sends then may be the answer to what it took a moment before."""
+    system, _ = lab_tour()
+    bounds = Bounds()
+    joined = found = 0
+    for machine in system.nodes:
+        for stamp_ns in [seen.stamp_ns for seen in trace if seen.source == machine.name]:
+            since_ns = stamp_ns - bounds.latency - before_ns
+            if since_ns < trace[0].stamp_ns:
+                continue
+            oracle = Oracle(machine, system.library, machine.name, bounds, synchronised=False)
+            oracle.listen(since_ns)
+            for seen in trace:
+                if not since_ns <= seen.stamp_ns < stamp_ns + ENOUGH_S * 1e9:
+                    continue
+                if oracle.concerns(seen.channel, seen.source, seen.kind):
+                    said = oracle.feed(seen) + oracle.advance(seen.received_ns)
+                    wrong = [v.reason for v in said if v.outcome is Outcome.VIOLATED]
+                    assert not wrong, f"{machine.name}, from {since_ns}: {wrong}"
+            joined += 1
+            found += oracle.outcome is Outcome.CONFORMING
+    assert found > joined // 2, "who is not found is never blamed"
