@@ -7,7 +7,6 @@ for each of their outcomes.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -63,6 +62,7 @@ class MachineProgram:
         """Variables that make a difference to what is seen; others are left as they begin."""
         self._exact = self._compiled(symbolic=False)
         self.states = self._exact
+        self._made_symbolic: list[StateProgram] | None = None
         self.draws = "function='random'" in repr(machine)
         """Whether values are drawn at random."""
         self._repeatable = self._events_of_plain_values()
@@ -83,10 +83,13 @@ class MachineProgram:
         compiler = Compiler(self.machine, self._library, self._owner, self.live, symbolic)
         return compiler.states()
 
-    @functools.cached_property
+    @property
     def _symbolic(self) -> list[StateProgram]:
         """The states for steps with unknown values, made when the first such step is taken."""
-        return self._compiled(symbolic=True)
+        made = self._made_symbolic
+        if made is None:  # mypyc knows no functools.cached_property: it would be made for each step
+            made = self._made_symbolic = self._compiled(symbolic=True)
+        return made
 
     def initial_data(self) -> tuple[Any, ...]:
         """The datamodel before the first step."""
