@@ -262,12 +262,17 @@ wait_for_ever()
 """
 
 
-def test_a_node_that_does_not_end_is_killed_and_says_where_it_stood(system: System) -> None:
+def with_a_deaf_node(system: System) -> Run:
     broken = system.folder / "broken" / "broken"
     broken.mkdir(parents=True)
     (broken / "__main__.py").write_text(DEAF)
     run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}")
     run.until("deaf")
+    return run
+
+
+def test_a_node_that_does_not_end_is_killed_and_says_where_it_stood(system: System) -> None:
+    run = with_a_deaf_node(system)
     run.process.send_signal(signal.SIGINT)
     assert run.end() == 1, run.output
     said = run.lines.index(
@@ -278,11 +283,7 @@ def test_a_node_that_does_not_end_is_killed_and_says_where_it_stood(system: Syst
 
 
 def test_a_second_signal_kills_who_has_not_ended(system: System) -> None:
-    broken = system.folder / "broken" / "broken"
-    broken.mkdir(parents=True)
-    (broken / "__main__.py").write_text(DEAF)
-    run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}")
-    run.until("deaf")
+    run = with_a_deaf_node(system)
     first = os.pidfd_open(run.children()["LevelSkill"])
     run.process.send_signal(signal.SIGINT)
     with open(first, "rb", buffering=0):
