@@ -7,7 +7,6 @@ without a response (on ``/_m2c/call_errors``).
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import msgspec
@@ -131,25 +130,19 @@ def of_event(
         source: who published it.
         sequence: its number as a publication; -1 where not known.
     """
+    part = "_Request" if is_request(event_type) else "_Response"
     return Observation(
         stamp_ns=stamp_ns,
         received_ns=received_ns,
         channel=channel,
         kind=KIND_OF_EVENT[event_type],
-        type_name=_part_type(type_name, event_type),
+        type_name=type_name.removesuffix(TYPE_SUFFIX) + part,
         data=contents,
         source=source,
         sequence=sequence,
         client=client,
         call=call,
     )
-
-
-@functools.lru_cache(maxsize=1024)
-def _part_type(event_type_name: str, event_type: int) -> str:
-    """The type of the request or response that an event is about."""
-    part = "_Request" if is_request(event_type) else "_Response"
-    return event_type_name.removesuffix(TYPE_SUFFIX) + part
 
 
 def of_call_error(error: CallError, channel: str, received_ns: int) -> Observation:

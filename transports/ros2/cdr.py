@@ -30,8 +30,9 @@ from rosidl_parser.definition import (
 from transports.ros2.interfaces import ros_class
 from transports.ros2.messages import plain_of, type_name_of
 
-_LITTLE_ENDIAN = b"\x00\x01"
-_HEADER_BYTES = 4
+LITTLE_ENDIAN = b"\x00\x01"
+"""How the encapsulation begins; two bytes of options follow, of which plain CDR has none."""
+HEADER_BYTES = 4
 _CODES = {
     **{"boolean": "?", "octet": "B", "char": "B", "int8": "b", "uint8": "B"},
     **{"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
@@ -74,18 +75,29 @@ def _can_move(kind: Any, by: int) -> bool:
 @functools.lru_cache(maxsize=1024)
 def reader(ros: Any) -> Callable[[bytes], dict[str, Any]]:
     """What reads serialized messages of rclpy's class ``ros``; it raises CdrError."""
-    read = structure(ros)
-    if read is None:
-        return functools.partial(_by_rclpy, ros)
+    return reader_by(ros, structure(ros), lambda value: value)
 
-    def message(payload: bytes) -> dict[str, Any]:
-        if payload[:2] != _LITTLE_ENDIAN:
-            return _by_rclpy(ros, payload)
+
+def reader_by(
+    ros: Any, read: Value | None, of_plain: Callable[[dict[str, Any]], Any]
+) -> Callable[[bytes], Any]:
+    """As ``reader``, for a form of one's own.
+
+    Args:
+        ros: rclpy's class.
+        read: reads what stands behind the encapsulation (see ``structure``); None: only rclpy can.
+        of_plain: the same of what rclpy reads, where it has to: a type or an encoding that is not ours.
+    """
+    if read is None:
+        return lambda payload: of_plain(_by_rclpy(ros, payload))
+
+    def message(payload: bytes) -> Any:
+        if payload[: len(LITTLE_ENDIAN)] != LITTLE_ENDIAN:
+            return of_plain(_by_rclpy(ros, payload))
         try:
-            value: dict[str, Any] = read(payload[_HEADER_BYTES:], 0)[0]
+            return read(payload[HEADER_BYTES:], 0)[0]
         except (struct.error, UnicodeDecodeError) as error:
             raise CdrError(f"it is no {ros.__name__}: {error}") from error
-        return value
 
     return message
 
@@ -99,11 +111,6 @@ def structure(ros: Any) -> Value | None:
         return _structure(ros)
     except _OtherwiseError:
         return None
-
-
-def element_class(kind: Any) -> Any:
-    """The class of the messages in a sequence or array (an entry of ``SLOT_TYPES``)."""
-    return ros_class(type_name_of(kind.value_type))
 
 
 def _by_rclpy(ros: Any, payload: bytes) -> dict[str, Any]:
@@ -225,7 +232,5 @@ def _within(data: bytes, position: int, count: int) -> int:
     """``position + count``, if ``data`` is that long."""
     end = position + count
     if end > len(data):
-        raise CdrError(
-            f"at byte {position + _HEADER_BYTES} it promises {count} more, and has fewer"
-        )
+        raise CdrError(f"at byte {position + HEADER_BYTES} it promises {count} more, and has fewer")
     return end

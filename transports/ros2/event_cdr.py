@@ -21,11 +21,11 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.serialization import serialize_message
 
 from transports.ros2 import cdr
-from transports.ros_forms import is_request
-from transports.service_events import KIND_OF_EVENT
+from transports.ros2.interfaces import ros_class
+from transports.ros2.messages import type_name_of
+from transports.service_events import REQUEST_RECEIVED
 
-_LITTLE_ENDIAN = bytes((0, 1, 0, 0))
-"""CDR's encapsulation; positions in a message count from behind it."""
+_ENCAPSULATION = cdr.LITTLE_ENDIAN + bytes(cdr.HEADER_BYTES - len(cdr.LITTLE_ENDIAN))
 _INFO = "B3xiI16s4xq"
 """``ServiceEventInfo``: event type, stamp (s, ns), the client's GID, sequence number."""
 _HEADERS = {
@@ -35,10 +35,10 @@ _HEADERS = {
 """What stands before the message: encapsulation, info, the length of the sequence of requests, and that of
 responses."""
 _ALIGNED = {"request": 4, "response": 8}
-"""Where the message so begins, modulo 8: at 44 and 48. It is serialized by itself, from 0, so that larger
-scalars in it would be elsewhere."""
+"""The message so begins at 44 or 48, multiples of these. It is serialized by itself, from 0: a scalar with
+more bytes would have to stand elsewhere."""
 _info_of = struct.Struct(f"<{_INFO}I").unpack_from
-_MESSAGE_AT = struct.calcsize(f"<{_INFO}I")
+_INFO_BYTES = struct.calcsize(f"<{_INFO}I")
 _length = struct.Struct("<I").unpack_from
 _LENGTH_BYTES = 4
 
@@ -54,23 +54,23 @@ def former(event: Any, message: Any, which: str) -> Formed:
         message: that of the request or response in it.
         which: "request" or "response".
     """
-    begin = serialize_message(message())[: len(_LITTLE_ENDIAN)]
-    if begin != _LITTLE_ENDIAN or not cdr.can_move(message, _ALIGNED[which]):
+    begin = serialize_message(message())[: cdr.HEADER_BYTES]  # loads the type's support, too
+    if begin != _ENCAPSULATION or not cdr.can_move(message, _ALIGNED[which]):
         return functools.partial(_whole, event(), f"_{which}")
     pack, serialize = _HEADERS[which].pack, _rclpy.rclpy_serialize
     if which == "response":
 
         def response(event_type: int, stamp_ns: int, gid: bytes, call: int, sent: Any) -> bytes:
             s, ns = divmod(stamp_ns, 10**9)
-            head = pack(_LITTLE_ENDIAN, event_type, s, ns, gid, call, 0, 1)
-            return bytes(head + serialize(sent, message)[4:])
+            head = pack(_ENCAPSULATION, event_type, s, ns, gid, call, 0, 1)
+            return bytes(head + serialize(sent, message)[cdr.HEADER_BYTES :])
 
         return response
 
     def request(event_type: int, stamp_ns: int, gid: bytes, call: int, sent: Any) -> bytes:
         s, ns = divmod(stamp_ns, 10**9)
-        body = serialize(sent, message)[4:]
-        head = pack(_LITTLE_ENDIAN, event_type, s, ns, gid, call, 1)
+        body = serialize(sent, message)[cdr.HEADER_BYTES :]
+        head = pack(_ENCAPSULATION, event_type, s, ns, gid, call, 1)
         return bytes(head + body + bytes(-len(body) % 4 + _LENGTH_BYTES))  # no response
 
     return request
@@ -115,42 +115,35 @@ class Event(msgspec.Struct, frozen=True):
 @functools.lru_cache(maxsize=1024)
 def reader(event: Any) -> Callable[[bytes], Event]:
     """What reads serialized events of rclpy's class ``event``; it raises CdrError."""
-    whole = cdr.reader(event)
-    parts = [cdr.structure(_element(event, which)) for which in ("request", "response")]
-    read_request, read_response = parts
+    read_request = cdr.structure(_class_in(event, "request"))
+    read_response = cdr.structure(_class_in(event, "response"))
     if read_request is None or read_response is None:
-        return lambda payload: _of_plain(whole(payload))
-    about_request = [is_request(number) for number in range(len(KIND_OF_EVENT))]
+        return cdr.reader_by(event, None, _of_plain)
 
-    def read(payload: bytes) -> Event:
-        if payload[:2] != _LITTLE_ENDIAN[:2]:
-            return _of_plain(whole(payload))
-        data = payload[len(_LITTLE_ENDIAN) :]
+    def read(data: bytes, position: int) -> tuple[Event, int]:
+        event_type, s, ns, gid, call, count = _info_of(data, position)
+        position += _INFO_BYTES
         contents = None
-        try:
-            event_type, s, ns, gid, call, count = _info_of(data)
-            position = _MESSAGE_AT
+        if count:
+            _at_most_one(event, count)
+            contents, position = read_request(data, position)
+        if event_type > REQUEST_RECEIVED:
+            position += -position % _LENGTH_BYTES
+            (count,) = _length(data, position)
+            position += _LENGTH_BYTES
+            contents = None
             if count:
                 _at_most_one(event, count)
-                contents, position = read_request(data, position)
-            if event_type >= len(about_request) or not about_request[event_type]:
-                position += -position % _LENGTH_BYTES
-                (count,) = _length(data, position)
-                contents = None
-                if count:
-                    _at_most_one(event, count)
-                    contents, _ = read_response(data, position + _LENGTH_BYTES)
-        except (struct.error, UnicodeDecodeError) as error:
-            raise cdr.CdrError(f"it is no {event.__name__}: {error}") from error
-        return Event(event_type, s * 10**9 + ns, gid, call, contents)
+                contents, position = read_response(data, position)
+        return Event(event_type, s * 10**9 + ns, gid, call, contents), position
 
-    return read
+    return cdr.reader_by(event, read, _of_plain)
 
 
-def _element(event: Any, which: str) -> Any:
+def _class_in(event: Any, which: str) -> Any:
     """The class of the request or response in an event."""
     place = list(event.get_fields_and_field_types()).index(which)
-    return cdr.element_class(event.SLOT_TYPES[place])
+    return ros_class(type_name_of(event.SLOT_TYPES[place].value_type))
 
 
 def _at_most_one(event: Any, count: int) -> None:
@@ -161,8 +154,7 @@ def _at_most_one(event: Any, count: int) -> None:
 def _of_plain(data: dict[str, Any]) -> Event:
     info = data["info"]
     event_type: int = info["event_type"]
-    about = event_type < len(KIND_OF_EVENT) and is_request(event_type)
-    contents = data["request" if about else "response"]
+    contents = data["request" if event_type <= REQUEST_RECEIVED else "response"]
     return Event(
         event_type,
         info["stamp"]["sec"] * 10**9 + info["stamp"]["nanosec"],

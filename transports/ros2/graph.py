@@ -140,7 +140,7 @@ class Graph:
         if name is None:
             name = self._announced.get(native.participant_of(gid))
             if name is not None:
-                self._names[gid] = name
+                self._names[gid] = name  # a GID is not given twice
         return name
 
     def _find(self, gid: bytes) -> str:

@@ -117,9 +117,8 @@ class _ErrorText(ctypes.Structure):
 
 _place_of = struct.Struct("PN").unpack_from
 """Of ``_Bytes``: address and length, in a third of the time that ctypes takes field by field."""
-_info_of = struct.Struct(
-    f"qqQ{_MessageInfo.publisher_gid.offset + _Gid.data.offset - 3 * 8}x{GID_BYTES}s"
-).unpack_from
+_UNTIL_GID = _MessageInfo.publisher_gid.offset + _Gid.data.offset - struct.calcsize("qqQ")
+_info_of = struct.Struct(f"qqQ{_UNTIL_GID}x{GID_BYTES}s").unpack_from
 """Of ``_MessageInfo``, what ``Taken`` has of it."""
 
 

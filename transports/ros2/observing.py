@@ -126,11 +126,11 @@ class Events:
         self._channel = self._service.removeprefix(notes.prefix)
         self._type_name = type_name
 
-    def stamp_ns(self, taken: Taken, data: Any) -> int:
+    def stamp_ns(self, taken: Taken, data: event_cdr.Event) -> int:
         """See ``Observing``."""
-        return int(data.stamp_ns)
+        return data.stamp_ns
 
-    def nameless(self, taken: Taken, data: Any) -> tuple[bytes, ...]:
+    def nameless(self, taken: Taken, data: event_cdr.Event) -> tuple[bytes, ...]:
         """See ``Observing``."""
         graph, client = self._notes.graph, data.gid
         known = graph.publisher_of(self._topic, taken.gid)
@@ -139,7 +139,7 @@ class Events:
             return ()
         return (*(() if known else (taken.gid,)), *(() if asker else (client,)))
 
-    def observation(self, taken: Taken, data: Any) -> Observation | None:
+    def observation(self, taken: Taken, data: event_cdr.Event) -> Observation | None:
         """See ``Observing``."""
         source, number = self._notes.numbered(self._topic, self._channel, taken)
         event_type = data.event_type

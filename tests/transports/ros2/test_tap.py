@@ -283,6 +283,22 @@ def test_who_has_no_name_yet_holds_up_the_others_for_a_moment_only(
     assert last.source == "bare"
 
 
+def test_a_message_on_a_topic_that_is_named_as_those_of_events_is_a_message(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from std_msgs.msg import Int32
+
+    publisher = bare.node.create_publisher(Int32, "/x/_service_event", 10)
+    _, _, heard = tapped(network)
+
+    def is_heard() -> bool:
+        publisher.publish(Int32(data=1))
+        return bool(heard)
+
+    assert network.until(is_heard)
+    assert (heard[0].kind, heard[0].data) == (ObservationKind.MESSAGE, {"data": 1})
+
+
 def test_all_events_of_a_call_have_one_client_whenever_its_name_is_told() -> None:
     from transports.ros2 import observing
 
