@@ -16,7 +16,7 @@ from pathlib import Path
 from m2c.launch import child
 
 KEPT_LINES = 20
-"""Last lines of a process's error output, for the report of how it died."""
+"""Last lines of a process's output, for the report of how it died: where it stood is some twelve of them."""
 STOP_TIMEOUT_S = 10.0
 """A process that has not ended so long after SIGTERM is killed."""
 LAST_WORDS_S = 1.0

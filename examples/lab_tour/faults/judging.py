@@ -89,14 +89,9 @@ def judged(chosen: Fault, run: Run) -> Row:
             return _failed(row, f"not the first wrong output, but one {after_ms:.0f} ms later")
         if after_ms < 0:
             return _failed(row, f"blamed {-after_ms:.0f} ms before the first wrong output")
-    others = {
-        item.verdict.node: _reason(item)
-        for item in reversed(run.violations)
-        if item.verdict.node != chosen.node
-    }
+    others = [item for item in run.violations if item.verdict.node != chosen.node]
     if others:
-        told = ", ".join(f"{name} ({reason})" for name, reason in others.items())
-        return _failed(row, f"blamed without a fault: {told}")
+        return _failed(row, f"blamed without a fault: {_told(others)}")
     return msgspec.structs.replace(row, detected=True)
 
 
@@ -107,9 +102,7 @@ def judged_nominal(run: Run) -> Row:
     if not run.count:
         return _failed(row, "nothing was heard")
     if run.violations:
-        told = {said.verdict.node: _reason(said) for said in reversed(run.violations)}
-        reasons = ", ".join(f"{name} ({told[name]})" for name in blamed)
-        return _failed(row, f"a false alarm: {reasons}")
+        return _failed(row, f"a false alarm: {_told(run.violations)}")
     if len(run.lost) > MOST_LOST:
         return _failed(row, f"not known what these do: {', '.join(run.lost)}")
     return row
@@ -152,6 +145,14 @@ def _named(verdict: tuple[str, ...] | bool) -> str:
     if isinstance(verdict, bool):
         return "yes" if verdict else "no"
     return ", ".join(verdict) or "nobody"
+
+
+def _told(violations: Sequence[Said]) -> str:
+    """Who is blamed, and for what first."""
+    first: dict[str, str] = {}
+    for said in violations:
+        first.setdefault(said.verdict.node, _reason(said))
+    return ", ".join(f"{name} ({reason})" for name, reason in first.items())
 
 
 def _reason(said: Said) -> str:
