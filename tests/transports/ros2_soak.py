@@ -1,10 +1,8 @@
 """The ROS 2 part of the suite, again and again: all green, and no segment left in shared memory.
 
 ``python -m tests.transports.ros2_soak [TIMES] [PYTEST ARGUMENTS…]``; by default 20 times everything marked
-``ros2``. Ends with 1 at the first run that fails, or at the end if any left something. Where others use ROS 2
-at the same time, give it a shared memory of its own::
-
-    unshare -m sh -c 'mount -t tmpfs tmpfs /dev/shm; python -m tests.transports.ros2_soak'
+``ros2``. Ends with 1 at the first run that fails, or at the end if any left something. All runs have one
+shared memory, of their own where that is permitted; else nobody else should use ROS 2 at the same time.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from tests.transports.shared_memory import SHARED, left_over, segments
+from tests.transports.shared_memory import SHARED, left_over, segments, separate
 
 TIMES = 20
 RUN_TIMEOUT_S = 1800.0
@@ -23,6 +21,7 @@ def main(arguments: list[str]) -> int:
     """Run it; the exit code."""
     times = int(arguments[0]) if arguments else TIMES
     command = [sys.executable, "-m", "pytest", "-q", "-m", "ros2", *arguments[1:]]
+    separate()
     before = segments()
     leaks = 0
     for number in range(1, times + 1):

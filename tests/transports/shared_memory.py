@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
 import re
 import time
 from pathlib import Path
@@ -24,6 +25,8 @@ his, or the lock that says that it is his, never hears it; and Fast DDS's own ca
 then as participants come and go (decision 20)."""
 
 
+OWN = "TESTS_HAVE_THEIR_OWN_SHARED_MEMORY"
+"""Set in the environment of processes that have it from the one that started them."""
 _CLONE_NEWNS = 0x20000
 _MS_REC, _MS_PRIVATE = 0x4000, 0x40000
 
@@ -33,8 +36,10 @@ def separate() -> bool:
 
     What others leave in it (somebody else's system, killed at this moment) is not taken for ours then, and the
     mailboxes that participants of all domains share are shared among us only. Needs CAP_SYS_ADMIN: see
-    unshare(2), mount(2), mount_namespaces(7).
+    unshare(2), mount(2), mount_namespaces(7). Whoever was started by a process that has it keeps that one.
     """
+    if OWN in os.environ:
+        return True
     libc = ctypes.CDLL(None)
     mount = libc.mount
     mount.argtypes = [
@@ -44,11 +49,14 @@ def separate() -> bool:
         ctypes.c_ulong,
         ctypes.c_char_p,
     ]
-    return bool(
-        libc.unshare(_CLONE_NEWNS) == 0
-        and mount(b"none", b"/", None, _MS_REC | _MS_PRIVATE, None) == 0
-        and mount(b"tmpfs", bytes(SHARED), b"tmpfs", 0, b"mode=1777") == 0
-    )
+    if (
+        libc.unshare(_CLONE_NEWNS)
+        or mount(b"none", b"/", None, _MS_REC | _MS_PRIVATE, None)
+        or mount(b"tmpfs", bytes(SHARED), b"tmpfs", 0, b"mode=1777")
+    ):
+        return False
+    os.environ[OWN] = "yes"
+    return True
 
 
 def ports_of(domain: int) -> range:

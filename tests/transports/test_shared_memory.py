@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -89,9 +90,9 @@ print(is_own)
 
 def test_what_stands_in_shared_memory_of_ones_own_is_seen_by_nobody_else(tmp_path: Path) -> None:
     name = f"{tmp_path.parent.name}-{tmp_path.name}"
-    done = subprocess.run(
-        [sys.executable, "-c", SEPARATE, name], capture_output=True, text=True, check=True
-    )
+    others = {key: value for key, value in os.environ.items() if key != shared_memory.OWN}
+    command = [sys.executable, "-c", SEPARATE, name]
+    done = subprocess.run(command, env=others, capture_output=True, text=True, check=True)
     seen = shared_memory.SHARED / name
     is_seen = seen.exists()
     seen.unlink(missing_ok=True)
