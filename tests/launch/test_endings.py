@@ -1,0 +1,129 @@
+"""How ``m2c run`` ends, whatever ends it: nothing of it is left, and who ended badly is named."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import signal
+from pathlib import Path
+
+import pytest
+
+from tests.launch.system import LIMIT_S, Run, System
+
+pytestmark = [pytest.mark.zenoh]
+
+
+def gone(pid: int) -> bool:
+    return not Path(f"/proc/{pid}").exists()
+
+
+def test_a_run_of_n_ticks_ends_by_itself_and_halts_what_is_running(system: System) -> None:
+    run = Run(system.path, "--ticks", 3, "--rate", 50)
+    assert run.end() == 0, run.output
+    assert "2 nodes are up" in run.output
+    assert "tick    3  RUNNING  Level ok  Move .." in run.output
+    assert run.output.endswith("stopped after 3 ticks; all nodes have ended")
+    assert run.output.count("MoveSkill | INFO MoveSkill: halted: Move") == 1
+
+
+def test_a_killed_node_ends_the_run_and_is_named(system: System) -> None:
+    run = Run(system.path)
+    run.until("tick ")
+    children = run.children()
+    assert sorted(children) == ["LevelSkill", "MoveSkill", "policy"]
+    os.kill(children["MoveSkill"], signal.SIGKILL)
+    assert run.end() == 1
+    assert run.lines[-1] == (
+        "MoveSkill was killed by SIGKILL; everything was stopped. It had said nothing."
+    )
+    assert all(gone(pid) for pid in children.values())
+
+
+def test_a_node_that_dies_while_starting_ends_the_run_with_its_last_lines(system: System) -> None:
+    broken = system.folder / "broken" / "broken"
+    broken.mkdir(parents=True)
+    (broken / "__main__.py").write_text('import sys\nsys.exit("the motor does not answer")\n')
+    run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}")
+    assert run.end() == 1
+    assert run.lines[-2:] == [
+        "MoveSkill exited with code 1; everything was stopped. Its last lines:",
+        "  the motor does not answer",
+    ]
+
+
+DEAF = """
+import signal
+def wait_for_ever():
+    while True:
+        signal.pause()
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print("deaf", flush=True)
+wait_for_ever()
+"""
+
+
+def with_a_deaf_node(system: System) -> Run:
+    broken = system.folder / "broken" / "broken"
+    broken.mkdir(parents=True)
+    (broken / "__main__.py").write_text(DEAF)
+    run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}")
+    run.until("deaf")
+    return run
+
+
+def test_a_node_that_does_not_end_is_killed_and_says_where_it_stood(system: System) -> None:
+    run = with_a_deaf_node(system)
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 1, run.output
+    said = run.lines.index(
+        "MoveSkill did not end in 10 s and was killed when everything was stopped. Its last lines:"
+    )
+    assert any("in wait_for_ever" in line for line in run.lines[said:]), run.output
+    assert run.lines[-1] == "stopped before all nodes were up; not all nodes have ended well"
+
+
+def test_a_second_signal_kills_who_has_not_ended(system: System) -> None:
+    run = with_a_deaf_node(system)
+    first = os.pidfd_open(run.children()["LevelSkill"])
+    run.process.send_signal(signal.SIGINT)
+    with open(first, "rb", buffering=0):
+        assert select.select([first], [], [], LIMIT_S)[0]
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 0, run.output
+    assert run.lines[-1] == (
+        "stopped before all nodes were up; nodes that had not ended yet were killed"
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_everything_and_is_no_fault(system: System, number: signal.Signals) -> None:
+    run = Run(system.path)
+    run.until("tick ")
+    children = run.children()
+    assert len(children) == 3
+    run.process.send_signal(number)
+    assert run.end() == 0, run.output
+    assert re.search(r"stopped after \d+ ticks?; all nodes have ended", run.output)
+    assert "halted: Move" in run.output
+    assert all(gone(pid) for pid in children.values())
+
+
+def test_a_signal_while_the_nodes_start_stops_everything(system: System) -> None:
+    run = Run(system.generate())
+    run.until("starting 2 nodes")
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 0, run.output
+    assert "stopped before all nodes were up" in run.output
+
+
+def test_a_killed_launcher_takes_its_nodes_with_it(system: System) -> None:
+    run = Run(system.path)
+    run.until("tick ")
+    watched = [os.pidfd_open(pid) for pid in run.children().values()]
+    run.process.kill()
+    run.end()
+    for descriptor in watched:
+        with open(descriptor, "rb", buffering=0):
+            assert select.select([descriptor], [], [], LIMIT_S)[0]
