@@ -40,7 +40,7 @@ class Program(msgspec.Struct, frozen=True):
         write: sets variables by name.
         put: per atom (node index), sets it.
         at: sets the instant.
-        values: ``values()`` are the roots' values.
+        values: ``values()`` are the roots' values; None before the first step.
         changed: roots whose value changed since the list was last cleared.
         heap: instants of changes to come, with their causes; ends with ``NEVER``.
         source: the Python text.
@@ -55,7 +55,7 @@ class Program(msgspec.Struct, frozen=True):
     write: Callable[[dict[str, Any]], None]
     put: dict[int, Callable[[bool], None]]
     at: Callable[[int], None]
-    values: Callable[[], tuple[bool, ...]]
+    values: Callable[[], tuple[bool | None, ...]]
     changed: list[int]
     heap: list[tuple[int, int]]
     source: str

@@ -167,7 +167,6 @@ class Doubt:
     """
 
     def __init__(self, formulas: Sequence[Formula], events: Iterable[str], plain: Network) -> None:
-        self._plain = plain
         self.network = build_network(formulas, by_polarity=True)
         self._images = _images(self.network, plain)
         self._atoms: dict[str, list[tuple[int, bool]]] = {}
@@ -183,6 +182,11 @@ class Doubt:
         self.worst = compile_network(self.network, pulses, environment=dict(logs))
         self.unknown: dict[str, str] = {}
         """Texts of unknown predicates, with the reason."""
+        self._remembering = [
+            (image, node := self.network.nodes[index], state_names(index, node))
+            for index, image in self._images.items()
+        ]
+        self._wanted = sum(node.kind in ("once", "since") for node in plain.nodes)
 
     def enter(
         self, states: Mapping[int, Sequence[Any]], atoms: Mapping[str, bool | None], now: int
@@ -255,17 +259,19 @@ class Doubt:
         """The plain network's states, if nothing is in doubt any more."""
         if self.unknown:
             return None
-        best, worst = read_state(self.network, self.best), read_state(self.network, self.worst)
+        best, worst = self.best.read(), self.worst.read()
         states: dict[int, tuple[Any, ...]] = {}
         forms: dict[int, tuple[Any, ...]] = {}
-        for index, image in self._images.items():
-            node = self.network.nodes[index]
-            form = normal(node, best[index], now)
-            if form != normal(node, worst[index], now) or forms.setdefault(image, form) != form:
+        for place, (image, node, names) in enumerate(self._remembering):
+            values = tuple(best[name] for name in names)
+            form = normal(node, values, now)
+            others = normal(node, tuple(worst[name] for name in names), now)
+            if form != others or forms.setdefault(image, form) != form:
+                # what is in doubt mostly still is the next time: looked at first then
+                self._remembering.insert(0, self._remembering.pop(place))
                 return None
-            states[image] = best[index]
-        wanted = sum(node.kind in ("once", "since") for node in self._plain.nodes)
-        return states if len(states) == wanted else None
+            states[image] = values
+        return states if len(states) == self._wanted else None
 
 
 def _forget(_entry: object) -> None:

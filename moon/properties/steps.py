@@ -58,4 +58,4 @@ class StepMonitor:
         self._program.before(self.now)
         self._program.write({**atoms, "now": self.now})
         self._program.step(self.now)
-        return self._program.values()[0]
+        return bool(self._program.values()[0])
