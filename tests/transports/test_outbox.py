@@ -226,6 +226,15 @@ def test_who_worked_long_before_its_end_does_not():
     assert node.left[1:] == [(1.001 + NEAR_S, 1), (2.0 + DELAY_S, 2)]
 
 
+def test_one_round_that_is_longer_than_the_others_changes_nothing():
+    node = Node()
+    for second, before_s in enumerate((0.6 * NEAR_S, 0.6 * NEAR_S, 1.5 * NEAR_S)):
+        node.tell(second)
+        node.round_over(second + before_s)
+    node.tell(3.0)
+    assert node.round_over(3.0 + AT_MOST_S * 0.9)
+
+
 def test_a_round_without_its_work_teaches_a_node_nothing():
     node = node_near_the_end_of_rounds()
     node.round_over(1.0)
