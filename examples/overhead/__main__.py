@@ -24,8 +24,8 @@ PAGE = ROOT / "docs/overhead.md"
 IMAGES = ROOT / "docs/images"
 TRANSPORTS = ("zenoh", "ros2")
 
-FULL = table3.Plan(rounds=6, ticks={1.0: 8, 10.0: 30, 0.0: 150}, few=2)
-SLOW_ROUNDS = 4
+FULL = table3.Plan(rounds=8, ticks={1.0: 8, 10.0: 30, 0.0: 150}, few=2)
+SLOW_ROUNDS = 6
 QUICK = table3.Plan(rounds=2, ticks={10.0: 15, 0.0: 60}, settle=20, warm_up=5)
 QUICK_CONFIGURATIONS = ("none", "control", "models", "both", "both-websocket", "both-in-process")
 EXPERIMENTS = {"zenoh": growth_points.EXPERIMENTS, "ros2": ("taps", "rate")}
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--only",
         choices=("targets", "table3", "growth", "cost"),
         action="append",
-        help="targets: of table III what there are targets for (with --full: twelve minutes)",
+        help="targets: of table III what there are targets for (with --full: a quarter of an hour)",
     )
     parser.add_argument("--rounds", type=int, help="of table III and growth")
     parser.add_argument("--seed", type=int, help="of the order; another one each time by default")
