@@ -14,7 +14,8 @@ from pathlib import Path
 
 import msgspec
 
-from examples.overhead import growth, growth_points, node_cost, results, table3
+from examples.overhead import growth, growth_points, node_cost, results, table3, tables
+from examples.overhead.agreement import agreement
 from examples.overhead.children import ROOT, ChildError
 from examples.overhead.machine import described, this_machine
 from examples.overhead.observers import CONFIGURATIONS
@@ -50,6 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--transport", choices=(*TRANSPORTS, "both"), help="[quick: zenoh; full: both]"
     )
+    parser.add_argument(
+        "--against", type=Path, metavar="FILE", help="a results.json: do the intervals overlap?"
+    )
     parser.add_argument("--json", action="store_true", help="every figure as one JSON object")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="CSV, Markdown, figures")
     parser.add_argument("--update-docs", action="store_true", help=f"rewrite {PAGE.name}'s tables")
@@ -74,6 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             print("\n".join(three_lines()))
             return 0
+        other = results.read(chosen.against) if chosen.against is not None else None
         found = results.read(chosen.source) if chosen.source is not None else measure(chosen)
     except (MiddlewareMissingError, ChildError, OSError, msgspec.MsgspecError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -88,10 +93,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         draw(found, chosen.output)
     if chosen.update_docs:
         update_docs(found)
+    compared = agreement(found, other) if other is not None else None
     if chosen.json:
-        print(msgspec.json.encode(results.summary(found)).decode())
+        short = results.summary(found)
+        print(msgspec.json.encode({**short, "against": compared} if compared else short).decode())
     else:
         show(found)
+        if compared is not None:
+            tables.print_table(compared)
     missed = [item for item in table3.targets(found.cells) if not item.is_met]
     return 1 if chosen.full and missed else 0
 
@@ -200,8 +209,6 @@ def command_of(chosen: argparse.Namespace) -> str:
 
 def show(found: results.Results) -> None:
     """All tables on the terminal."""
-    from examples.overhead import tables
-
     cells = found.cells
     print(f"{found.command}, {described(found.machine)}, {found.minutes:.1f} minutes")
     for table in (

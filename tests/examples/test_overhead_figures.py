@@ -13,6 +13,7 @@ import msgspec
 import pytest
 
 from examples.overhead import accounts, growth_points, node_cost, results, sample, schedule, table3
+from examples.overhead.agreement import agreement, figures
 from examples.overhead.machine import this_machine
 from examples.overhead.observers import CONFIGURATIONS, Heard, deaf
 from examples.overhead.tables import as_markdown, beside_the_paper, growth_tables, targets
@@ -280,6 +281,27 @@ def test_targets_say_whether_they_are_met() -> None:
     cells = made_up().cells
     assert [item.is_met for item in table3.targets(cells)] == [True, True]
     assert "| Zenoh, 10 ticks/s | 1.04 (" in as_markdown(targets(cells))
+
+
+def test_runs_whose_intervals_overlap_agree_and_the_others_are_named() -> None:
+    made = made_up()
+    same = agreement(made, made)
+    assert not same.rows
+    assert same.note == f"{len(figures(made))} of {len(figures(made))} intervals overlap."
+    slower = [
+        msgspec.structs.replace(
+            block, micros={s: [2 * m for m in v] for s, v in block.micros.items()}
+        )
+        if (block.configuration, block.rate_hz) == ("both", 10.0)
+        else block
+        for block in made.table3.blocks
+    ]
+    other = msgspec.structs.replace(made, table3=table3.Measured(tuple(slower), ()))
+    apart = agreement(made, other)
+    assert [row[0] for row in apart.rows] == [
+        f"Zenoh, 10 ticks/s, {series}, both" for series in table3.SERIES
+    ]
+    assert [row[2].partition(" ")[0] for row in apart.rows] == ["2.08"] * len(table3.SERIES)
 
 
 def test_results_are_the_same_after_they_were_saved(tmp_path: Path) -> None:
