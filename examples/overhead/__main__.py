@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="under two minutes (the default)")
-    size.add_argument("--full", action="store_true", help="half an hour")
+    size.add_argument("--full", action="store_true", help="35 minutes")
     size.add_argument("--summary", action="store_true", help="three lines, in 15 s, on Zenoh")
     size.add_argument("--from", dest="source", type=Path, help="show a results.json again")
     parser.add_argument(
