@@ -160,7 +160,7 @@ def main() -> None:
             tap.send(True)
             heard = tap.recv()
             until = time.monotonic() + 5  # a block must not be half tapped
-            while client._events.heard == tapped and time.monotonic() < until:
+            while client.events.heard == tapped and time.monotonic() < until:
                 pace.wait(0.01)
         print(f"{label}:")
         median = {name: show(name, values) for name, values in figures.items()}
