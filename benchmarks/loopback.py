@@ -6,7 +6,10 @@ import contextlib
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
+
+from transports.interface import Transport
 
 
 def free_endpoint() -> str:
@@ -26,3 +29,15 @@ def busy(count: int) -> Iterator[None]:
         for process in burners:
             process.kill()
             process.wait()
+
+
+@contextlib.contextmanager
+def spinning(transport: Transport) -> Iterator[None]:
+    """Meanwhile ``transport`` spins in a thread; closed behind it, whatever went wrong."""
+    thread = threading.Thread(target=transport.spin)
+    thread.start()
+    try:
+        yield
+    finally:
+        transport.close()
+        thread.join()

@@ -22,7 +22,7 @@ import time
 from pathlib import Path
 
 import msgspec
-from loopback import free_endpoint
+from loopback import free_endpoint, spinning
 from row import publish, slower
 
 from m2c.codegen.package import system_files
@@ -89,11 +89,9 @@ def main() -> None:
     request, response = message_class(kind.request), message_class(kind.response)
     tick = Service("/BatteryLevelSkill/tick", kind.name, request, response)
     where = free_endpoint()
-    with tempfile.TemporaryDirectory() as scratch:
+    policy = connect("policy", {"listen": where})
+    with tempfile.TemporaryDirectory() as scratch, spinning(policy):
         write_files(system_files(system), Path(scratch) / "generated")
-        policy = connect("policy", {"listen": where})
-        spinner = threading.Thread(target=policy.spin)
-        spinner.start()
         folder = Path(scratch) / "generated/battery_level_skill"
         node = subprocess.Popen(
             [sys.executable, "-m", "battery_level_skill", "--endpoint", where],
@@ -117,8 +115,6 @@ def main() -> None:
         finally:
             node.terminate()
             node.wait()
-            policy.close()
-            spinner.join()
     without = [v for part in bare for v in part]
     within = [v for part in monitored for v in part]
     ratio = statistics.median(within) / statistics.median(without)

@@ -22,6 +22,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+from loopback import spinning
 from monitor import SYSTEM, TARGET, block, interval
 from row import publish, slower
 
@@ -79,12 +80,10 @@ def main() -> None:
     request, response = message_class(kind.request), message_class(kind.response)
     tick = Service("/BatteryLevelSkill/tick", kind.name, request, response)
     found: dict[str, list[list[float]]] = {mode: [] for mode in MODES}
-    with tempfile.TemporaryDirectory() as scratch:
+    policy = connect("policy", {})
+    client = policy.client(tick)
+    with tempfile.TemporaryDirectory() as scratch, spinning(policy):
         write_files(system_files(system), Path(scratch) / "generated")
-        policy = connect("policy", {})
-        client = policy.client(tick)
-        spinner = threading.Thread(target=policy.spin)
-        spinner.start()
         policy.announce()
         folder = Path(scratch) / "generated/battery_level_skill"
         path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
@@ -103,8 +102,6 @@ def main() -> None:
         finally:
             node.terminate()
             node.wait()
-            policy.close()
-            spinner.join()
     report(found, options.rate)
 
 

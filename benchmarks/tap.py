@@ -23,10 +23,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import msgspec
-from loopback import free_endpoint
+from loopback import free_endpoint, spinning
 from row import Row, publish, slower
 
-from transports.interface import Observation, Topic
+from transports.interface import Observation, Topic, Transport
 from transports.zenoh import connect
 from transports.zenoh.session import open_session
 
@@ -88,13 +88,23 @@ def main() -> None:
 
     endpoint = free_endpoint()
     transport = connect("monitor", {"listen": endpoint})
-    spinner = threading.Thread(target=transport.spin)
-    spinner.start()
     context = multiprocessing.get_context("spawn")
     pipe, there = context.Pipe()
     robot = context.Process(target=run_robot, args=(endpoint, there), daemon=True)
-    robot.start()
-    pipe.recv()
+    with spinning(transport):
+        robot.start()
+        pipe.recv()
+        rows = compare(transport, endpoint, pipe, job)
+        pipe.send(None)
+        robot.join(5)
+        robot.terminate()
+    publish(rows)
+
+
+def compare(
+    transport: Transport, endpoint: str, pipe: Connection, job: tuple[int, float]
+) -> list[Row]:
+    """A bare subscriber, a tap, and the command, each hears the same ``job`` of the robot's."""
 
     bare = open_session({"endpoint": endpoint})
     transport.wait_for_nodes(["robot"], 10)
@@ -141,12 +151,7 @@ def main() -> None:
         for problem in problems:
             print(f"  {problem}")
         rows += by_command(endpoint, pipe, job, Path(folder), bare_processor)
-    transport.close()
-    spinner.join()
-    pipe.send(None)
-    robot.join(5)
-    robot.terminate()
-    publish(rows)
+    return rows
 
 
 def by_command(

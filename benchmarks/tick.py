@@ -12,18 +12,20 @@ Usage: ``python benchmarks/tick.py [--seconds S] [--rate HZ]``. Prints medians a
 from __future__ import annotations
 
 import argparse
+import contextlib
 import multiprocessing
 import statistics
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 
 import msgspec
-from loopback import free_endpoint
+import zenoh
+from loopback import free_endpoint, spinning
 from row import Row, publish, slower
 
-from transports.interface import CallOutcome, Observation, Service
+from transports.interface import CallOutcome, Client, Observation, Service
 from transports.zenoh import connect
 from transports.zenoh.session import open_session
 
@@ -72,17 +74,14 @@ def run_tap(endpoint: str, pipe: Connection) -> None:
         heard += 1
 
     tap = None
-    spinner = threading.Thread(target=transport.spin)
-    spinner.start()
-    while pipe.recv():
-        if tap is None:
-            tap = transport.tap([], hear)
-        else:
-            tap.close()
-            tap = None
-        pipe.send(heard)
-    transport.close()
-    spinner.join()
+    with spinning(transport):
+        while pipe.recv():
+            if tap is None:
+                tap = transport.tap([], hear)
+            else:
+                tap.close()
+                tap = None
+            pipe.send(heard)
 
 
 def timed(action: Callable[[], None], into: list[float]) -> None:
@@ -107,23 +106,45 @@ def main() -> None:
 
     endpoint = free_endpoint()
     transport = connect("policy", {"listen": endpoint})
-    bare = open_session({"endpoint": endpoint})
-    spinner = threading.Thread(target=transport.spin)
-    spinner.start()
+    with (
+        spinning(transport),
+        contextlib.closing(open_session({"endpoint": endpoint})) as bare,
+        children(endpoint, serve_bare, serve_ours, run_tap) as pipes,
+    ):
+        for pipe in pipes[:2]:
+            pipe.recv()
+        transport.wait_for_nodes(["skill"], 10)
+        client = transport.client(TICK)
+        rows = compare(bare, client, pipes[2], arguments.rate, arguments.seconds / BLOCKS)
+        pipes[2].send(False)
+    publish(rows)
 
+
+@contextlib.contextmanager
+def children(
+    endpoint: str, *targets: Callable[[str, Connection], None]
+) -> Iterator[list[Connection]]:
+    """Meanwhile each of ``targets`` runs in a process of its own, at the other end of a pipe."""
     context = multiprocessing.get_context("spawn")
-    children, pipes = [], []
-    for target in (serve_bare, serve_ours, run_tap):
-        here, there = context.Pipe()
-        child = context.Process(target=target, args=(endpoint, there), daemon=True)
-        child.start()
-        children.append(child)
-        pipes.append(here)
-    for pipe in pipes[:2]:
-        pipe.recv()
-    tap = pipes[2]
-    transport.wait_for_nodes(["skill"], 10)
-    client = transport.client(TICK)
+    running, pipes = [], []
+    try:
+        for target in targets:
+            here, there = context.Pipe()
+            child = context.Process(target=target, args=(endpoint, there), daemon=True)
+            child.start()
+            running.append(child)
+            pipes.append(here)
+        yield pipes
+    finally:
+        for child in running:
+            child.terminate()
+            child.join()
+
+
+def compare(
+    bare: zenoh.Session, client: Client, tap: Connection, rate_hz: float, block_s: float
+) -> list[Row]:
+    """Ticks of each kind in turns, at ``rate_hz`` and as fast as they go."""
     payload = msgspec.msgpack.encode(TickRequest())
     request = TickRequest()
 
@@ -139,14 +160,14 @@ def main() -> None:
         call_ours()
     rows: list[Row] = []
     for label, period_s in (
-        (f"at {arguments.rate:g} ticks/s", 1 / arguments.rate),
+        (f"at {rate_hz:g} ticks/s", 1 / rate_hz),
         ("saturated", 0.0),
     ):
         figures: dict[str, list[float]] = {"bare": [], "untapped": [], "tapped": []}
         heard = 0
         for block in range(2 * BLOCKS):
             tapped = bool(block % 2)
-            end = time.monotonic() + arguments.seconds / BLOCKS
+            end = time.monotonic() + block_s
             due = time.monotonic()
             pace = threading.Event()
             while time.monotonic() < end:
@@ -187,15 +208,7 @@ def main() -> None:
             f"  tapped / untapped   {median['tapped'] / median['untapped']:.2f}   (target ≤ 1.15 at 100/s)"
         )
         print(f"  heard by the tap    {heard} events so far")
-
-    tap.send(False)
-    transport.close()
-    bare.close()
-    spinner.join()
-    for child in children:
-        child.terminate()
-        child.join()
-    publish(rows)
+    return rows
 
 
 if __name__ == "__main__":
