@@ -219,20 +219,51 @@ def test_who_worked_near_the_end_of_a_round_waits_for_the_end_of_the_next():
 
 def test_who_worked_long_before_its_end_does_not():
     node = node_near_the_end_of_rounds()
-    node.tell(1.0)
-    node.round_over(1.001 + NEAR_S)
-    node.tell(2.0)
-    node.time.pass_until(3.0)
-    assert node.left[1:] == [(1.001 + NEAR_S, 1), (2.0 + DELAY_S, 2)]
+    node.tell(0.2)
+    node.round_over(0.201 + NEAR_S)
+    node.tell(0.4)
+    node.time.pass_until(1.0)
+    assert node.left[1:] == [(0.201 + NEAR_S, 1), (0.4 + DELAY_S, 2)]
+
+
+def test_where_rounds_are_rare_their_end_may_be_further_away():
+    for period_s, waits in ((0.2, False), (0.4, True), (4.0, True)):
+        node = Node()
+        for number in range(4):
+            node.tell(number * period_s)
+            node.round_over(number * period_s + 0.009)
+        node.tell(4 * period_s)
+        assert node.round_over(4 * period_s + 0.009) is waits, period_s
+
+
+def test_no_round_is_so_rare_that_a_node_waits_longer_than_it_may():
+    node = Node()
+    for second in (0.0, 4.0, 8.0):
+        node.tell(second)
+        node.round_over(second + 1.1 * AT_MOST_S)
+    node.tell(12.0)
+    node.time.pass_until(13.0)
+    assert node.left[3:] == [(12.0 + DELAY_S, 3)]
+
+
+def test_who_worked_twice_in_a_round_began_with_the_first():
+    node = Node()
+    for beginning in (0.0, 0.2, 0.4):
+        node.tell(beginning)
+        node.tell(beginning + 4 * NEAR_S)
+        node.round_over(beginning + 4 * NEAR_S + DELAY_S / 2)
+    node.tell(0.6)
+    node.time.pass_until(0.6 + 1.1 * DELAY_S)
+    assert node.left[-1] == (0.6 + DELAY_S, 6)
 
 
 def test_one_round_that_is_longer_than_the_others_changes_nothing():
     node = Node()
-    for second, before_s in enumerate((0.6 * NEAR_S, 0.6 * NEAR_S, 1.5 * NEAR_S)):
-        node.tell(second)
-        node.round_over(second + before_s)
-    node.tell(3.0)
-    assert node.round_over(3.0 + AT_MOST_S * 0.9)
+    for number, before_s in enumerate((0.6 * NEAR_S, 0.6 * NEAR_S, 1.5 * NEAR_S)):
+        node.tell(number / 5)
+        node.round_over(number / 5 + before_s)
+    node.tell(3 / 5)
+    assert node.round_over(3 / 5 + AT_MOST_S * 0.9)
 
 
 def test_a_round_without_its_work_teaches_a_node_nothing():
