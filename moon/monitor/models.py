@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
+from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.clock import Clock
 from moon.oracle.oracle import Oracle
@@ -111,10 +112,14 @@ class ModelMonitor:
 
     @property
     def next_ns(self) -> int:
-        """When time alone may change something next (0: at any time), on the clock of ``advance``."""
+        """When time alone may change something next (0: at any time), on the clock of ``advance``.
+
+        What does of the policy is looked at :data:`BEHIND_NS` later.
+        """
         wake = self._clock.wake
-        if self.policy is not None and self.policy.wake < wake:
-            wake = self.policy.wake
+        if self.policy is not None:
+            later = self.policy.wake
+            wake = min(wake, later + BEHIND_NS if 0 < later < FOREVER else later)
         return wake + self.bounds.latency if 0 < wake < FOREVER else wake
 
     def node_found(self, node: str, stamp_ns: int) -> None:

@@ -19,6 +19,7 @@ import msgspec
 from m2c.model.system import System
 from moon.monitor.patience import LEAST_NS, Patience
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
+from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.meaning import duration
@@ -103,6 +104,8 @@ class PropertyWatch:
         self._reached_ns = -1
         self._quiet_until = 0
         """Before this instant (ns) time alone changes nothing, if ``_foresees`` is as it was then."""
+        self._wanted_ns = 0
+        """When a turn is wanted, under the same condition."""
         self._foresaw = False
         for tally in self._tallies.values():
             tally.foreseen_ns = None
@@ -128,7 +131,9 @@ class PropertyWatch:
             self.lose(seen.channel, seen.stamp_ns, self._reached_ns)
         else:
             self._held.append(seen.stamp_ns)
-            self._quiet_until = min(self._quiet_until, seen.stamp_ns + LEAST_NS)
+            soon_ns = seen.stamp_ns + LEAST_NS
+            self._quiet_until = min(self._quiet_until, soon_ns)
+            self._wanted_ns = min(self._wanted_ns, soon_ns)
 
     def _is_repeated(self, seen: Observation) -> bool:
         """Look at its number: whether it was heard before; what is missing before it is lost."""
@@ -150,7 +155,7 @@ class PropertyWatch:
         """Messages of ``channel`` stamped in ``[start_ns, end_ns)`` were missed."""
         if self.concerns(channel):
             self.patience.distrust()
-            self._quiet_until = 0
+            self._quiet_until = self._wanted_ns = 0
             self._losses.append(_Loss(min(start_ns, end_ns), end_ns, channel))
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
@@ -175,7 +180,7 @@ class PropertyWatch:
         self.turns += 1
         found, until = self._count_for_good(now_ns - self._latency_ns)
         found += self._taken_back(until) + self._foreseen(now_ns)
-        self._quiet_until = self._next_ns()
+        self._look_ahead()
         return found
 
     @property
@@ -183,23 +188,31 @@ class PropertyWatch:
         """Until then (ns) time alone changes nothing; 0: it may at once."""
         return 0 if self._foresees and not self._foresaw else self._quiet_until
 
-    def _next_ns(self) -> int:
-        """When there is something to do next, if nothing is heard; 0: at once."""
+    @property
+    def turn_ns(self) -> int:
+        """When a turn is wanted (ns); 0: at once. It is :attr:`next_ns`, or up to :data:`BEHIND_NS` later."""
+        return 0 if self._foresees and not self._foresaw else self._wanted_ns
+
+    def _look_ahead(self) -> None:
+        """When there is something to do next, if nothing is heard."""
         self._foresaw = self._foresees
         if self._losses:
-            return 0
-        instants: list[int] = []
-        if self._foresaw:
-            instants.append(self._ordered.foreseen_next_ns + LEAST_NS)
-        if (due_ns := self._ordered.next_deadline()) is not None:
-            instants.append(due_ns)
-        instants += [stamp + self._latency_ns for stamp in self._held]
-        instants += [
+            self._quiet_until = self._wanted_ns = 0
+            return
+        for_good = [stamp + self._latency_ns for stamp in self._held]
+        for_good += [
             tally.foreseen_ns + self._latency_ns
             for tally in self._tallies.values()
             if tally.foreseen_ns is not None
         ]
-        return min(instants, default=FOREVER)
+        if (due_ns := self._ordered.next_deadline()) is not None:
+            for_good.append(due_ns)
+        next_ns = min(for_good, default=FOREVER)
+        self._quiet_until, self._wanted_ns = next_ns, next_ns + BEHIND_NS * bool(self._held)
+        if self._foresaw:
+            soon_ns = self._ordered.foreseen_next_ns + LEAST_NS
+            self._quiet_until = min(self._quiet_until, soon_ns)
+            self._wanted_ns = min(self._wanted_ns, soon_ns)
 
     @property
     def _foresees(self) -> bool:

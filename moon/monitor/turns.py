@@ -16,6 +16,10 @@ from transports.interface import Timer
 
 _SOON_NS = 20_000_000
 """So long after something was heard the time is looked at: what is told of it meanwhile has come then."""
+BEHIND_NS = 15_000_000
+"""So long after the latency bound of what was heard is looked at what can wait: a policy, and properties
+where more was heard meanwhile. At five, ten or twenty ticks a second the bound is over when another tick
+begins, and a turn then would be within it."""
 _LOOKS = 3
 """So often at least the time is looked at while the latency bound passes."""
 

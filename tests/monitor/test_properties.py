@@ -12,6 +12,7 @@ from moon.cli import main as moon
 from moon.monitor.patience import LEAST_NS
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.report import closing, table, verdict_lines
+from moon.monitor.turns import BEHIND_NS
 from moon.properties.files import load_properties
 from moon.sinks.topic import message_of
 from moon.verdict import Outcome
@@ -133,6 +134,21 @@ def test_what_is_unknown_is_not_looked_at_all_the_time(watched) -> None:
     before = watched.properties.turns
     watched.pass_time(1000)
     assert watched.properties.turns - before <= 1
+
+
+def test_what_comes_to_count_for_good_does_so_behind_the_tick_that_has_begun_meanwhile(
+    watched,
+) -> None:
+    watched.message(90)
+    heard_ns = watched.now
+    watched.pass_time(60)
+    properties = watched.properties
+    assert heard_ns < properties.next_ns <= heard_ns + 200 * MS
+    assert properties.turn_ns == properties.next_ns + BEHIND_NS
+    watched.pass_time(300)
+    assert properties.turn_ns == properties.next_ns  # nothing was heard meanwhile
+    properties.lose_all(watched.now, watched.now + MS)
+    assert properties.turn_ns == 0
 
 
 def test_where_things_come_late_a_deadline_waits_for_them(watched) -> None:
