@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,8 @@ from transports.registry import connect
 ROOT = "ROOT"
 """The series of whole ticks of the tree, as the paper's table calls it."""
 LEVEL = "/BatteryComponent/level"
+LEVEL_S = 0.5
+"""It is told so often (``rate_hz`` of the battery's model)."""
 READY_S = 60.0
 
 
@@ -212,12 +214,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 2
         threading.Thread(target=_read_orders, args=(events,), daemon=True).start()
         print('{"ready": true}', flush=True)
-        rests = True
+        rests, phase, pause = True, phases(), threading.Event()
         while (event := events.get()) is not None:
             if event != _LEVEL:
                 order = msgspec.json.decode(event, type=Order)
                 # who has just come must hear that the battery is low before an alarm is rung
-                taken = load.run(order) if not order.ticks or _next_level(events) else None
+                heard = not order.ticks or _next_level(events)
+                if order.ticks:
+                    pause.wait(next(phase) * LEVEL_S)
+                taken = load.run(order) if heard else None
                 rests = order.rest or taken is None or any(taken.failures.values())
                 print(msgspec.json.encode(taken).decode(), flush=True)
             elif not rests:
@@ -243,6 +248,23 @@ def _next_level(events: queue.SimpleQueue[str | None]) -> bool:
         if events.get() is None:
             return False
     return events.get(timeout=READY_S) == _LEVEL
+
+
+def phases() -> Iterator[float]:
+    """Where between two levels an order begins, as a part of their period.
+
+    A tree ticked once a second is in step with what is told twice a second, for as long as an order
+    lasts: one that began at a level would have each of its ticks delayed by whoever else hears that.
+    So orders begin anywhere, evenly: the multiples of the golden ratio, modulo 1 (Knuth, The Art of
+    Computer Programming, volume 3, section 6.4, theorem S).
+    """
+    part = 0.0
+    while True:
+        part = (part + _GOLDEN) % 1.0
+        yield part
+
+
+_GOLDEN = (5**0.5 - 1) / 2
 
 
 def level_topic() -> Topic:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import os
 import random
 import statistics
@@ -14,9 +15,12 @@ import pytest
 
 from examples.overhead import accounts, growth_points, node_cost, results, sample, schedule, table3
 from examples.overhead.agreement import agreement, figures
+from examples.overhead.load import LEVEL_S, phases
 from examples.overhead.machine import this_machine
 from examples.overhead.observers import CONFIGURATIONS, Heard, deaf
+from examples.overhead.plant import read_system
 from examples.overhead.tables import as_markdown, beside_the_paper, growth_tables, targets
+from m2c.model.machine import InterfaceKind
 
 DRAW = random.Random(4)
 
@@ -64,6 +68,22 @@ def test_a_ratio_is_found_though_the_machine_becomes_three_times_slower() -> Non
     found = sample.ratio(other, base)
     assert found.low < 1.5 < found.high
     assert found.high - found.low < 0.2
+
+
+def test_a_ratio_is_not_moved_by_one_bad_round() -> None:
+    found = sample.middle_ratio(
+        [108.0, 109.0, 110.0, 110.0, 110.0, 111.0, 112.0, 400.0], [100.0] * 8
+    )
+    assert 1.09 < found < 1.12
+
+
+def test_a_ratio_of_few_rounds_is_nearer_the_truth_than_their_median() -> None:
+    ours, medians = [], []
+    for _ in range(300):
+        pairs = [(DRAW.gauss(100, 10), DRAW.gauss(100, 10)) for _ in range(8)]
+        ours.append(abs(sample.middle_ratio(*zip(*pairs, strict=True)) - 1))
+        medians.append(abs(statistics.median(a / b for a, b in pairs) - 1))
+    assert statistics.mean(ours) < statistics.mean(medians)
 
 
 def test_the_same_samples_give_the_same_interval() -> None:
@@ -187,6 +207,19 @@ def test_ratios_are_of_the_rounds_in_which_there_was_a_turn() -> None:
         "both": (6, 1.04),
         "both-websocket": (3, 3.0),
     }
+
+
+def test_orders_begin_anywhere_between_two_levels_evenly() -> None:
+    for taken in (6, 8, 30):
+        places = sorted(itertools.islice(phases(), taken))
+        gaps = [after - before for before, after in itertools.pairwise([0.0, *places, 1.0])]
+        assert max(gaps) < 2.7 / taken, taken
+
+
+def test_the_battery_tells_its_level_as_often_as_the_load_takes_it() -> None:
+    (battery,) = (node for node in read_system().nodes if node.name == "BatteryComponent")
+    (measure,) = (item for item in battery.interfaces if item.kind is InterfaceKind.TIMER)
+    assert measure.rate_hz == 1 / LEVEL_S
 
 
 # -- accounts ---------------------------------------------------------------------------------------
