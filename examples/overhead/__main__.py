@@ -41,7 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m examples.overhead",
         description="What monitoring costs: passive, and in the middle as in the paper's table III.",
-        epilog="example: python -m examples.overhead --quick -o build/overhead",
+        epilog="examples: python -m examples.overhead --quick -o build/overhead; "
+        "python -m examples.overhead --full -o again --against build/overhead/results.json",
     )
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="under two minutes (the default)")
