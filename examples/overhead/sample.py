@@ -84,12 +84,12 @@ def middle_ratio(values: Sequence[float], others: Sequence[float]) -> float:
     """What is in the middle of the ratios of pairs of positive numbers.
 
     A median of few jumps, a mean follows a single one that is wrong. The median of the means of all
-    pairs of them (of logarithms here, as these are ratios) does neither, and is nearly as precise as
+    pairs of them (geometric ones here, as these are ratios) does neither, and is nearly as precise as
     the mean (Hodges & Lehmann, Estimates of Location Based on Rank Tests, 1963).
     """
-    ratios = [math.log(a / b) for a, b in zip(values, others, strict=True)]
+    ratios = [a / b for a, b in zip(values, others, strict=True)]
     pairs = itertools.combinations_with_replacement(ratios, 2)
-    return math.exp(statistics.median(sum(pair) / 2 for pair in pairs))
+    return statistics.median(math.sqrt(a * b) for a, b in pairs)
 
 
 def _bootstrap(
