@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--only",
         choices=("targets", "table3", "growth", "cost"),
         action="append",
-        help="targets: of table III what there are targets for (with --full: a quarter of an hour)",
+        help="targets: of table III what there are targets for (with --full: 17 minutes)",
     )
     parser.add_argument("--rounds", type=int, help="of table III and growth")
     parser.add_argument("--seed", type=int, help="of the order; another one each time by default")
