@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +48,9 @@ def router(folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 class Process:
-    """A process whose lines are collected while it runs."""
+    """A process whose lines are collected while it runs; ``env`` as of ``subprocess.Popen``."""
 
-    def __init__(self, *command: object) -> None:
+    def __init__(self, *command: object, env: Mapping[str, str] | None = None) -> None:
         self.out: list[str] = []
         self.err: list[str] = []
         self._changed = threading.Condition()
@@ -59,6 +59,7 @@ class Process:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            env=env,
         )
         streams = ((self.process.stdout, self.out), (self.process.stderr, self.err))
         self._readers = [threading.Thread(target=self._read, args=pair) for pair in streams]
@@ -73,11 +74,11 @@ class Process:
         with self._changed:
             self._changed.notify_all()
 
-    def until(self, holds: Callable[[], object]) -> None:
+    def until(self, holds: Callable[[], object], limit_s: float = WAIT_S) -> None:
         """Wait until ``holds()`` of the lines so far."""
         with self._changed:
             assert self._changed.wait_for(
-                lambda: bool(holds()) or self.process.poll() is not None, WAIT_S
+                lambda: bool(holds()) or self.process.poll() is not None, limit_s
             ), self.said
             assert holds(), self.said
 

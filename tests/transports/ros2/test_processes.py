@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
+import contextlib
 import os
 import re
 import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
 
 from m2c.rosidl.build import build_interfaces
+from tests.monitor.processes import Process
 from transports.conformance import DOUBLE, NUMBERS, Ask, on
 from transports.interface import CallOutcome
 from transports.networks import PATIENCE_S, ThreadedNetwork
@@ -210,43 +210,30 @@ def test_a_generated_skill_is_ticked_by_an_ordinary_client(
     assert ticked.stdout.strip() == "ticked", ticked.stderr
 
 
+def until_said(process: Process, text: str) -> None:
+    process.until(lambda: any(text in line for line in process.out), HEARD_S)
+
+
 @pytest.mark.timeout(400)
 def test_the_lab_tour_runs_and_is_heard(lab_tour: dict[str, str]) -> None:
     """Seventeen nodes and a policy; a tap hears the tree's ticks and what they make skills do.
 
-    The tree is ticked until all of that was heard: the policy waits for its nodes, not for a tap to discover
-    it, which takes DDS seconds more where it drops something on a busy machine.
+    The tree is ticked until all of that was heard, and until `m2c run` itself was told of a tick: the policy
+    waits for its nodes, not for those two to discover it, each of which takes DDS seconds more where it
+    drops something on a busy machine.
     """
-    missing = {"/BatteryLevelSkill/tick", "/BlackboardComponent/GetInt", "/policy/ticks"}
-    m2c = [sys.executable, "-m", "m2c.cli", "run", str(LAB_TOUR / "system.xml")]
+    wanted = ("/BatteryLevelSkill/tick", "/BlackboardComponent/GetInt", "/policy/ticks")
+    over_ros = ["--transport", "ros2"]
     with (
-        subprocess.Popen(
-            [sys.executable, "-m", "moon.cli", "tap", "--transport", "ros2", "--json"],
-            env=lab_tour,
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as tap,
-        subprocess.Popen(
-            [*m2c, "--transport", "ros2", "--rate", "10", "--quiet"],
-            env=lab_tour,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
+        contextlib.closing(Process("moon", "tap", *over_ros, "--json", env=lab_tour)) as tap,
+        contextlib.closing(
+            Process("m2c", "run", LAB_TOUR / "system.xml", *over_ros, "--rate", 10, env=lab_tour)
         ) as run,
     ):
-        watchdog = threading.Timer(HEARD_S, tap.kill)
-        watchdog.start()
-        assert tap.stdout is not None
-        for line in tap.stdout:
-            missing.discard(json.loads(line)["channel"])
-            if not missing:
-                break
-        watchdog.cancel()
-        run.send_signal(signal.SIGINT)
-        said, _ = run.communicate(timeout=PATIENCE_S)
-        tap.send_signal(signal.SIGINT)
-        tap.communicate(timeout=PATIENCE_S)
-    assert not missing, f"not heard: {missing}"
-    assert run.returncode == 0, said
-    assert tap.returncode == 0
-    assert re.search(r"stopped after [1-9]\d* ticks?; all nodes have ended", said), said
+        for channel in wanted:
+            until_said(tap, f'"channel":"{channel}"')
+        until_said(run, "tick ")
+        assert run.end(signal.SIGINT) == 0, run.said
+        assert tap.end(signal.SIGINT) == 0, tap.said
+        last = run.out[-1].strip()
+    assert re.fullmatch(r"stopped after [1-9]\d* ticks?; all nodes have ended", last), last
