@@ -214,15 +214,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 2
         threading.Thread(target=_read_orders, args=(events,), daemon=True).start()
         print('{"ready": true}', flush=True)
-        rests, phase, pause = True, phases(), threading.Event()
+        rests, parts = True, phases()
         while (event := events.get()) is not None:
             if event != _LEVEL:
                 order = msgspec.json.decode(event, type=Order)
                 # who has just come must hear that the battery is low before an alarm is rung
-                heard = not order.ticks or _next_level(events)
-                if order.ticks:
-                    pause.wait(next(phase) * LEVEL_S)
-                taken = load.run(order) if heard else None
+                begins = not order.ticks or _into_next_level(events, next(parts))
+                taken = load.run(order) if begins else None
                 rests = order.rest or taken is None or any(taken.failures.values())
                 print(msgspec.json.encode(taken).decode(), flush=True)
             elif not rests:
@@ -242,12 +240,17 @@ def _read_orders(events: queue.SimpleQueue[str | None]) -> None:
     events.put(None)
 
 
-def _next_level(events: queue.SimpleQueue[str | None]) -> bool:
-    """Wait for a level that is told from now on; whether there was one (else the end has come)."""
+def _into_next_level(events: queue.SimpleQueue[str | None], part: float) -> bool:
+    """Wait for a level that is told from now on, and for a ``part`` of the time to the one behind it;
+    whether there was one (else the end has come).
+    """
     while not events.empty():
         if events.get() is None:
             return False
-    return events.get(timeout=READY_S) == _LEVEL
+    told = events.get(timeout=READY_S) == _LEVEL
+    if told:
+        threading.Event().wait(part * LEVEL_S)
+    return told
 
 
 def phases() -> Iterator[float]:
