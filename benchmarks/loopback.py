@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import socket
 import subprocess
 import sys
@@ -41,3 +42,19 @@ def spinning(transport: Transport) -> Iterator[None]:
     finally:
         transport.close()
         thread.join()
+
+
+@contextlib.contextmanager
+def moon_hearing(node: str, *arguments: object) -> Iterator[None]:
+    """Meanwhile ``moon`` with these arguments is at work; from when it has said that it hears ``node``."""
+    command = [sys.executable, "-m", "moon.cli", *map(str, arguments)]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stderr is not None
+            assert any(node in line for line in process.stderr), "moon has ended"
+            threading.Thread(target=process.stderr.read, daemon=True).start()
+            yield
+        finally:
+            process.send_signal(signal.SIGINT)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import os
 import random
-import signal
 import statistics
 import subprocess
 import sys
@@ -22,7 +21,7 @@ import time
 from pathlib import Path
 
 import msgspec
-from loopback import free_endpoint, spinning
+from loopback import free_endpoint, moon_hearing, spinning
 from row import publish, slower
 
 from m2c.codegen.package import system_files
@@ -34,20 +33,6 @@ from transports.zenoh import connect
 
 SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
 TARGET = 1.10
-
-
-def start_monitor(where: str) -> subprocess.Popen[str]:
-    """``moon monitor``, once it has said that it is linked to the skill."""
-    command = [sys.executable, "-m", "moon.cli", "monitor", str(SYSTEM), "--endpoint", where]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    for line in process.stderr:
-        if "BatteryLevelSkill" in line:
-            break
-    threading.Thread(target=process.stderr.read, daemon=True).start()
-    return process
 
 
 def block(client: Client, request: msgspec.Struct, rate_hz: float, ticks: int) -> list[float]:
@@ -107,11 +92,9 @@ def main() -> None:
             monitored: list[list[float]] = []
             for _ in range(options.blocks):
                 bare.append(block(client, request(), options.rate, options.ticks))
-                monitor = start_monitor(where)
-                block(client, request(), options.rate, 5)
-                monitored.append(block(client, request(), options.rate, options.ticks))
-                monitor.send_signal(signal.SIGINT)
-                monitor.wait()
+                with moon_hearing("BatteryLevelSkill", "monitor", SYSTEM, "--endpoint", where):
+                    block(client, request(), options.rate, 5)
+                    monitored.append(block(client, request(), options.rate, options.ticks))
         finally:
             node.terminate()
             node.wait()

@@ -11,18 +11,15 @@ Usage: ``python benchmarks/ros2_monitor.py [--rate HZ] [--blocks N] [--ticks N]`
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
-import signal
 import statistics
 import subprocess
 import sys
 import tempfile
-import threading
-from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-from loopback import spinning
+from loopback import moon_hearing, spinning
 from monitor import SYSTEM, TARGET, block, interval
 from row import publish, slower
 
@@ -43,24 +40,11 @@ MODES = {
 """Arguments of ``moon`` in the third process; none: there is no third process."""
 
 
-@contextlib.contextmanager
-def listening(mode: str) -> Iterator[None]:
+def listening(mode: str) -> AbstractContextManager[None]:
     """``moon`` at work, from when it hears the skill to its end."""
-    arguments = MODES[mode]
-    if not arguments:
-        yield
-        return
-    command = [sys.executable, "-m", "moon.cli", *arguments, "--transport", "ros2"]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stderr is not None
-        for line in process.stderr:
-            if "BatteryLevelSkill" in line:
-                break
-        threading.Thread(target=process.stderr.read, daemon=True).start()
-        yield
-        process.send_signal(signal.SIGINT)
+    if not MODES[mode]:
+        return nullcontext()
+    return moon_hearing("BatteryLevelSkill", *MODES[mode], "--transport", "ros2")
 
 
 def main() -> None:

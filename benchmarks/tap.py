@@ -11,6 +11,7 @@ processor time that each observation needed.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -105,24 +106,22 @@ def compare(
     transport: Transport, endpoint: str, pipe: Connection, job: tuple[int, float]
 ) -> list[Row]:
     """A bare subscriber, a tap, and the command, each hears the same ``job`` of the robot's."""
-
-    bare = open_session({"endpoint": endpoint})
     transport.wait_for_nodes(["robot"], 10)
     count = [0]
 
     def count_one(_: object) -> None:
         count[0] += 1
 
-    subscriber = bare.declare_subscriber("**", count_one)
-    bare_processor = time.process_time()
-    pipe.send(job)
-    sent, took = pipe.recv()
-    settled(count, sent)
-    bare_processor = (time.process_time() - bare_processor) / sent * 1e6
+    with contextlib.closing(open_session({"endpoint": endpoint})) as bare:
+        subscriber = bare.declare_subscriber("**", count_one)
+        bare_processor = time.process_time()
+        pipe.send(job)
+        sent, took = pipe.recv()
+        settled(count, sent)
+        bare_processor = (time.process_time() - bare_processor) / sent * 1e6
+        subscriber.undeclare()
     rows: list[Row] = []
     print(f"bare subscriber: sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), heard {count[0]}")
-    subscriber.undeclare()
-    bare.close()
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "observations.jsonl"
