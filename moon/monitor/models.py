@@ -119,7 +119,7 @@ class ModelMonitor:
         wake = self._clock.wake
         if self.policy is not None:
             later = self.policy.wake
-            wake = min(wake, later + BEHIND_NS if 0 < later < FOREVER else later)
+            wake = min(wake, later + BEHIND_NS if later > 0 else later)
         return wake + self.bounds.latency if 0 < wake < FOREVER else wake
 
     def node_found(self, node: str, stamp_ns: int) -> None:
