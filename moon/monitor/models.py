@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
-from moon.monitor.turns import BEHIND_NS
+from moon.monitor.turns import BEHIND_NS, MACHINES_NS
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.clock import Clock
 from moon.oracle.oracle import Oracle
@@ -111,16 +111,16 @@ class ModelMonitor:
         return verdicts if self.policy is None else verdicts + self.policy.advance(now_ns)
 
     @property
-    def next_ns(self) -> int:
-        """When time alone may change something next (0: at any time), on the clock of ``advance``.
+    def turn_ns(self) -> int:
+        """When a turn is wanted, on the clock of ``advance``; 0: at once.
 
-        What does of the policy is looked at :data:`BEHIND_NS` later.
+        So long after time alone may change something: :data:`MACHINES_NS` of machines, :data:`BEHIND_NS`
+        of the policy.
         """
-        wake = self._clock.wake
+        wake = _behind(self._clock.wake, MACHINES_NS)
         if self.policy is not None:
-            later = self.policy.wake
-            wake = min(wake, later + BEHIND_NS if later > 0 else later)
-        return wake + self.bounds.latency if 0 < wake < FOREVER else wake
+            wake = min(wake, _behind(self.policy.wake, BEHIND_NS))
+        return _behind(wake, self.bounds.latency)
 
     def node_found(self, node: str, stamp_ns: int) -> None:
         """``node`` was up already; from ``stamp_ns`` on, what it does is heard."""
@@ -138,3 +138,8 @@ class ModelMonitor:
 
 
 _KEPT_TARGETS = 65_536
+
+
+def _behind(wake_ns: int, by_ns: int) -> int:
+    """So long behind ``wake_ns``, unless that is at once (0) or never."""
+    return wake_ns + by_ns if 0 < wake_ns < FOREVER else wake_ns

@@ -209,7 +209,7 @@ class SystemWatch:
                 self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
         self._tell_changes(now_ns)
         is_behind = clock_ns < now_ns
-        self._turns.plan(0 if is_behind else min(self._models.next_ns, self._properties.turn_ns))
+        self._turns.plan(0 if is_behind else min(self._models.turn_ns, self._properties.turn_ns))
 
     def _look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is said."""
