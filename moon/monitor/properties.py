@@ -98,8 +98,6 @@ class PropertyWatch:
         self._ordered.foresee(-1)  # compiles now what would hold it up later
         self.channels = self._ordered.channels()
         self._numbers: dict[tuple[str, str, bool], tuple[int, int]] = {}
-        self._held: list[int] = []
-        """Stamps of what does not count yet."""
         self._losses: list[_Loss] = []
         self._reached_ns = -1
         self._quiet_until = 0
@@ -130,7 +128,6 @@ class PropertyWatch:
             self.late += 1
             self.lose(seen.channel, seen.stamp_ns, self._reached_ns)
         else:
-            self._held.append(seen.stamp_ns)
             soon_ns = seen.stamp_ns + LEAST_NS
             self._quiet_until = min(self._quiet_until, soon_ns)
             self._wanted_ns = min(self._wanted_ns, soon_ns)
@@ -199,8 +196,7 @@ class PropertyWatch:
         if self._losses:
             self._quiet_until = self._wanted_ns = 0
             return
-        for_good = [stamp + self._latency_ns for stamp in self._held]
-        for_good += [
+        for_good = [
             tally.foreseen_ns + self._latency_ns
             for tally in self._tallies.values()
             if tally.foreseen_ns is not None
@@ -208,7 +204,7 @@ class PropertyWatch:
         if (due_ns := self._ordered.next_deadline()) is not None:
             for_good.append(due_ns)
         next_ns = min(for_good, default=FOREVER)
-        self._quiet_until, self._wanted_ns = next_ns, next_ns + BEHIND_NS * bool(self._held)
+        self._quiet_until, self._wanted_ns = next_ns, next_ns + BEHIND_NS * bool(self._ordered.held)
         if self._foresaw:
             soon_ns = self._ordered.foreseen_next_ns + LEAST_NS
             self._quiet_until = min(self._quiet_until, soon_ns)
@@ -234,7 +230,7 @@ class PropertyWatch:
                 break
             found += self._pass_to(start - 1)
             # losing something brings the properties to the end of the loss: other channels first
-            between = sorted({stamp for stamp in self._held if start <= stamp < end})
+            between = sorted({stamp for stamp in self._ordered.held if start <= stamp < end})
             for stamp in (*between, end):
                 for channel in sorted({loss.channel for loss in group}):
                     found += self._changes(self._ordered.lose(channel, start, stamp))
@@ -296,10 +292,9 @@ class PropertyWatch:
             return []
         due = self._ordered.next_deadline()
         idle = self._reached_ns >= 0 and (due is None or due > instant + self._latency_ns)
-        if idle and not even_if_idle and not any(stamp <= instant for stamp in self._held):
+        if idle and not even_if_idle:
             return []
         self._reached_ns = instant
-        self._held = [stamp for stamp in self._held if stamp > instant]
         return self._changes(self._ordered.advance(instant + self._latency_ns))
 
     # --- what is said ------------------------------------------------------------------------------

@@ -7,9 +7,9 @@ When something does come late, or was lost, it goes back to where the first set 
 
 from __future__ import annotations
 
-from bisect import insort
 from collections.abc import Iterable, Sequence
 
+from moon.properties.held import Held
 from moon.properties.monitor import PropertySet
 from moon.properties.property import Property
 from moon.properties.rules import NEVER
@@ -26,7 +26,7 @@ class Foresight:
 
     def __init__(self, properties: Iterable[Property]) -> None:
         self._set = PropertySet(properties)
-        self._waiting: list[Observation] = []
+        self._waiting = Held()
         self._reached_ns = -1
         self._follows = False
         """Whether the monitors stand where the others will."""
@@ -38,7 +38,7 @@ class Foresight:
         if seen.stamp_ns <= self._reached_ns:
             self.stop()
         else:
-            insort(self._waiting, seen, key=_stamp)
+            self._waiting.add(seen)
 
     def stop(self) -> None:
         """What was heard is not all: look at the first set again before anything is said."""
@@ -57,7 +57,8 @@ class Foresight:
             return 0
         own = self._set.next_deadline()
         due_ns = NEVER if own is None else own
-        return min(due_ns, self._waiting[0].stamp_ns) if self._waiting else due_ns
+        stamps = self._waiting.stamps
+        return min(due_ns, stamps[0]) if stamps else due_ns
 
     def advance(
         self, until_ns: int, behind: PropertySet, held: Sequence[Observation]
@@ -75,19 +76,13 @@ class Foresight:
             self._set.restore(behind.snapshot())
             self._set.listen_as(behind)
             self._reached_ns = behind.sealed_ns
-            self._waiting = sorted(held, key=_stamp)
+            self._waiting = Held(held)
             self._follows = True
         if until_ns <= self._reached_ns:
             return []
         self._reached_ns = until_ns
-        count = sum(seen.stamp_ns <= until_ns for seen in self._waiting)
         changes: list[tuple[str, Verdict]] = []
-        for seen in self._waiting[:count]:
+        for seen in self._waiting.take(self._waiting.count(until_ns)):
             changes += self._set.observe(seen)
-        del self._waiting[:count]
         changes += self._set.advance(until_ns)
         return [change for change in changes if change[1].status is Status.FALSE]
-
-
-def _stamp(seen: Observation) -> int:
-    return seen.stamp_ns

@@ -15,6 +15,7 @@ from typing import Any
 
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.foresight import Foresight
+from moon.properties.held import Held
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.property import Property
 from moon.properties.rules import NEVER
@@ -50,7 +51,7 @@ class OrderedProperties:
         self._channels = self._set.channels()
         self._latency_ns = latency_ns
         self._uncertainty_ns = uncertainty_ns
-        self._held: list[Observation] = []
+        self._held = Held()
         self._states: list[State] | None = None
         """The states that are possible; None while there is one, the set's own."""
         self._gave_up = False
@@ -72,7 +73,7 @@ class OrderedProperties:
                 f"an observation of {stamp} ns is too late at {self._closed_ns} ns"
             )
         if observation.channel in self._channels or ANY_CHANNEL in self._channels:
-            self._held.append(observation)
+            self._held.add(observation)
             if self._foresight is not None:
                 self._foresight.observe(observation)
         return ()
@@ -82,8 +83,7 @@ class OrderedProperties:
         until = now_ns - self._latency_ns - self._uncertainty_ns
         if until <= self._closed_ns:
             return ()
-        self._held.sort(key=lambda observation: observation.stamp_ns)
-        ready, rest = self._split(until)
+        ready = self._held.take(self._count(until))
         found: list[Change] = []
         if not self._uncertainty_ns:  # there is one order, and one state
             for item in ready:
@@ -91,9 +91,9 @@ class OrderedProperties:
         else:
             for cluster in _clusters(ready, self._uncertainty_ns):
                 found += self._take(cluster)
-        self._held = rest
         # a cluster that has begun keeps time from passing over its first observation
-        limit = min([until, *(item.stamp_ns - self._uncertainty_ns - 1 for item in rest)])
+        rest = self._held.stamps
+        limit = min(until, rest[0] - self._uncertainty_ns - 1) if rest else until
         if limit > self._closed_ns:
             self._closed_ns = limit
             found += self._each(lambda: self._set.advance(max(limit, self._set.now_ns)))
@@ -109,7 +109,7 @@ class OrderedProperties:
             return ()
         if self._foresight is None:
             self._foresight = Foresight(self._properties)
-        return self._foresight.advance(until_ns, self._set, self._held)
+        return self._foresight.advance(until_ns, self._set, self._held.observations)
 
     @property
     def foreseen_next_ns(self) -> int:
@@ -133,10 +133,15 @@ class OrderedProperties:
     def next_deadline(self) -> int | None:
         """When to call :meth:`advance` next at the latest (ns); None: with the next observation."""
         wait = self._latency_ns + self._uncertainty_ns
-        instants = [observation.stamp_ns for observation in self._held[:1]]
+        instants = self._held.stamps[:1]
         if (own := self._set.next_deadline()) is not None:
             instants.append(own)
         return min(instants) + wait if instants else None
+
+    @property
+    def held(self) -> Sequence[int]:
+        """The stamps of what does not count yet (ns), ascending."""
+        return self._held.stamps
 
     def verdicts(self) -> dict[str, Verdict]:
         """The verdict of every property."""
@@ -146,15 +151,13 @@ class OrderedProperties:
         """The channels that matter; ``*`` if any may."""
         return self._channels
 
-    def _split(self, until: int) -> tuple[list[Observation], list[Observation]]:
-        """Those that count now, and those that may still share a cluster with what is to come."""
-        count = sum(observation.stamp_ns <= until for observation in self._held)
-        while (
-            0 < count < len(self._held)
-            and self._held[count].stamp_ns - self._held[count - 1].stamp_ns <= self._uncertainty_ns
-        ):
+    def _count(self, until: int) -> int:
+        """How many count now: no others may share a cluster with what is to come."""
+        stamps = self._held.stamps
+        count = self._held.count(until)
+        while 0 < count < len(stamps) and stamps[count] - stamps[count - 1] <= self._uncertainty_ns:
             count -= 1
-        return self._held[:count], self._held[count:]
+        return count
 
     def _each(self, *acts: Callable[[], Sequence[Change]]) -> list[Change]:
         """Each of ``acts`` in every possible state; the verdicts that changed by that."""
