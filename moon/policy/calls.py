@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, insort
 from collections.abc import Mapping
 
 from m2c.policy.ticking import STATUS_CODES
@@ -10,6 +11,58 @@ from transports.interface import Observation
 
 Call = tuple[str, str, int]
 """Service, who calls, number."""
+
+
+class HeardElsewhere:
+    """Calls of which only the server's end was heard so far, and when.
+
+    What is too old is found without looking at the others: at saturation there are hundreds, of which each
+    call that is judged asks.
+
+    Args:
+        most: so many are kept, the last that were noted.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._stamps: dict[Call, int] = {}
+        self._by_age: list[tuple[int, Call]] = []
+
+    def note(self, call: Call, stamp_ns: int) -> None:
+        """The server heard of ``call`` at ``stamp_ns``, or before if it was noted of before."""
+        known_ns = self._stamps.get(call)
+        if known_ns is not None:
+            if known_ns <= stamp_ns:
+                return
+            self._forget_age(call, known_ns)
+        self._stamps[call] = stamp_ns
+        insort(self._by_age, (stamp_ns, call))
+        if len(self._stamps) > self._most:
+            self.forget(next(iter(self._stamps)))
+
+    def forget(self, call: Call) -> None:
+        """The policy's end of ``call`` was heard as well."""
+        stamp_ns = self._stamps.pop(call, None)
+        if stamp_ns is not None:
+            self._forget_age(call, stamp_ns)
+
+    def forget_until(self, until_ns: int) -> int:
+        """Forget those that servers heard up to ``until_ns``; how many there were."""
+        by_age, count = self._by_age, 0
+        while count < len(by_age) and by_age[count][0] <= until_ns:
+            del self._stamps[by_age[count][1]]
+            count += 1
+        if count:
+            del by_age[:count]
+        return count
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._stamps.clear()
+        self._by_age.clear()
+
+    def _forget_age(self, call: Call, stamp_ns: int) -> None:
+        del self._by_age[bisect_left(self._by_age, (stamp_ns, call))]
 
 
 def call_of(observation: Observation) -> Call:

@@ -23,7 +23,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.policy.calls import Call, call_of, doing_of, status_of
+from moon.policy.calls import Call, HeardElsewhere, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.run import Ask, Life
 from moon.policy.shape import shape_of
@@ -113,8 +113,8 @@ class PolicyOracle:
         self._last_ns = 0
         self._owed = False
         """Whether the next call has to come within the deadline."""
-        self._elsewhere: dict[Call, int] = {}
-        """Calls of the policy that their server heard, and when."""
+        self._elsewhere = HeardElsewhere(KEPT_CALLS)
+        """Calls of the policy that their server heard, and the policy's end was not."""
         self._own: dict[Call, None] = {}
         """The last calls of the policy that were judged."""
         self._unclear_until = 0
@@ -275,14 +275,12 @@ class PolicyOracle:
 
     def _heard_elsewhere(self, observation: Observation) -> None:
         """The other end of a call of the policy was heard: the policy's own end must be, too."""
-        kept, call = self._elsewhere, call_of(observation)
+        call = call_of(observation)
         if observation.client != self.node or call in self._own:
             return
         if observation.channel in self._shape.hidden:
             return
-        kept[call] = min(observation.stamp_ns, kept.get(call, observation.stamp_ns))
-        if len(kept) > KEPT_CALLS:
-            del kept[next(iter(kept))]
+        self._elsewhere.note(call, observation.stamp_ns)
 
     # --- judging -----------------------------------------------------------------------------------
 
@@ -361,18 +359,14 @@ class PolicyOracle:
             del kept[next(iter(kept))]
 
     def _keep_own(self, call: Call) -> None:
-        self._elsewhere.pop(call, None)
+        self._elsewhere.forget(call)
         self._own[call] = None
         if len(self._own) > KEPT_CALLS:
             del self._own[next(iter(self._own))]
 
     def _missed_before(self, stamp_ns: int) -> bool:
         """Whether a server heard a call of the policy by then that was not heard from the policy."""
-        kept = self._elsewhere
-        missed = [call for call, at in kept.items() if at <= stamp_ns - self.bounds.skew]
-        for call in missed:
-            del kept[call]
-        return bool(missed)
+        return self._elsewhere.forget_until(stamp_ns - self.bounds.skew) > 0
 
     def _told(self, observation: Observation) -> str:
         """What a call does, in words."""
