@@ -53,6 +53,29 @@ def test_the_interval_has_the_true_median_in_nine_of_ten_cases() -> None:
     assert hits >= 36
 
 
+def test_the_interval_of_few_rounds_has_the_true_median_as_often() -> None:
+    hits = 0
+    for _ in range(60):
+        found = sample.distribution(normal_blocks(6, 20, between=5.0)).p50
+        hits += found.low <= 100.0 <= found.high
+    assert hits >= 54
+
+
+@pytest.mark.parametrize(
+    ("rounds", "left_out"),
+    # Student's t of 0.975 from a table (5, 7, 29 degrees of freedom), times the root of n / (n - 1)
+    [(6, 2.571 * 1.0954), (8, 2.365 * 1.0690), (30, 2.045 * 1.0171)],
+)
+def test_the_fewer_rounds_the_further_out_an_interval_ends(rounds: int, left_out: float) -> None:
+    assert sample.tail(rounds) == pytest.approx(statistics.NormalDist().cdf(-left_out), rel=0.03)
+
+
+def test_an_interval_of_two_rounds_is_all_that_was_drawn() -> None:
+    found = sample.distribution([[100.0] * 5, [110.0] * 5]).p50
+    assert (found.low, found.high) == (100.0, 110.0)
+    assert sample.tail(1) == pytest.approx(0.025)
+
+
 def test_blocks_that_differ_make_the_interval_wider() -> None:
     alike = sample.distribution(normal_blocks(8, 40)).p50
     apart = sample.distribution(normal_blocks(8, 40, between=20.0)).p50
