@@ -128,7 +128,7 @@ def linked(monitor: Process, robot: Robot) -> None:
 def test_without_models_silence_is_told_everywhere_and_ends_it_with_1(
     start, robot, properties, tmp_path
 ) -> None:
-    node, endpoint = robot
+    node, endpoint = robot  # before the monitor: what it says is in doubt until it was found
     log = tmp_path / "verdicts.jsonl"
     monitor = start(
         Monitor,
@@ -136,6 +136,7 @@ def test_without_models_silence_is_told_everywhere_and_ends_it_with_1(
         *("--log", log, "--exit-on-violation"),
     )
     linked(monitor, node)
+    monitor.until(lambda: monitor.of("answers") == ["conforming", "inconclusive"])  # it was found
     node.say("asked")
     assert monitor.end() == 1, monitor.said
     (verdict,) = [item for item in monitor.verdicts if item["outcome"] == "violated"]
