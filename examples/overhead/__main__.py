@@ -25,7 +25,7 @@ PAGE = ROOT / "docs/overhead.md"
 IMAGES = ROOT / "docs/images"
 TRANSPORTS = ("zenoh", "ros2")
 
-FULL = table3.Plan(rounds=8, ticks={1.0: 8, 10.0: 30, 0.0: 150}, few=2)
+FULL = table3.Plan(rounds=8, ticks={1.0: 8, 10.0: 30, 0.0: 150}, few=3)
 SLOW_ROUNDS = 6
 QUICK = table3.Plan(rounds=2, ticks={10.0: 15, 0.0: 60}, settle=20, warm_up=5)
 QUICK_CONFIGURATIONS = ("none", "control", "models", "both", "both-websocket", "both-in-process")
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="under two minutes (the default)")
-    size.add_argument("--full", action="store_true", help="35 minutes")
+    size.add_argument("--full", action="store_true", help="50 minutes")
     size.add_argument("--summary", action="store_true", help="three lines, in 15 s, on Zenoh")
     size.add_argument("--from", dest="source", type=Path, help="show a results.json again")
     parser.add_argument(

@@ -39,7 +39,7 @@ class GrowthPlan(msgspec.Struct, frozen=True):
         seconds: a block at a slow rate is over after so long.
     """
 
-    rounds: int = 2
+    rounds: int = 4
     taps: tuple[int, ...] = (0, 1, 2, 4, 8)
     skills: tuple[int, ...] = (1, 10, 50, 100, 200)
     rates: tuple[float, ...] = (3, 10, 30, 100, 0)
