@@ -151,7 +151,9 @@ def build_interfaces(directories: Sequence[Path], output: Path) -> InterfaceInst
 
 
 def _with_setup(install: InterfaceInstall, output: Path) -> InterfaceInstall:
-    (output / SETUP_SCRIPT).write_text(install.setup_script())
+    file, script = output / SETUP_SCRIPT, install.setup_script()
+    if not file.is_file() or file.read_text() != script:  # a shell may be reading it
+        file.write_text(script)
     return install
 
 

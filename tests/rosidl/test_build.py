@@ -1,6 +1,5 @@
 """Building interface packages with the ROS 2 wheels."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from m2c.rosidl.build import InterfaceBuildError, build_interfaces, find_packages
+from tests.transports.ros2_network import own_domain
 
 PACKAGE_XML = """<?xml version="1.0"?>
 <package format="3">
@@ -73,16 +73,15 @@ def test_a_built_package_serves_a_real_ros_2_call_and_is_then_cached(
     built = build_interfaces([packages], tmp_path / "out")
     assert built.packages == ("door_interfaces",)
     assert not built.cached
-    environment = built.environment()
-    environment |= {"ROS_DOMAIN_ID": str(20 + os.getpid() % 80), "ROS_LOCALHOST_ONLY": "1"}
-    called = subprocess.run(
-        [sys.executable, "-c", SERVE_AND_CALL],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
+    with own_domain():
+        called = subprocess.run(
+            [sys.executable, "-c", SERVE_AND_CALL],
+            env=built.environment(),
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+        )
     assert called.stdout.split() == ["42"], called.stderr
     assert build_interfaces([packages], tmp_path / "out").cached
 

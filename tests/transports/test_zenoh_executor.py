@@ -13,13 +13,13 @@ class HeldUp:
 
     def __init__(self, executor: Executor, work: Any) -> None:
         self._work = [work]
-        self._get = executor._queue.get
+        self._queue = executor._queue
         executor._queue = self  # type: ignore[assignment]  # a thread cannot be held up at will
 
     def get(self, timeout: float | None = None) -> Any:
-        if timeout is None or not self._work:
-            return self._get(timeout=timeout)
-        late = time.monotonic() + timeout + 0.01
+        if not self._work or not self._queue.empty():
+            return self._queue.get(timeout=timeout)
+        late = time.monotonic() + (timeout or 0.0) + 0.01
         while time.monotonic() < late:
             pass
         return self._work.pop()

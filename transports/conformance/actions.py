@@ -42,6 +42,8 @@ def a_goal_runs_from_acceptance_by_feedback_to_its_result(network: Network) -> N
         server.after(0.1, lambda: handle.succeed(Text("done")))
 
     on(network, server, lambda: server.serve_action(COUNTING, serve, lambda handle: None))
+    # before it announces itself: the server is not ready for it then before it knows who gets feedback
+    on(network, client, lambda: client.action_client(COUNTING))
     ready(network, server, client)
     goal, _ = _send_goal(network, client, 3)
     assert network.until(lambda: bool(goal.heard) and goal.heard[-1][0] is GoalStatus.SUCCEEDED), (

@@ -23,6 +23,8 @@ from transports.networks import PATIENCE_S, ThreadedNetwork
 
 pytestmark = pytest.mark.ros2
 
+FEEDBACK = COUNTING.name + "/_action/feedback"
+
 
 def test_an_ordinary_action_client_gets_feedback_and_results_and_can_cancel(
     network: ThreadedNetwork, bare: Bare
@@ -48,6 +50,8 @@ def test_an_ordinary_action_client_gets_feedback_and_results_and_can_cancel(
     )
     client = ActionClient(bare.node, Count, COUNTING.name)
     assert client.wait_for_server(PATIENCE_S)
+    # which says nothing of whether the server knows who gets feedback
+    assert network.until(lambda: server.ros_node.count_subscribers(FEEDBACK) == 1)
     heard: list[int] = []
 
     def send(goal: Any) -> Any:
@@ -104,6 +108,9 @@ def test_an_ordinary_action_server_serves_goals_and_cancels(
     )
     node = network.node("client")
     client = on(network, node, lambda: node.action_client(COUNTING))
+    assert network.until(lambda: bare.node.count_subscribers(FEEDBACK) == 1)
+    for part in (client._send_goal, client._get_result, client._cancel_goal):
+        assert network.until(part.declared.service_is_ready)
 
     def send(goal: Number) -> Goal:
         sent = Goal()

@@ -170,6 +170,7 @@ def test_a_closed_node_says_so(network: ThreadedNetwork) -> None:
     on(network, server, lambda: server.serve(DOUBLE, kept.append))
     client = on(network, node, lambda: node.client(DOUBLE))
     publisher = on(network, node, lambda: node.publisher(NUMBERS))
+    assert network.until(client.declared.service_is_ready)
     results: list[CallResult] = []
     on(network, node, lambda: [client.call(Ask(n), results.append) for n in range(2)])
     assert network.until(lambda: len(kept) == 2)

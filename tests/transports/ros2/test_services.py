@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pytest
@@ -38,6 +39,10 @@ def test_an_ordinary_client_gets_a_deferred_answer(network: ThreadedNetwork, bar
     on(network, server, lambda: server.serve(DOUBLE, answer_later))
     client = bare.node.create_client(Double, DOUBLE.name)
     assert client.wait_for_service(PATIENCE_S)
+    asks = partial(
+        server.ros_node.get_publishers_info_by_topic, f"rq{DOUBLE.name}Request", no_mangle=True
+    )
+    assert network.until(lambda: [info.node_name for info in asks()] == ["bare"])
     futures = [client.call_async(Double.Request(value=value)) for value in range(5)]
     assert network.until(lambda: all(future.done() for future in futures))
     assert [future.result().value for future in futures] == [0, 2, 4, 6, 8]
@@ -54,6 +59,7 @@ def test_an_ordinary_server_answers(network: ThreadedNetwork, bare: Bare) -> Non
     bare.node.create_service(Double, DOUBLE.name, double)
     node = network.node("client")
     client = on(network, node, lambda: node.client(DOUBLE))
+    assert network.until(client.declared.service_is_ready)
     result = network.caller(lambda: client.call_and_wait(Ask(21), PATIENCE_S))()
     assert result == CallResult(CallOutcome.RESPONSE, Answer(42))
 
@@ -63,6 +69,7 @@ def test_a_call_whose_server_goes_away_ends_as_unavailable(network: ThreadedNetw
     kept: list[Any] = []
     on(network, server, lambda: server.serve(DOUBLE, kept.append))
     client = on(network, node, lambda: node.client(DOUBLE))
+    assert network.until(client.declared.service_is_ready)
     waiting = network.caller(lambda: client.call_and_wait(Ask(1), 10 * PATIENCE_S))
     assert network.until(lambda: bool(kept))
     server.close()

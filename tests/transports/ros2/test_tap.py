@@ -27,9 +27,14 @@ pytestmark = pytest.mark.ros2
 
 
 def tapped(
-    network: ThreadedNetwork, globs: list[str] | None = None
+    network: ThreadedNetwork, globs: list[str] | None = None, known: str = ""
 ) -> tuple[Transport, Any, list[Observation]]:
+    """A tap, begun when the graph tells that the node "bare" publishes the topic ``known``."""
     listener = network.node("listener")
+    publishing = listener.ros_node.get_publishers_info_by_topic
+    assert network.until(
+        lambda: not known or [info.node_name for info in publishing(known)] == ["bare"]
+    )
     heard: list[Observation] = []
     tap = on(network, listener, lambda: listener.tap(globs or [], heard.append))
     return listener, tap, heard
@@ -52,7 +57,7 @@ def test_a_tap_hears_an_ordinary_publisher_in_whatever_qos_it_has(
     publisher = bare.node.create_publisher(Int32, name, profile)
     if durable:
         publisher.publish(Int32(data=1))
-    _, _, heard = tapped(network)
+    _, _, heard = tapped(network, known=name)
 
     def reached() -> bool:
         if not (durable and reliable):  # only these are kept for who comes late
@@ -235,14 +240,18 @@ def test_what_the_tools_tell_each_other_travels_without_a_ros_type(
 
 
 def test_a_tap_is_complete_when_it_hears_those_who_were_there(
-    network: ThreadedNetwork, bare: Bare
+    network: ThreadedNetwork, bare: Bare, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from std_msgs.msg import Int32
 
+    from transports.ros2 import tap as taps
+
+    monkeypatch.setattr(taps, "_ALONE_S", 5.0)  # also where this process is held up
     publisher = bare.node.create_publisher(Int32, "/there", 10)
     _, tap, heard = tapped(network)
     assert not tap.is_complete
     assert network.until(lambda: tap.is_complete)
+    assert publisher.get_subscription_count() == 1
     publisher.publish(Int32(data=3))
     assert network.until(lambda: [seen.data for seen in heard] == [{"data": 3}])
 
@@ -267,7 +276,7 @@ def test_who_has_no_name_yet_holds_up_the_others_for_a_moment_only(
     monkeypatch.setattr(tap, "_DISCOVERY_S", 0.0)
     nameless = bare.node.create_publisher(Int32, "/nameless", 10)
     named = bare.node.create_publisher(Int32, "/named", 10)
-    _, _, heard = tapped(network)
+    _, _, heard = tapped(network, known="/nameless")
 
     def both_are_heard() -> bool:
         nameless.publish(Int32(data=1))
