@@ -6,7 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from m2c.rosidl.build import InterfaceBuildError, build_interfaces, find_packages
+from m2c.rosidl.build import (
+    SETUP_SCRIPT,
+    InterfaceBuildError,
+    build_interfaces,
+    find_packages,
+)
 from tests.transports.ros2_network import own_domain
 
 PACKAGE_XML = """<?xml version="1.0"?>
@@ -83,7 +88,13 @@ def test_a_built_package_serves_a_real_ros_2_call_and_is_then_cached(
             check=False,
         )
     assert called.stdout.split() == ["42"], called.stderr
+    script = tmp_path / "out" / SETUP_SCRIPT
+    written = script.stat().st_mtime_ns
     assert build_interfaces([packages], tmp_path / "out").cached
+    assert script.stat().st_mtime_ns == written  # a shell may be reading it
+    script.write_text("of another version")
+    assert build_interfaces([packages], tmp_path / "out").cached
+    assert script.read_text() == built.setup_script()
 
 
 @pytest.mark.slow
