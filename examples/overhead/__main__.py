@@ -16,6 +16,7 @@ import msgspec
 
 from examples.overhead import growth, growth_points, node_cost, results, table3, tables
 from examples.overhead.agreement import agreement
+from examples.overhead.awake import held_awake
 from examples.overhead.children import ROOT, ChildError
 from examples.overhead.machine import described, this_machine
 from examples.overhead.observers import CONFIGURATIONS
@@ -57,6 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--json", action="store_true", help="every figure as one JSON object")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="CSV, Markdown, figures")
+    parser.add_argument(
+        "--asleep",
+        action="store_true",
+        help="processors may sleep when idle [default: held awake, where root permits]",
+    )
     parser.add_argument("--update-docs", action="store_true", help=f"rewrite {PAGE.name}'s tables")
     parser.add_argument(
         "--only",
@@ -80,7 +86,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("\n".join(three_lines()))
             return 0
         other = results.read(chosen.against) if chosen.against is not None else None
-        found = results.read(chosen.source) if chosen.source is not None else measure(chosen)
+        if chosen.source is not None:
+            found = results.read(chosen.source)
+        else:
+            with held_awake(wanted=not chosen.asleep) as is_awake:
+                found = measure(chosen, is_awake)
     except (MiddlewareMissingError, ChildError, OSError, msgspec.MsgspecError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -117,12 +127,12 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def measure(chosen: argparse.Namespace) -> results.Results:
-    """Everything that was asked for."""
+def measure(chosen: argparse.Namespace, is_awake: bool) -> results.Results:
+    """Everything that was asked for, on processors that are held awake or not."""
     wanted = chosen.transport or ("both" if chosen.full else "zenoh")
     transports = TRANSPORTS if wanted == "both" else (wanted,)
     parts = chosen.only or ["table3", "growth", "cost"]
-    machine, began = this_machine(), datetime.datetime.now(datetime.UTC)
+    machine, began = this_machine(is_awake), datetime.datetime.now(datetime.UTC)
     started = time.monotonic()
     say(described(machine))
     blocks: list[table3.Block] = []
@@ -204,6 +214,7 @@ def command_of(chosen: argparse.Namespace) -> str:
     words += [f"--transport {chosen.transport}"] if chosen.transport else []
     words += [f"--only {part}" for part in chosen.only or ()]
     words += [f"--rounds {chosen.rounds}"] if chosen.rounds else []
+    words += ["--asleep"] if chosen.asleep else []
     words += [f"--seed {chosen.seed}"]
     return " ".join(words)
 

@@ -16,6 +16,7 @@ class Machine(msgspec.Struct, frozen=True):
     Attributes:
         load: the average number of processes that wanted to run, of the minute before it began: more
             than a few tenths means that others were at work.
+        is_awake: whether its processors were held awake; see ``examples.overhead.awake``.
     """
 
     processor: str
@@ -26,10 +27,11 @@ class Machine(msgspec.Struct, frozen=True):
     zenoh: str
     ros2: str
     load: float
+    is_awake: bool = False
 
 
-def this_machine() -> Machine:
-    """The machine that this runs on."""
+def this_machine(is_awake: bool) -> Machine:
+    """The machine that this runs on; whether its processors are held awake."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return Machine(
         _processor(),
@@ -40,6 +42,7 @@ def this_machine() -> Machine:
         _version("eclipse-zenoh"),
         _version("ros-jazzy-rclpy"),
         os.getloadavg()[0],
+        is_awake,
     )
 
 
@@ -60,8 +63,9 @@ def _version(name: str) -> str:
 def described(machine: Machine) -> str:
     """In a sentence."""
     ros = f", rclpy {machine.ros2} with Fast DDS" if machine.ros2 else ""
+    idle = "held awake" if machine.is_awake else "that sleep when idle"
     return (
-        f"{machine.processor}, {machine.cores} cores, {machine.memory_gb:.0f} GB, {machine.kernel}, "
+        f"{machine.processor}, {machine.cores} cores {idle}, {machine.memory_gb:.0f} GB, {machine.kernel}, "
         f"Python {machine.python}, Zenoh {machine.zenoh}{ros}; load average before it began "
         f"{machine.load:.2f}"
     )

@@ -295,7 +295,7 @@ def made_up() -> results.Results:
         for number in range(2)
     )
     return results.Results(
-        this_machine(),
+        this_machine(is_awake=True),
         "python -m examples.overhead --quick",
         "2026-01-01 12:00",
         1.0,
