@@ -77,7 +77,7 @@ unit-interpreted: $(VENV)/.installed compiled
 benchmarks: $(VENV)/.installed compiled
 	$(BIN)/python -m benchmarks
 
-# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (50 minutes).
+# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (55 minutes).
 overhead: $(VENV)/.installed compiled
 	$(BIN)/python -m examples.overhead --full --update-docs -o build/overhead
 

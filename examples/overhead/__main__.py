@@ -26,8 +26,8 @@ PAGE = ROOT / "docs/overhead.md"
 IMAGES = ROOT / "docs/images"
 TRANSPORTS = ("zenoh", "ros2")
 
-FULL = table3.Plan(rounds=8, ticks={1.0: 8, 10.0: 30, 0.0: 150}, few=3)
-SLOW_ROUNDS = 6
+FULL = table3.Plan(rounds=12, ticks={1.0: 8, 10.0: 30, 0.0: 150}, few=3)
+SLOW_ROUNDS = 8
 QUICK = table3.Plan(rounds=2, ticks={10.0: 15, 0.0: 60}, settle=20, warm_up=5)
 QUICK_CONFIGURATIONS = ("none", "control", "models", "both", "both-websocket", "both-in-process")
 EXPERIMENTS = {"zenoh": growth_points.EXPERIMENTS, "ros2": ("taps", "rate")}
@@ -47,9 +47,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="under two minutes (the default)")
-    size.add_argument("--full", action="store_true", help="50 minutes")
+    size.add_argument("--full", action="store_true", help="55 minutes")
     size.add_argument("--summary", action="store_true", help="three lines, in 15 s, on Zenoh")
-    size.add_argument("--from", dest="source", type=Path, help="show a results.json again")
+    size.add_argument(
+        "--from",
+        dest="sources",
+        type=Path,
+        action="append",
+        metavar="FILE",
+        help="show a results.json again; several: the rounds of all of them together",
+    )
     parser.add_argument(
         "--transport", choices=(*TRANSPORTS, "both"), help="[quick: zenoh; full: both]"
     )
@@ -68,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--only",
         choices=("targets", "table3", "growth", "cost"),
         action="append",
-        help="targets: of table III what there are targets for (with --full: 17 minutes)",
+        help="targets: of table III what there are targets for (with --full: 25 minutes)",
     )
     parser.add_argument("--rounds", type=int, help="of table III and growth")
     parser.add_argument("--seed", type=int, help="of the order; another one each time by default")
@@ -86,12 +93,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("\n".join(three_lines()))
             return 0
         other = results.read(chosen.against) if chosen.against is not None else None
-        if chosen.source is not None:
-            found = results.read(chosen.source)
+        if chosen.sources:
+            found = results.joined([results.read(source) for source in chosen.sources])
         else:
             with held_awake(wanted=not chosen.asleep) as is_awake:
                 found = measure(chosen, is_awake)
-    except (MiddlewareMissingError, ChildError, OSError, msgspec.MsgspecError) as error:
+    except (
+        MiddlewareMissingError,
+        ChildError,
+        results.NotTogetherError,
+        OSError,
+        msgspec.MsgspecError,
+    ) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     if found.problems and not (found.cells or found.growth or found.windows):

@@ -80,6 +80,7 @@ class Heard(msgspec.Struct, frozen=True):
         conforming: how many machines and properties were found to be as they should.
         lag_ms: from an event to the monitor: the median of the machines' medians; None if unknown.
         problems: what the monitor could not hear.
+        doubts: what it could not judge and why, the first few.
     """
 
     observations: int = 0
@@ -87,6 +88,7 @@ class Heard(msgspec.Struct, frozen=True):
     conforming: int = 0
     lag_ms: float | None = None
     problems: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 class Observers:
@@ -202,6 +204,11 @@ def told(lines: list[dict[str, Any]]) -> Heard:
     if found is None:
         return Heard(problems=("the monitor ended without a summary",))
     machines = found["machines"]
+    doubts = [
+        f"{item['machine']}: {item['last']}"
+        for item in machines
+        if item["verdict"] == "inconclusive"
+    ]
     lags = sorted(item["lag_ms"] for item in machines if item["lag_ms"] is not None)
     return Heard(
         found["counts"]["heard"],
@@ -209,6 +216,7 @@ def told(lines: list[dict[str, Any]]) -> Heard:
         sum(item["verdict"] == "conforming" for item in machines),
         lags[len(lags) // 2] if lags else None,
         (*found["problems"], *reasons[:3]),
+        tuple(doubts[:6]),
     )
 
 
@@ -228,5 +236,5 @@ def deaf(configuration: Configuration, heard: Heard, ticks: int) -> str:
     if heard.violations:
         return f"{heard.violations} violations in a system without a fault: {heard.problems}"
     if heard.conforming == 0 and (configuration.models or configuration.properties):
-        return "found nothing to be as it should"
+        return f"found nothing to be as it should: {'; '.join(heard.doubts)}"
     return ""

@@ -6,7 +6,7 @@ import csv
 import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -123,6 +123,68 @@ def save(results: Results, folder: Path) -> None:
 def read(path: Path) -> Results:
     """What :func:`save` wrote."""
     return msgspec.json.decode(path.read_bytes(), type=Results)
+
+
+class NotTogetherError(ValueError):
+    """Runs whose rounds are not those of one: of different machines or software, or the same one twice."""
+
+
+def joined(runs: Sequence[Results]) -> Results:
+    """The rounds of several runs, as if one run had made all of them.
+
+    A ratio is of the same round in it, too, so that what differs between runs is no more than what
+    differs between rounds.
+
+    Args:
+        runs: one or more.
+
+    Raises:
+        NotTogetherError: their machines differ in more than their load, or one run is there twice.
+    """
+    first = runs[0]
+    seen: set[tuple[str, str]] = set()
+    blocks: list[table3.Block] = []
+    attachments: list[table3.Attachment] = []
+    growth: list[growth_points.Run] = []
+    windows: list[node_cost.Window] = []
+    for run in runs:
+        here = msgspec.structs.replace(run.machine, load=first.machine.load)
+        if here != first.machine:
+            raise NotTogetherError(
+                f"the run of {run.began} UTC is of another machine: {described(run.machine)}; "
+                f"that of {first.began}: {described(first.machine)}"
+            )
+        if (run.began, run.command) in seen:
+            raise NotTogetherError(f"the run of {run.began} UTC is there twice")
+        seen.add((run.began, run.command))
+        before = _rounds(attachments)
+        attachments += _later(run.table3.attachments, before)
+        blocks += _later(run.table3.blocks, before)
+        growth += _later(run.growth, _rounds(growth))
+        windows += _later(run.windows, _rounds(windows))
+    return Results(
+        msgspec.structs.replace(first.machine, load=max(run.machine.load for run in runs)),
+        "; ".join(run.command for run in runs),
+        ", ".join(run.began for run in runs),
+        sum(run.minutes for run in runs),
+        table3.Measured(tuple(blocks), tuple(attachments)),
+        tuple(growth),
+        tuple(windows),
+        tuple(problem for run in runs for problem in run.problems),
+    )
+
+
+Numbered = TypeVar("Numbered", table3.Block, table3.Attachment, growth_points.Run, node_cost.Window)
+
+
+def _rounds(found: Sequence[Numbered]) -> int:
+    """How many rounds ``found`` is of."""
+    return max((item.round for item in found), default=-1) + 1
+
+
+def _later(found: Sequence[Numbered], before: int) -> list[Numbered]:
+    """``found``, with its rounds behind ``before`` others."""
+    return [msgspec.structs.replace(item, round=item.round + before) for item in found]
 
 
 def _flat(item: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -14,10 +14,11 @@ import msgspec
 import pytest
 
 from examples.overhead import accounts, growth_points, node_cost, results, sample, schedule, table3
+from examples.overhead.__main__ import main
 from examples.overhead.agreement import agreement, figures
 from examples.overhead.load import LEVEL_S, phases
 from examples.overhead.machine import this_machine
-from examples.overhead.observers import CONFIGURATIONS, Heard, deaf
+from examples.overhead.observers import CONFIGURATIONS, Heard, deaf, told
 from examples.overhead.plant import read_system
 from examples.overhead.tables import as_markdown, beside_the_paper, growth_tables, targets
 from m2c.model.machine import InterfaceKind
@@ -147,7 +148,25 @@ def test_a_monitor_that_found_a_fault_where_there_is_none_does_not_count() -> No
 
 
 def test_a_monitor_that_found_nothing_to_conform_does_not_count() -> None:
-    assert "nothing" in deaf(BY_NAME["models-in-process"], Heard(1000, 0, 0), ticks=10)
+    doubts = ("P1: messages on /level were missed",)
+    heard = Heard(1000, 0, 0, doubts=doubts)
+    assert deaf(BY_NAME["models-in-process"], heard, ticks=10).endswith(f"should: {doubts[0]}")
+
+
+def test_what_a_monitor_could_not_judge_is_kept_with_its_reason() -> None:
+    machine = {"violations": 0, "lag_ms": None}
+    said = [
+        {
+            "event": "summary",
+            "machines": [
+                {"machine": "P1", "verdict": "inconclusive", "last": "a loss", **machine},
+                {"machine": "P2", "verdict": "conforming", "last": "", **machine},
+            ],
+            "counts": {"heard": 7},
+            "problems": [],
+        }
+    ]
+    assert told(said) == Heard(7, 0, 1, None, doubts=("P1: a loss",))
 
 
 # -- growth -----------------------------------------------------------------------------------------
@@ -364,6 +383,58 @@ def test_results_are_the_same_after_they_were_saved(tmp_path: Path) -> None:
     assert len(lines) == 1 + 2 * 4 * len(table3.SERIES)
     assert len((tmp_path / "growth.csv").read_text(encoding="utf-8").splitlines()) == 3
     assert len((tmp_path / "cost.csv").read_text(encoding="utf-8").splitlines()) == 3
+
+
+def test_runs_together_are_one_of_all_their_rounds() -> None:
+    made = made_up()
+    faster = [
+        msgspec.structs.replace(b, micros={s: [m / 2 for m in v] for s, v in b.micros.items()})
+        for b in made.table3.blocks
+    ]
+    other = msgspec.structs.replace(
+        made,
+        began="2026-01-02 12:00",
+        table3=table3.Measured(tuple(faster), made.table3.attachments),
+        problems=("the bus was late",),
+    )
+    both = results.joined([made, other])
+    assert {block.round for block in both.table3.blocks} == {0, 1, 2, 3}
+    assert {item.round for item in both.table3.attachments} == {0, 1, 2, 3}
+    assert {window.round for window in both.windows} == {0, 1, 2, 3}
+    assert [item.round for item in both.growth] == [0, 0, 1, 1]
+    cell = next(c for c in both.cells if (c.configuration, c.series) == ("both", "ROOT"))
+    assert cell.micros.count == 12
+    assert cell.ratio.value == pytest.approx(1.04)  # each round beside its own, however fast it was
+    assert (both.began, both.problems) == ("2026-01-01 12:00, 2026-01-02 12:00", other.problems)
+    assert (both.minutes, both.command.count("--quick")) == (2.0, 2)
+
+
+def test_one_run_together_is_itself() -> None:
+    assert results.joined([made_up()]) == made_up()
+
+
+def test_runs_that_are_not_rounds_of_one_are_not_put_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = made_up()
+    changes = {
+        "asleep": {"machine": this_machine(is_awake=False)},
+        "later": {"began": "2026-01-02 12:00"},
+    }
+    results.save(made, tmp_path / "first")
+    for name, change in changes.items():
+        results.save(msgspec.structs.replace(made, **change), tmp_path / name)
+
+    def together(*names: str) -> int:
+        files = [str(tmp_path / name / results.FILE) for name in names]
+        return main([word for file in files for word in ("--from", file)])
+
+    assert together("first", "asleep") == 2
+    assert "is of another machine" in capsys.readouterr().err
+    assert together("first", "later", "first") == 2
+    assert "the run of 2026-01-01 12:00 UTC is there twice" in capsys.readouterr().err
+    assert together("first", "later") == 0
+    assert "ROOT" in capsys.readouterr().out
 
 
 def test_a_page_keeps_what_is_not_between_its_markers(tmp_path: Path) -> None:
