@@ -127,6 +127,28 @@ def costs(windows: Sequence[Window]) -> list[Cost]:
     return found
 
 
+def dearer(windows: Sequence[Window]) -> dict[tuple[str, float], sample.Estimate]:
+    """How many times the processor time of the untapped node a tapped one takes, in the same rounds.
+
+    Returns:
+        By transport and rate, where both were measured.
+    """
+    by_round = {(w.transport, w.rate_hz, w.round, w.tapped): w.processor_us for w in windows}
+    found = {}
+    for transport, rate_hz in dict.fromkeys((w.transport, w.rate_hz) for w in windows):
+        numbers = sorted({key[2] for key in by_round if key[:2] == (transport, rate_hz)})
+        pairs = [
+            (by_round[*place, True], by_round[*place, False])
+            for place in ((transport, rate_hz, number) for number in numbers)
+            if (*place, True) in by_round and (*place, False) in by_round
+        ]
+        if pairs:
+            found[transport, rate_hz] = sample.ratio(
+                [[tapped] for tapped, _ in pairs], [[untapped] for _, untapped in pairs]
+            )
+    return found
+
+
 def _median(values: Sequence[float]) -> sample.Estimate:
     """Each round gives one value."""
     return sample.distribution([[value] for value in values]).p50

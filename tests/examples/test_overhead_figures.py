@@ -372,6 +372,21 @@ def test_runs_whose_intervals_overlap_agree_and_the_others_are_named() -> None:
     assert [row[2].partition(" ")[0] for row in apart.rows] == ["2.08"] * len(table3.SERIES)
 
 
+def test_a_node_on_a_machine_of_half_the_speed_costs_the_same_times() -> None:
+    def window(tapped: bool, number: int, micros: float) -> node_cost.Window:
+        return node_cost.Window("zenoh", 10.0, tapped, number, micros, 300.0, 2.0, 9.0, 1.0, 9.0, 0)
+
+    windows = [
+        window(tapped, number, speed * (150.0 if tapped else 100.0))
+        for number, speed in enumerate((1.0, 2.0, 1.5))
+        for tapped in (False, True)
+    ]
+    alone = window(True, 3, 1000.0)  # its round was not measured untapped
+    (found,) = node_cost.dearer([*windows, alone]).values()
+    assert (found.value, found.low, found.high) == pytest.approx((1.5, 1.5, 1.5))
+    assert node_cost.dearer([alone]) == {}
+
+
 def test_results_are_the_same_after_they_were_saved(tmp_path: Path) -> None:
     made = made_up()
     results.save(made, tmp_path)
