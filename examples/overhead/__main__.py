@@ -101,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (
         MiddlewareMissingError,
         ChildError,
-        results.NotTogetherError,
+        results.ResultsError,
         OSError,
         msgspec.MsgspecError,
     ) as error:

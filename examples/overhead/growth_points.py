@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import msgspec
 
 from examples.overhead import sample
+from examples.overhead.schedule import same_rounds
 
 EXPERIMENTS = ("taps", "skills", "rate", "payload")
 
@@ -83,15 +84,12 @@ def points(runs: Sequence[Run]) -> list[Point]:
     for experiment, transport, rate_hz, x in sorted(
         keys, key=lambda key: (EXPERIMENTS.index(key[0]), key[1] != "zenoh", key[2], _place(*key))
     ):
-        own = sorted(
-            (
-                run
-                for run in runs
-                if (run.experiment, run.transport, _rate_of(run), run.x)
-                == (experiment, transport, rate_hz, x)
-            ),
-            key=lambda run: run.round,
-        )
+        own = [
+            run
+            for run in runs
+            if (run.experiment, run.transport, _rate_of(run), run.x)
+            == (experiment, transport, rate_hz, x)
+        ]
         watched = [run for run in own if run.watchers or experiment == "taps"]
         alone = [
             run
@@ -99,12 +97,9 @@ def points(runs: Sequence[Run]) -> list[Point]:
             if not run.watchers
             and (run.experiment, run.transport, _rate_of(run)) == (experiment, transport, rate_hz)
         ]
-        alone.sort(key=lambda run: run.round)
-        both = {run.round for run in alone} & {run.round for run in watched}
-        alone = [run for run in alone if run.round in both]
-        watched = [run for run in watched if run.round in both]
-        if both:
-            found.append(_point(experiment, transport, rate_hz, x, alone, watched))
+        if pairs := same_rounds(alone, watched):
+            unwatched, seen = zip(*pairs, strict=True)
+            found.append(_point(experiment, transport, rate_hz, x, unwatched, seen))
     return found
 
 

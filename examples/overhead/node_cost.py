@@ -40,7 +40,7 @@ from examples.overhead.plant import (
     generate,
     ros_environment,
 )
-from examples.overhead.schedule import rounds
+from examples.overhead.schedule import rounds, same_rounds
 from m2c.launch.description import Package
 
 NODE = "BatteryLevelSkill"
@@ -133,18 +133,14 @@ def dearer(windows: Sequence[Window]) -> dict[tuple[str, float], sample.Estimate
     Returns:
         By transport and rate, where both were measured.
     """
-    by_round = {(w.transport, w.rate_hz, w.round, w.tapped): w.processor_us for w in windows}
     found = {}
     for transport, rate_hz in dict.fromkeys((w.transport, w.rate_hz) for w in windows):
-        numbers = sorted({key[2] for key in by_round if key[:2] == (transport, rate_hz)})
-        pairs = [
-            (by_round[*place, True], by_round[*place, False])
-            for place in ((transport, rate_hz, number) for number in numbers)
-            if (*place, True) in by_round and (*place, False) in by_round
-        ]
+        own = [w for w in windows if (w.transport, w.rate_hz) == (transport, rate_hz)]
+        pairs = same_rounds([w for w in own if w.tapped], [w for w in own if not w.tapped])
         if pairs:
             found[transport, rate_hz] = sample.ratio(
-                [[tapped] for tapped, _ in pairs], [[untapped] for _, untapped in pairs]
+                [[tapped.processor_us] for tapped, _ in pairs],
+                [[untapped.processor_us] for _, untapped in pairs],
             )
     return found
 

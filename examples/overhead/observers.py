@@ -236,5 +236,6 @@ def deaf(configuration: Configuration, heard: Heard, ticks: int) -> str:
     if heard.violations:
         return f"{heard.violations} violations in a system without a fault: {heard.problems}"
     if heard.conforming == 0 and (configuration.models or configuration.properties):
-        return f"found nothing to be as it should: {'; '.join(heard.doubts)}"
+        why = "found nothing to be as it should"
+        return f"{why}: {'; '.join(heard.doubts)}" if heard.doubts else why
     return ""

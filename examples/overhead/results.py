@@ -120,13 +120,21 @@ def save(results: Results, folder: Path) -> None:
     (folder / "overhead.md").write_text(f"# Overhead\n\n{text}\n", encoding="utf-8")
 
 
+class ResultsError(ValueError):
+    """A file that is no run's results, or runs whose rounds are not those of one."""
+
+
 def read(path: Path) -> Results:
-    """What :func:`save` wrote."""
-    return msgspec.json.decode(path.read_bytes(), type=Results)
+    """What :func:`save` wrote.
 
-
-class NotTogetherError(ValueError):
-    """Runs whose rounds are not those of one: of different machines or software, or the same one twice."""
+    Raises:
+        OSError: it cannot be read.
+        ResultsError: somebody else wrote it, or it was cut off.
+    """
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Results)
+    except msgspec.MsgspecError as error:
+        raise ResultsError(f"{path}: not the results of a run: {error}") from error
 
 
 def joined(runs: Sequence[Results]) -> Results:
@@ -139,7 +147,7 @@ def joined(runs: Sequence[Results]) -> Results:
         runs: one or more.
 
     Raises:
-        NotTogetherError: their machines differ in more than their load, or one run is there twice.
+        ResultsError: their machines differ in more than their load, or one run is there twice.
     """
     first = runs[0]
     seen: set[tuple[str, str]] = set()
@@ -150,12 +158,12 @@ def joined(runs: Sequence[Results]) -> Results:
     for run in runs:
         here = msgspec.structs.replace(run.machine, load=first.machine.load)
         if here != first.machine:
-            raise NotTogetherError(
+            raise ResultsError(
                 f"the run of {run.began} UTC is of another machine: {described(run.machine)}; "
                 f"that of {first.began}: {described(first.machine)}"
             )
         if (run.began, run.command) in seen:
-            raise NotTogetherError(f"the run of {run.began} UTC is there twice")
+            raise ResultsError(f"the run of {run.began} UTC is there twice")
         seen.add((run.began, run.command))
         before = _rounds(attachments)
         attachments += _later(run.table3.attachments, before)

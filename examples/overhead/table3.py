@@ -30,7 +30,7 @@ from examples.overhead.observers import (
     observed,
 )
 from examples.overhead.plant import Plant, generate, middleware
-from examples.overhead.schedule import rounds
+from examples.overhead.schedule import rounds, same_rounds
 
 SERIES = ("BatteryLevel", "IsPoiDone1", "SetPoi1", "Alarm", ROOT)
 """The rows of the paper's table, in its order."""
@@ -254,11 +254,8 @@ def cells(measured: Measured) -> list[Cell]:
         places, key=lambda p: (p[0] != "zenoh", p[1] == 0, p[1], order.index(p[2]))
     ):
         own = _blocks_of(measured, transport, rate_hz, name)
-        base = {b.round: b for b in _blocks_of(measured, transport, rate_hz, "none")}
-        for series in SERIES:
-            pairs = [(block, base[block.round]) for block in own if block.round in base]
-            if not pairs:
-                continue
+        pairs = same_rounds(own, _blocks_of(measured, transport, rate_hz, "none"))
+        for series in SERIES if pairs else ():
             found.append(
                 Cell(
                     transport,

@@ -223,6 +223,7 @@ def test_a_results_file_that_is_none_is_one_clear_error(tmp_path: Path) -> None:
     done = overhead("--from", str(tmp_path / "results.json"))
     assert done.returncode == 2
     assert done.stderr.startswith("error: ")
+    assert "results.json: not the results of a run: Expected `object`" in done.stderr
     assert "Traceback" not in done.stderr
 
 

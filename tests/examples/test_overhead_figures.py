@@ -148,9 +148,11 @@ def test_a_monitor_that_found_a_fault_where_there_is_none_does_not_count() -> No
 
 
 def test_a_monitor_that_found_nothing_to_conform_does_not_count() -> None:
+    alone = BY_NAME["models-in-process"]
+    assert deaf(alone, Heard(1000, 0, 0), ticks=10) == "found nothing to be as it should"
     doubts = ("P1: messages on /level were missed",)
     heard = Heard(1000, 0, 0, doubts=doubts)
-    assert deaf(BY_NAME["models-in-process"], heard, ticks=10).endswith(f"should: {doubts[0]}")
+    assert deaf(alone, heard, ticks=10).endswith(f"should: {doubts[0]}")
 
 
 def test_what_a_monitor_could_not_judge_is_kept_with_its_reason() -> None:
