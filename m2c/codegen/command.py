@@ -21,12 +21,18 @@ from m2c.inputs import Inputs, input_options
     help="Folder of the packages; made if it does not exist.",
 )
 @click.option("--transport", default="zenoh", show_default=True, help="Middleware of the nodes.")
+@click.option(
+    "--templates",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Folder of your own Jinja2 templates: they override or extend ours of the same name.",
+)
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
 @input_options
 def generate(
     inputs: Inputs,
     output: Path,
     transport: str,
+    templates: Path | None,
     force: bool,
 ) -> None:
     """Generate running Python nodes from models.
@@ -36,12 +42,18 @@ def generate(
     launch description. The output is the same, byte for byte, each time; a file that somebody has
     edited is not overwritten.
 
+    With --templates DIR, a template of yours takes the place of ours with its name, or extends it, as
+    node.py.j2 with one line of a header does:
+    {% extends "m2c/node.py.j2" %}{% block header %}# Copyright ...{% endblock %}
+    What a template may rely on: docs/templates.md.
+
     Example: m2c generate examples/lab_tour/system.xml -o generated
     """
     from m2c.check.reading import read_and_check
     from m2c.check.report import print_findings
     from m2c.codegen.package import system_files
     from m2c.codegen.packaging import MARKS, packaging_of
+    from m2c.codegen.rendering import TemplateFault, Templates
     from m2c.codegen.writer import EditedFilesError, counted, write_files
     from m2c.model import DiagnosticLog, ModelError
     from transports.registry import available
@@ -56,7 +68,8 @@ def generate(
         sys.exit(2)
     packaging = packaging_of(transport)
     try:
-        files = system_files(system, packaging)
+        made_from = Templates(templates)
+        files = system_files(system, packaging, made_from)
         other = _packed_otherwise(files, output, MARKS[packaging], MARKS.values())
         if other is not None:
             _fail(
@@ -64,13 +77,17 @@ def generate(
                 f"give those for {transport} a folder of their own"
             )
         written, unchanged = write_files(files, output, force)
-    except EditedFilesError as error:
+    except (EditedFilesError, TemplateFault) as error:
         _fail(str(error))
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
     except OSError as error:
         _fail(f"cannot write {error.filename}: {error.strerror}")
+    for path in made_from.unused():
+        click.echo(
+            f"warning: {path}: makes no file; ours are: {', '.join(made_from.names)}", err=True
+        )
     policy = ", 1 policy" if system.policy is not None else ""
     click.echo(
         f"{system.name}: {counted(len(system.nodes), 'node')}{policy} in {output} "

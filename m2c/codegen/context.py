@@ -1,27 +1,27 @@
-"""What is known about one machine while it is written: its names, types and constants."""
+"""What is known about one machine while it is lowered: its names, types and constants."""
 
 from __future__ import annotations
 
 from m2c.codegen.expressions import ExpressionCompiler
-from m2c.codegen.names import constant
+from m2c.codegen.names import attributes, constant
 from m2c.codegen.ports import PortNames
+from m2c.codegen.source import Source, name
 from m2c.model.datatypes import ANY, Array, DataType, Structure
 from m2c.model.expressions import Literal, Unary
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Assign, Data, Machine, State
+from m2c.model.machine import Assign, Data, Machine
 from m2c.model.typing import Scope
 from m2c.model.walk import root_of, statements_of
 
 
 class MachineContext:
-    """Shared by the writers of one machine (or of one action thread).
+    """Shared by what lowers one machine (or one action thread).
 
     Attributes:
         class_of: class name per type name of the messages.
-        class_name: the class that is written.
+        class_name: the machine's class.
         is_thread: the machine executes the goals of an action server.
         constants: variables that no statement assigns.
-        raises: whether internal events can occur.
     """
 
     def __init__(
@@ -43,29 +43,44 @@ class MachineContext:
             data.name for data in machine.data if _is_constant(data, machine)
         )
         self.variables = {data.name: data.type for data in machine.data}
-        self.raises = True
-        self.state_names: dict[str, str] = {}
+        self._attributes = attributes(self.variables)
+        self._state_names: dict[str, str] = {}
         for state in machine.states:
-            self.state_names[state.name] = constant(state.name, self.state_names.values())
+            taken = self._state_names.values()
+            self._state_names[state.name] = constant(state.name, taken)
         self._ports = {port.key: port.type for port in machine.ports if not port.output}
 
+    def attribute(self, variable: str) -> Source:
+        """The attribute that holds a variable of the datamodel."""
+        return name(self._attributes[variable])
+
     @property
-    def state_class(self) -> str:
+    def state_class(self) -> Source:
         """Name of the enumeration of states."""
-        return f"{self.class_name}State"
+        return name(f"{self.class_name}State")
 
-    def state_text(self, name: str) -> str:
-        """The member of the enumeration that stands for state ``name``."""
-        return f"{self.state_class}.{self.state_names[name]}"
+    def state_constant(self, state: str) -> Source:
+        """The name of the enumeration's member that stands for ``state``."""
+        return name(self._state_names[state])
 
-    def method_part(self, state: State) -> str:
+    def state_text(self, state: str) -> Source:
+        """The enumeration's member that stands for ``state``."""
+        return name(f"{self.state_class}.{self._state_names[state]}")
+
+    def state_method(self, state: str) -> Source:
         """What the names of the methods that enter and leave ``state`` end in."""
-        return self.state_names[state.name].lower().strip("_")
+        return name(self._state_names[state].lower())
+
+    def child(self, written: str, owner: str) -> str:
+        """A child's index: a number, or the variable of ``owner`` (the machine) that has it."""
+        if written.isascii() and written.isdigit():
+            return str(int(written))
+        return f"{owner}.{self.attribute(written)}"
 
     def compiler(self, parts: dict[str, DataType], data_name: str = "data") -> ExpressionCompiler:
         """A compiler of expressions where an event has ``parts``, its data named ``data_name``."""
         scope = Scope(self.variables, parts, self._ports)
-        return ExpressionCompiler(scope, self.constants, self.class_of, data_name)
+        return ExpressionCompiler(scope, self._attributes, self.class_of, data_name)
 
 
 def _is_constant(data: Data, machine: Machine) -> bool:

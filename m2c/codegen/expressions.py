@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import msgspec
 
-from m2c.codegen.names import attribute
+from m2c.codegen.names import field_attribute
+from m2c.codegen.source import quoted
 from m2c.model.datatypes import ANY, BOOL, STRING, Array, DataType, Primitive, Structure, is_integer
 from m2c.model.datatypes import is_number as is_number_type
 from m2c.model.expressions import (
@@ -74,12 +76,12 @@ class ExpressionCompiler:
     def __init__(
         self,
         scope: Scope,
-        constants: frozenset[str],
+        attributes: Mapping[str, str],
         class_of: dict[str, str],
         data_name: str = "data",
     ) -> None:
         self._scope = scope
-        self._constants = constants
+        self._attributes = attributes
         self._class_of = class_of
         self._data_name = data_name
         self.may_fail = False
@@ -112,9 +114,9 @@ class ExpressionCompiler:
             return f"copy.deepcopy({text})"
         return text
 
-    def condition(self, node: Expression) -> str:
-        """Python source of ``node`` as a condition."""
-        return self._truth(node).text
+    def condition(self, node: Expression, operand_of: str = "") -> str:
+        """Python source of ``node`` as a condition, or as an operand of ``and`` (or another operator)."""
+        return self._truth(node).within(_PRECEDENCE[operand_of] if operand_of else 0)
 
     def _truth(self, node: Expression) -> Code:
         if self._static(node) == BOOL:
@@ -143,14 +145,14 @@ class ExpressionCompiler:
                 return _literal(value)
             case Variable(name=name):
                 if name not in self._scope.variables and name in STATUSES:
-                    return Code(f'"{name}"')
-                return Code(f"self.{attribute(name)}")
+                    return Code(quoted(name))
+                return Code(f"self.{self._attributes[name]}")
             case EventData(part="data"):
                 return Code(self._data_name)
             case EventData(part=part):
                 return Code(EVENT_NAMES[part])
             case PortInput(key=key):
-                return Code(f'self._ports["{key}"]')
+                return Code(f"self._ports[{quoted(key)}]")
             case Member():
                 return self._member(node)
             case Index(object=inner, index=index):
@@ -172,7 +174,7 @@ class ExpressionCompiler:
             case MathCall():
                 return self._math(node)
             case MathConstant(name=name):
-                return Code(f'ecmascript.CONSTANTS["{name}"]')
+                return Code(f"ecmascript.CONSTANTS[{quoted(name)}]")
             case ArrayLiteral(elements=elements):
                 inner_type = target.element if isinstance(target, Array) else None
                 return Code(f"[{', '.join(self.value(item, inner_type) for item in elements)}]")
@@ -189,8 +191,8 @@ class ExpressionCompiler:
                 for name, _, value in kind.constants:
                     if name == node.name:
                         return _literal(value)
-            return Code(f"{inner}.{attribute_of_field(node.name)}")
-        return Code(self._runtime("member", inner, f'"{node.name}"', fails=True))
+            return Code(f"{inner}.{field_attribute(node.name)}")
+        return Code(self._runtime("member", inner, quoted(node.name), fails=True))
 
     def _unary(self, node: Unary) -> Code:
         operand = self._compile(node.operand)
@@ -276,16 +278,16 @@ class ExpressionCompiler:
             if node.function == "abs" and len(texts) == 1:
                 return Code(f"abs({texts[0]})")
         arguments = ", ".join(self._compile(argument).text for argument in node.arguments)
-        return Code(f'ecmascript.MATH["{node.function}"]({arguments})')
+        return Code(f"ecmascript.MATH[{quoted(node.function)}]({arguments})")
 
     def _object(self, entries: tuple[tuple[str, Expression], ...], target: DataType | None) -> Code:
         if isinstance(target, Structure) and target.name:
             fields = [
-                f"{attribute_of_field(key)}={self.value(value, target.field(key))}"
+                f"{field_attribute(key)}={self.value(value, target.field(key))}"
                 for key, value in entries
             ]
             return Code(f"{self._class_of[target.name]}({', '.join(fields)})")
-        items = [f'"{key}": {self._compile(value).text}' for key, value in entries]
+        items = [f"{quoted(key)}: {self._compile(value).text}" for key, value in entries]
         return Code(f"{{{', '.join(items)}}}")
 
 
@@ -308,13 +310,6 @@ def _has_element(node: Expression) -> bool:
     return isinstance(node, Index) or any(_has_element(child) for child in children(node))
 
 
-def attribute_of_field(name: str) -> str:
-    """The attribute of a message class that holds field ``name``."""
-    import keyword
-
-    return f"{name}_" if keyword.iskeyword(name) else name
-
-
 def _literal(value: bool | int | float | str | None) -> Code:
     if isinstance(value, str):
         return Code(quoted(value))
@@ -322,11 +317,3 @@ def _literal(value: bool | int | float | str | None) -> Code:
         return Code(f'float("{value}")')
     negative = isinstance(value, int | float) and not isinstance(value, bool) and value < 0
     return Code(repr(value), _UNARY if negative else _ATOM)
-
-
-def quoted(text: str) -> str:
-    """``text`` as a string literal in ruff's preferred quotes."""
-    literal = repr(text)
-    if literal.startswith("'") and '"' not in literal:
-        literal = '"' + literal[1:-1].replace("\\'", "'") + '"'
-    return literal

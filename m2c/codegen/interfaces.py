@@ -1,12 +1,13 @@
-"""``interfaces.py`` of a generated package: the message classes that its machine uses."""
+"""The message classes that a machine uses: facts of a generated ``interfaces.py``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
-from m2c.codegen.expressions import attribute_of_field, quoted
-from m2c.codegen.names import camel, distinct
-from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
+from m2c.codegen.names import camel, distinct, field_attribute
+from m2c.codegen.program import MessageClass, MessageField
+from m2c.codegen.source import Source, name, py
+from m2c.model.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive, Structure
 from m2c.runtime.messages import INTEGERS
 
 
@@ -27,76 +28,81 @@ def needed_structures(roots: Iterable[Structure]) -> list[Structure]:
     return list(ordered.values())
 
 
-def class_names(structures: Iterable[Structure]) -> dict[str, str]:
-    """Class name per type name: the type's last part, with its package where two would collide."""
+def class_names(structures: Iterable[Structure], taken: Collection[str]) -> dict[str, str]:
+    """Class name per type name: the type's last part, with its package where that is ``taken``."""
     names: dict[str, str] = {}
     for structure in structures:
         package, _, last = structure.name.partition("/")
         short = camel(last.rpartition("/")[2])
-        if short in names.values() or short == "State":
-            short = distinct(camel(package) + short, names.values())
+        used = {*taken, *names.values()}
+        if short in used:
+            short = distinct(camel(package) + short, used)
         names[structure.name] = short
     return names
 
 
-def interface_module(
-    structures: list[Structure], names: dict[str, str]
-) -> tuple[list[str], set[str]]:
-    """Lines of the classes, and the integer types that they use."""
-    lines: list[str] = []
-    used: set[str] = set()
-    for structure in structures:
-        lines += ["", "", f"class {names[structure.name]}(TypedMessage):"]
-        lines.append(f'    """``{structure.name}``."""')
-        lines += ["", f'    __type_name__: ClassVar[str] = "{structure.name}"']
-        if structure.fields:
-            lines.append("")
-        defaults = dict(structure.defaults)
-        for name, kind in structure.fields:
-            annotation = _annotation(kind, names, used)
-            default = _default(kind, defaults.get(name), names)
-            lines.append(f"    {attribute_of_field(name)}: {annotation} = {default}")
-    return lines, used
+def message_classes(
+    structures: Iterable[Structure], names: dict[str, str]
+) -> tuple[MessageClass, ...]:
+    """The class of each of ``structures``; ``names``: class name per type name."""
+    return tuple(
+        MessageClass(
+            structure.name,
+            name(names[structure.name]),
+            tuple(
+                _field(field, kind, dict(structure.defaults).get(field), names)
+                for field, kind in structure.fields
+            ),
+        )
+        for structure in structures
+    )
 
 
-def _annotation(kind: DataType, names: dict[str, str], used: set[str]) -> str:
+def _field(field: str, kind: DataType, declared: object, names: dict[str, str]) -> MessageField:
+    default, is_factory = _default(kind, declared, names)
+    attribute = field_attribute(field)
+    annotation = Source(_annotation(kind, names))
+    return MessageField(
+        field, name(attribute), annotation, Source(default), is_factory, attribute != field
+    )
+
+
+def _annotation(kind: DataType, names: dict[str, str]) -> str:
     match kind:
         case Primitive("bool"):
             return "bool"
         case Primitive("string"):
             return "str"
-        case Primitive(name) if name in INTEGER_RANGES:
-            used.add(INTEGERS[name])
-            return INTEGERS[name]
+        case Primitive(primitive) if primitive in INTEGER_RANGES:
+            return INTEGERS[primitive]
         case Primitive():
             return "float"
-        case Structure(name):
-            return names[name]
+        case Structure(structure):
+            return names[structure]
         case Array(element, None, _):
-            return f"list[{_annotation(element, names, used)}]"
+            return f"list[{_annotation(element, names)}]"
         case Array(element, length, fixed):
-            inner = f"list[{_annotation(element, names, used)}]"
             least = f"min_length={length}, " if fixed else ""
-            return f"Annotated[{inner}, msgspec.Meta({least}max_length={length})]"
+            bound = f"msgspec.Meta({least}max_length={length})"
+            return f"Annotated[list[{_annotation(element, names)}], {bound}]"
 
 
-def _default(kind: DataType, declared: object, names: dict[str, str]) -> str:
+def _default(kind: DataType, declared: object, names: dict[str, str]) -> tuple[str, bool]:
+    """The default of a field of type ``kind``, and whether it is what makes one."""
     if isinstance(declared, tuple):
-        return f"msgspec.field(default_factory=lambda: {list(declared)!r})"
+        return f"lambda: {list(declared)!r}", True
     if declared is not None:
-        if isinstance(declared, str):
-            return quoted(declared)
-        is_float = kind in (Primitive("float32"), Primitive("float64"))
-        return repr(float(declared)) if is_float and isinstance(declared, int) else repr(declared)
+        is_float = isinstance(kind, Primitive) and kind.name in FLOATS
+        return py(float(declared) if is_float and isinstance(declared, int) else declared), False
     match kind:
         case Primitive():
-            return zero_text(kind, names)
-        case Structure(name):
-            return f"msgspec.field(default_factory={names[name]})"
+            return zero_text(kind, names), False
+        case Structure(structure):
+            return names[structure], True
         case Array(_, _, True):
-            return f"msgspec.field(default_factory=lambda: {zero_text(kind, names)})"
+            return f"lambda: {zero_text(kind, names)}", True
         case Array():
-            return "msgspec.field(default_factory=list)"
+            return "list", True
 
 
 def zero_text(kind: DataType, names: dict[str, str]) -> str:
@@ -106,14 +112,14 @@ def zero_text(kind: DataType, names: dict[str, str]) -> str:
             return "False"
         case Primitive("string"):
             return '""'
-        case Primitive(name) if name in INTEGER_RANGES:
+        case Primitive(primitive) if primitive in INTEGER_RANGES:
             return "0"
-        case Primitive(name) if name in ("any", "null"):
+        case Primitive(primitive) if primitive in ("any", "null"):
             return "None"
         case Primitive():
             return "0.0"
-        case Structure(name):
-            return f"{names[name]}()" if name else "{}"
+        case Structure(structure):
+            return f"{names[structure]}()" if structure else "{}"
         case Array(element, length, True):
             inner = zero_text(element, names)
             if isinstance(element, Primitive):

@@ -3,72 +3,144 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from m2c.codegen.ament import launch_files
-from m2c.codegen.interfaces import class_names, interface_module, needed_structures
-from m2c.codegen.layout import INDENT, WIDTH, fit
-from m2c.codegen.machine import MachineWriter
-from m2c.codegen.names import camel, distinct, snake
-from m2c.codegen.node import NodeWriter
-from m2c.codegen.packaging import Distribution, Packaging, project_files, starter
-from m2c.codegen.ports import PortNames
-from m2c.codegen.writer import sealed
-from m2c.model.datatypes import Array, DataType, Structure
+from m2c.codegen.formatting import NotPythonError, formatted
+from m2c.codegen.names import distinct, package_name, snake
+from m2c.codegen.nodes import node_program
+from m2c.codegen.packaging import FILES, Packaging, code_package, launch_package
+from m2c.codegen.program import LaunchProgram, NodeProgram, PackageProgram
+from m2c.codegen.rendering import Templates, our_templates
+from m2c.codegen.source import Source, name
+from m2c.codegen.writer import SEALED, sealed
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.machine import Machine
 from m2c.model.system import System
 
 LAUNCH_FORMAT = 1
 
-_MACHINE_RUNTIME = ("EndlessLoopError", "ExecutionError", "matches", "seconds")
+_MODULES = {
+    "__init__.py": "node_init.py.j2",
+    "interfaces.py": "interfaces.py.j2",
+    "machine.py": "machine.py.j2",
+    "node.py": "node.py.j2",
+}
+"""The modules of a node, and the templates that they are made from."""
 
 
-def system_files(system: System, packaging: Packaging = Packaging.WHEEL) -> dict[str, str]:
-    """Every file of the generated ``system``: relative path → content, sealed with its hash."""
-    files: dict[str, str] = {}
-    nodes = []
-    packages: list[str] = []
+class Draft:
+    """Files being made: their texts, and of which template and for which model each is.
+
+    Args:
+        templates: what they are made from.
+        packaging: what their packages are installed with.
+    """
+
+    def __init__(self, templates: Templates, packaging: Packaging = Packaging.WHEEL) -> None:
+        self._templates = templates
+        self.packaging = packaging
+        self._files: dict[str, str] = {}
+        self._made_of: dict[str, tuple[str, str]] = {}
+
+    def add(self, path: str, template: str, model: str, **context: object) -> None:
+        """Make the file ``path`` from ``template``, for ``model``."""
+        self._made_of[path] = (template, model)
+        self._files[path] = self._templates.render(
+            template, model, transport=self.packaging.value, **context
+        )
+
+    def put(self, path: str, text: str) -> None:
+        """Have the file ``path`` with data, which no template makes."""
+        self._files[path] = text
+
+    def add_node(self, folder: str, node: NodeProgram) -> None:
+        """The modules of a node, in ``folder``."""
+        for path, template in _MODULES.items():
+            self.add(f"{folder}{path}", template, node.name, node=node)
+
+    def add_around(self, folder: str, package: PackageProgram, model: str) -> None:
+        """The files around the code of ``package``."""
+        for file in FILES[self.packaging]:
+            self.add(f"{folder}{file}", f"{file}.j2", model, package=package)
+        if self.packaging is Packaging.AMENT:
+            self.put(f"{folder}resource/{package.name}", "")
+
+    def texts(self) -> dict[str, str]:
+        """The files as their templates made them."""
+        return dict(self._files)
+
+    def files(self) -> dict[str, str]:
+        """The files formatted, and sealed with their hash.
+
+        Raises:
+            TemplateFault: what a template made is not Python.
+        """
+        try:
+            found = formatted(self._files)
+        except NotPythonError as error:
+            template, model = self._made_of[error.file]
+            lines = self._files[error.file].splitlines() or [""]
+            line = lines[min(max(error.line, 1), len(lines)) - 1].strip()
+            what = f"makes no Python, {error.what} in line {error.line}: {line}"
+            raise self._templates.fault(template, model, what) from error
+        return {
+            path: sealed(text) if path.endswith(SEALED) else text for path, text in found.items()
+        }
+
+
+def system_files(
+    system: System,
+    packaging: Packaging = Packaging.WHEEL,
+    templates: Templates | None = None,
+) -> dict[str, str]:
+    """Every file of the generated ``system``: relative path → content, sealed with its hash.
+
+    Raises:
+        ModelError: the policy cannot be used.
+        TemplateFault: a template cannot be used.
+    """
+    draft = Draft(templates or our_templates(), packaging)
+    used = {owner.partition("/")[0] for owner in type_names([*system.nodes, *system.plugins])}
+    nodes: dict[str, str] = {}
     for machine in system.nodes:
-        package = distinct(snake(machine.name), packages)
-        packages.append(package)
-        nodes.append({"name": machine.name, "package": package, "path": package})
-        for path, content in node_package(machine, system.library, package, packaging).items():
-            files[f"{package}/{path}"] = content
+        package = package_name(machine.name, {*used, *nodes})
+        nodes[package] = machine.name
+        _add_node_package(draft, machine, system.library, package, f"{package}/")
     policy = None
     if system.policy is not None:
-        from m2c.policy.generate import policy_package
+        from m2c.policy.generate import add_policy_package
 
-        name = distinct(f"{snake(system.name)}_policy", packages)
-        policy = {"name": "policy", "package": name, "path": name}
-        for path, content in policy_package(system, name, packaging).items():
-            files[f"{name}/{path}"] = content
-        for plugin in system.plugins:
-            inner = f"{name}.plugins.{snake(plugin.name)}"
-            for path, content in node_modules(plugin, system.library, inner).items():
-                files[f"{name}/{name}/plugins/{snake(plugin.name)}/{path}"] = content
+        policy = distinct(f"{snake(system.name)}_policy", {*used, *nodes})
+        add_policy_package(draft, system, policy)
     launch = {
         "format": LAUNCH_FORMAT,
         "system": system.name,
         "tick_rate_hz": system.tick_rate_hz,
-        "nodes": nodes,
-        "policy": policy,
+        "nodes": [
+            {"name": node, "package": package, "path": package} for package, node in nodes.items()
+        ],
+        "policy": {"name": "policy", "package": policy, "path": policy} if policy else None,
     }
-    files["launch.json"] = json.dumps(launch, indent=2) + "\n"
+    draft.put("launch.json", json.dumps(launch, indent=2) + "\n")
     if packaging is Packaging.AMENT:
-        taken = [*packages, *([policy["package"]] if policy else [])]
-        name = distinct(f"{snake(system.name)}_bringup", taken)
-        bringup = launch_files(
-            name,
-            system.name,
-            {node["package"]: node["name"] for node in nodes},
-            policy["package"] if policy else None,
-            system.tick_rate_hz,
-            snake(system.name),
-        )
-        files |= {f"{name}/{path}": content for path, content in bringup.items()}
-    return files
+        _add_bringup(draft, system, nodes, policy, used)
+    return draft.files()
+
+
+def _add_bringup(
+    draft: Draft, system: System, nodes: Mapping[str, str], policy: str | None, used: Iterable[str]
+) -> None:
+    """The package that starts a system by ``ros2 launch``."""
+    started = [*nodes, *([policy] if policy else [])]
+    package = distinct(f"{snake(system.name)}_bringup", {*started, *used})
+    file = f"{snake(system.name)}.launch.py"
+    description = f"Starts {system.name}, generated from its models"
+    facts = launch_package(package, description, started, f"launch/{file}")
+    draft.add_around(f"{package}/", facts, system.name)
+    launch = LaunchProgram(
+        system.name, name(package), Source(file), tuple(nodes.items()), policy, system.tick_rate_hz
+    )
+    draft.add(f"{package}/launch/{file}", "launch.py.j2", system.name, system=launch)
 
 
 def node_package(
@@ -78,20 +150,21 @@ def node_package(
     packaging: Packaging = Packaging.WHEEL,
 ) -> dict[str, str]:
     """The files of one installable node package."""
-    files = {
-        f"{package}/{path}": content
-        for path, content in node_modules(machine, library, package).items()
-    }
-    node = f"{_class_name(machine)}Node"
-    head = (
-        f'"""Runs ``{machine.name}`` as a process."""\n\n'
-        f"from m2c.runtime.main import main\n"
-        f"from {package}.node import {node}\n\n"
-    )
-    files[f"{package}/__main__.py"] = starter(packaging, head, f'{node}, "{machine.name}"')
+    draft = Draft(our_templates(), packaging)
+    _add_node_package(draft, machine, library, package, "")
+    return draft.files()
+
+
+def _add_node_package(
+    draft: Draft, machine: Machine, library: InterfaceLibrary, package: str, folder: str
+) -> None:
+    node = node_program(machine, library, package)
+    draft.add_node(f"{folder}{package}/", node)
+    draft.add(f"{folder}{package}/__main__.py", "node_main.py.j2", machine.name, node=node)
     description = f"{machine.name}, generated from its model"
-    distribution = Distribution(package, description, type_names([machine]))
-    return files | project_files(packaging, distribution)
+    draft.add_around(
+        folder, code_package(package, description, type_names([machine])), machine.name
+    )
 
 
 def type_names(machines: Iterable[Machine]) -> tuple[str, ...]:
@@ -102,204 +175,33 @@ def type_names(machines: Iterable[Machine]) -> tuple[str, ...]:
 
 def node_modules(machine: Machine, library: InterfaceLibrary, package: str) -> dict[str, str]:
     """``__init__``, ``interfaces``, ``machine`` and ``node`` of one machine."""
-    names = PortNames(machine, library)
-    structures = needed_structures(_structures(machine, library))
-    class_of = class_names(structures)
-    class_name = _class_name(machine)
-    writers = [MachineWriter(machine, library, names, class_of, class_name)]
-    for index, thread in enumerate(machine.threads):
-        suffix = "Thread" if index == 0 else f"Thread{index + 1}"
-        writers.append(
-            MachineWriter(
-                thread.machine, library, names, class_of, class_name + suffix, is_thread=True
-            )
-        )
-    bodies = [writer.lines() for writer in writers]
-    node = NodeWriter(machine, library, names, class_of, class_name)
-    node.extra_outputs = _extra_outputs("\n".join(line for body in bodies for line in body))
-    node.ports_users = frozenset(
-        writer.class_name
-        for writer, body in zip(writers, bodies, strict=True)
-        if any("ports: Mapping" in line for line in body)
-    )
-    return {
-        "__init__.py": sealed(f'"""``{machine.name}``, generated from its model."""\n'),
-        "interfaces.py": _interfaces_text(machine, structures, class_of),
-        "machine.py": _machine_text(machine, package, writers, bodies, node, class_of),
-        "node.py": _node_text(machine, package, writers, node, class_of),
-    }
+    draft = Draft(our_templates())
+    draft.add_node("", node_program(machine, library, package))
+    return draft.files()
 
 
-def _class_name(machine: Machine) -> str:
-    return camel(machine.name)
+def node_texts(machine: Machine, library: InterfaceLibrary, package: str) -> dict[str, str]:
+    """The same modules as their templates make them: to be run, not to be read."""
+    draft = Draft(our_templates())
+    draft.add_node("", node_program(machine, library, package))
+    return draft.texts()
 
 
-def _extra_outputs(text: str) -> tuple[str, ...]:
-    methods = ("start_delay", "stop_delay", "send_self", "cancel_send", "log")
-    return tuple(method for method in methods if f"self._outputs.{method}(" in text)
-
-
-def _interfaces_text(
-    machine: Machine, structures: list[Structure], class_of: dict[str, str]
-) -> str:
-    lines, integers = interface_module(structures, class_of)
-    text = "\n".join(lines)
-    head = [f'"""The messages of ``{machine.name}``, from its interface definitions."""']
-    if structures:
-        typing = [name for name in ("Annotated", "ClassVar") if name in text]
-        head += ["", f"from typing import {', '.join(typing)}"]
-        if "msgspec." in text:
-            head += ["", "import msgspec"]
-        imported = sorted([*integers, "TypedMessage"])
-        head += ["", f"from m2c.runtime.messages import {', '.join(imported)}"]
-    return sealed("\n".join([*head, *fit(lines)]) + "\n")
-
-
-def _machine_text(
-    machine: Machine,
-    package: str,
-    writers: list[MachineWriter],
-    bodies: list[list[str]],
-    node: NodeWriter,
-    class_of: dict[str, str],
-) -> str:
-    protocol = node.output_protocol()
-    body = "\n".join(fit([line for lines in [protocol, *bodies] for line in ["", "", *lines]]))
-    head = [
-        f'"""The state machine of ``{machine.name}``.',
-        "",
-        "Compiled from its model: one method per event, each a run to completion (W3C SCXML).",
-        "It knows no middleware; ``node.py`` binds it to channels.",
-        '"""',
-        "",
-        "from __future__ import annotations",
-        "",
-    ]
-    standard = []
-    if "copy.deepcopy(" in body:
-        standard.append("import copy")
-    if "random.random" in body:
-        standard.append("import random")
-    if "deque(" in body:
-        standard.append("from collections import deque")
-    abstract = [name for name in ("Callable", "Mapping") if f"{name}[" in body]
-    if abstract:
-        standard.append(f"from collections.abc import {', '.join(abstract)}")
-    standard.append("from enum import Enum")
-    typing = [
-        name
-        for name in ("Any", "Final", "Protocol")
-        if (name in ("Protocol",))
-        or (name == "Final" and ": Final =" in body)
-        or (name == "Any" and _word(body, "Any"))
-    ]
-    standard.append(f"from typing import {', '.join(typing)}")
-    head += standard
-    own = []
-    if "ecmascript." in body:
-        own.append("from m2c.runtime import ecmascript")
-    runtime = [name for name in _MACHINE_RUNTIME if _word(body, name)]
-    if runtime:
-        own.append(f"from m2c.runtime.machine import {', '.join(runtime)}")
-    third = _import_from(
-        f"{package}.interfaces", [name for name in class_of.values() if _word(body, name)]
-    )
-    generated_first = package.partition(".")[0] < "m2c"
-    own = [*third, *own] if generated_first else [*own, *third]
-    if own:
-        head += ["", *own]
-    return sealed("\n".join(head) + "\n" + body + "\n")
-
-
-def _node_text(
-    machine: Machine,
-    package: str,
-    writers: list[MachineWriter],
-    node: NodeWriter,
-    class_of: dict[str, str],
-) -> str:
-    lines = node.lines()
-    body = "\n".join(fit(lines))
-    head = [
-        f'"""Binds ``{machine.name}`` to its channels, on any transport."""',
-        "",
-        "from __future__ import annotations",
-        "",
-    ]
-    if _word(body, "Mapping"):
-        head.append("from collections.abc import Mapping")
-        head.append("from types import MappingProxyType")
-    if _word(body, "Any"):
-        head.append("from typing import Any")
-    if head[-1]:
-        head.append("")
-    runtime = [
-        name
-        for name in ("DEFAULT_SETTINGS", "Binding", "GoalHandlers", "NodeSettings")
-        if _word(body, name)
-    ]
-    transport = [
-        name
-        for name in ("Action", "Reliability", "Service", "Topic", "Transport")
-        if _word(body, name)
-    ]
-    own = [
-        (f"{package}.interfaces", [name for name in class_of.values() if _word(body, name)]),
-        (f"{package}.machine", [writer.class_name for writer in writers]),
-        ("m2c.runtime.binding", runtime),
-        ("m2c.runtime.tree_side", ["TreeSide"] if _word(body, "TreeSide") else []),
-        ("transports.interface", transport),
-    ]
-    for module, names in sorted(own):
-        head += _import_from(module, names)
-    return sealed("\n".join(head) + "\n\n" + _after_imports(body) + "\n")
-
-
-def _after_imports(body: str) -> str:
-    """A constant follows the imports after one blank line, a class after two."""
-    text = body.lstrip("\n")
-    return f"\n{text}" if text.startswith("class ") else text
-
-
-def _import_from(module: str, names: list[str]) -> list[str]:
-    if not names:
-        return []
-    ordered = sorted(names, key=lambda name: (not name.isupper(), name.islower(), name))
-    flat = f"from {module} import {', '.join(ordered)}"
-    if len(flat) <= WIDTH:
-        return [flat]
-    return [f"from {module} import (", *(f"{INDENT}{name}," for name in ordered), ")"]
-
-
-def _word(text: str, name: str) -> bool:
-    return re.search(rf"(?<![\w\"]){re.escape(name)}(?!\w)", text) is not None
-
-
-def _structures(machine: Machine, library: InterfaceLibrary) -> list[Structure]:
-    found: list[Structure] = []
-    for interface in machine.interfaces:
-        found += _interface_structures(interface, library)
-    for owner in [machine, *(thread.machine for thread in machine.threads)]:
-        for data in owner.data:
-            found += _contained(data.type)
+def plugin_modules(plugins: Iterable[Machine]) -> dict[str, str]:
+    """The module (a part of the policy's package) of each plugin, by the plugin's name."""
+    found: dict[str, str] = {}
+    for plugin in plugins:
+        found[plugin.name] = distinct(snake(plugin.name), found.values())
     return found
 
 
-def _contained(kind: DataType) -> list[Structure]:
-    if isinstance(kind, Array):
-        return _contained(kind.element)
-    return [kind] if isinstance(kind, Structure) and kind.name else []
-
-
-def _interface_structures(interface: Interface, library: InterfaceLibrary) -> list[Structure]:
-    match interface.kind:
-        case InterfaceKind.PUBLISHER | InterfaceKind.SUBSCRIBER:
-            return [library.message(interface.type_name)]
-        case InterfaceKind.SERVER | InterfaceKind.CLIENT:
-            service = library.service(interface.type_name)
-            return [service.request, service.response]
-        case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
-            action = library.action(interface.type_name)
-            return [action.goal, action.result, action.feedback]
-        case InterfaceKind.TIMER:
-            return []
+__all__ = [
+    "LAUNCH_FORMAT",
+    "Draft",
+    "node_modules",
+    "node_package",
+    "node_texts",
+    "plugin_modules",
+    "system_files",
+    "type_names",
+]

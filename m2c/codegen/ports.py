@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from m2c.codegen.names import channel_names, snake
+from m2c.codegen.source import Source, doc
 from m2c.model.datatypes import Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -77,6 +78,9 @@ _DATA_ARGUMENT = {
     OutputKind.ABORT: "result",
     OutputKind.CANCEL: "result",
 }
+ON_EVENT = (("name", "str"), ("data", "Any = None"))
+"""Parameters of the method that takes what a machine sends to itself."""
+
 _GOAL_OUTPUTS = frozenset(
     {
         *(OutputKind.ACCEPT_GOAL, OutputKind.REJECT_GOAL, OutputKind.FEEDBACK, OutputKind.SUCCEED),
@@ -126,7 +130,8 @@ class PortNames:
         interface = self._machine.interface(name, *kinds) if kinds else None
         return interface.channel or name if interface is not None else name
 
-    def _named(self, name: str, kind: EventKind | OutputKind) -> str:
+    def named(self, name: str, kind: EventKind | OutputKind) -> str:
+        """The name that stands in method names for interface ``name``, of an event or output of ``kind``."""
         interface_kind = interface_kind_of(kind)
         kinds = (interface_kind,) if interface_kind is not None else ()
         interface = self._machine.interface(name, *kinds)
@@ -138,9 +143,9 @@ class PortNames:
         data = event_data_type(event, self._machine, self._library)
         match event.kind:
             case EventKind.INTERNAL:
-                return EventPort(event, "on_event", None, "data", ())
+                return EventPort(event, "on_event", None, "data", ON_EVENT)
             case EventKind.AFTER:
-                return EventPort(event, "on_elapsed", None, "data", ())
+                return EventPort(event, "on_elapsed", None, "data", (("delay", "str"),))
             case EventKind.BT_TICK | EventKind.BT_HALT:
                 return EventPort(
                     event, "on_tick" if event.kind is EventKind.BT_TICK else "on_halt", None, "", ()
@@ -151,7 +156,7 @@ class PortNames:
                 )
             case EventKind.BT_CHILD_HALTED:
                 return EventPort(event, f"on_child_{snake(event.name)}_halted", None, "", ())
-        method = f"on_{self._named(event.name, event.kind)}_{_EVENT_SUFFIX[event.kind]}"
+        method = f"on_{self.named(event.name, event.kind)}_{_EVENT_SUFFIX[event.kind]}"
         data_name = _DATA_NAMES.get(event.kind, "data")
         parameters = [(part, "int") for part in ("goal_id", "thread_id", "code") if part in parts]
         return EventPort(event, method, data, data_name, tuple(parameters))
@@ -175,8 +180,63 @@ class PortNames:
         if kind in _GOAL_OUTPUTS:
             optional = kind is OutputKind.SEND_CANCEL
             parameters.append(("goal_id", "int | None" if optional else "int"))
-        method = f"{verb}_{self._named(name, kind)}"
+        method = f"{verb}_{self.named(name, kind)}"
         return OutputPort(kind, name, method, data, _DATA_ARGUMENT.get(kind, ""), tuple(parameters))
+
+
+_EVENT_DOCS = {
+    EventKind.INTERNAL: "An event that the machine sent or raised, or that is sent to it.",
+    EventKind.AFTER: "A state's ``after`` delay has elapsed.",
+    EventKind.MESSAGE: "A message on ``{}``.",
+    EventKind.REQUEST: "A request to ``{}``.",
+    EventKind.RESPONSE: "The response to a call of ``{}``.",
+    EventKind.CALL_ERROR: "A call of ``{}`` failed.",
+    EventKind.GOAL: "A goal of ``{}``.",
+    EventKind.CANCEL: "A request to cancel a goal of ``{}``.",
+    EventKind.GOAL_ACCEPTED: "The goal sent to ``{}`` was accepted.",
+    EventKind.GOAL_REJECTED: "The goal sent to ``{}`` was rejected.",
+    EventKind.FEEDBACK: "Feedback of ``{}``.",
+    EventKind.SUCCEEDED: "The goal sent to ``{}`` succeeded.",
+    EventKind.ABORTED: "The goal sent to ``{}`` was aborted.",
+    EventKind.CANCELED: "The goal sent to ``{}`` was canceled.",
+    EventKind.THREAD_START: "A goal of ``{}`` is to be executed.",
+    EventKind.THREAD_FREE: "A thread of ``{}`` has become free.",
+    EventKind.TIMER: "The timer ``{}``.",
+    EventKind.BT_TICK: "The behaviour tree ticks this node.",
+    EventKind.BT_HALT: "The behaviour tree halts this node.",
+    EventKind.BT_CHILD_STATUS: "Child {} returned a status.",
+    EventKind.BT_CHILD_HALTED: "Child {} was halted.",
+}
+_OUTPUT_DOCS = {
+    OutputKind.PUBLISH: "Publish on ``{}``.",
+    OutputKind.REQUEST: "Call ``{}``; the response is an event.",
+    OutputKind.RESPONSE: "Answer a request to ``{}``.",
+    OutputKind.SEND_GOAL: "Send a goal to ``{}``.",
+    OutputKind.SEND_CANCEL: "Ask ``{}`` to cancel a goal.",
+    OutputKind.ACCEPT_GOAL: "Accept a goal of ``{}``.",
+    OutputKind.REJECT_GOAL: "Reject a goal of ``{}``.",
+    OutputKind.FEEDBACK: "Send feedback of ``{}``.",
+    OutputKind.SUCCEED: "End a goal of ``{}``: succeeded.",
+    OutputKind.ABORT: "End a goal of ``{}``: aborted.",
+    OutputKind.CANCEL: "End a goal of ``{}``: canceled.",
+    OutputKind.START_THREAD: "Have a thread of ``{}`` execute a goal.",
+    OutputKind.THREAD_FREE: "A thread of ``{}`` is free again.",
+    OutputKind.BT_RETURN_STATUS: "Return a status to the behaviour tree.",
+    OutputKind.BT_RETURN_HALTED: "Tell the behaviour tree that this node is halted.",
+    OutputKind.BT_SET_OUTPUT: "Set an output port.",
+    OutputKind.BT_TICK_CHILD: "Tick a child.",
+    OutputKind.BT_HALT_CHILD: "Halt a child.",
+}
+
+
+def event_doc(event: Event, names: PortNames) -> Source:
+    """What the doc string of the method that takes ``event`` says."""
+    return Source(_EVENT_DOCS[event.kind]).format(doc(names.channel(event.name, event.kind)))
+
+
+def output_doc(kind: OutputKind, interface: str, names: PortNames) -> Source:
+    """What the doc string of the method by which an output leaves says."""
+    return Source(_OUTPUT_DOCS[kind]).format(doc(names.channel(interface, kind)))
 
 
 def key(interface: Interface) -> str:

@@ -1,144 +1,162 @@
-"""Executable content to Python: assignments, branches, logs, outputs and raised events."""
+"""Executable content, lowered to what the templates write: assignments, branches, outputs, guards."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
+from m2c.codegen import program
 from m2c.codegen.context import MachineContext
-from m2c.codegen.expressions import ExpressionCompiler, attribute_of_field, quoted
+from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.interfaces import zero_text
-from m2c.codegen.layout import INDENT, call, indent
-from m2c.codegen.names import attribute
-from m2c.model.datatypes import ANY, Array, DataType, Primitive, Structure
-from m2c.model.expressions import (
-    EventData,
-    Expression,
-    Index,
-    Literal,
-    Member,
-    Variable,
-    children,
-)
+from m2c.codegen.names import field_attribute
+from m2c.codegen.source import Source, quoted
+from m2c.model.datatypes import ANY, STRING, Array, DataType, Primitive, Structure
+from m2c.model.diagnostics import Position
+from m2c.model.expressions import EventData, Expression, Index, Literal, Member, Variable, children
 from m2c.model.machine import Assign, Cancel, Emit, Field, If, Log, OutputKind, Raise, Statement
 from m2c.model.typing import Scope, type_of
 
+OUTPUTS = "self._outputs"
 
-class StatementWriter:
-    """Writes the statements of one machine."""
+
+def place(position: Position) -> str:
+    """``Model.scxml:18:5``: the file without its folders, so that generated code is the same everywhere."""
+    return f"{Path(position.file).name}:{position.line}:{position.column}"
+
+
+def emitted(method: str, *arguments: str) -> program.Call:
+    """A call of a method of ``Outputs``."""
+    return program.Call(Source(f"{OUTPUTS}.{method}"), tuple(Source(item) for item in arguments))
+
+
+class StatementLowering:
+    """Lowers the statements of one machine.
+
+    Attributes:
+        may_fail: something that was lowered may turn out not to be possible.
+        conditions_may_fail: a condition was such.
+    """
 
     def __init__(self, context: MachineContext) -> None:
         self._context = context
+        self.may_fail = False
+        self.conditions_may_fail = False
 
     def block(
-        self, statements: Sequence[Statement], parts: dict[str, DataType], data_name: str
-    ) -> list[str]:
-        """Lines that run ``statements``; ``parts`` are the types of the event's parts there."""
-        compiler = self._context.compiler(parts, data_name)
-        lines = self._statements(statements, compiler)
-        if not compiler.may_fail:
-            return lines
-        return [
-            "try:",
-            *indent(lines),
-            "except ExecutionError as error:",
-            f"{INDENT}self._failed(error)",
-        ]
+        self, statements: Sequence[Statement], compiler: ExpressionCompiler, position: Position
+    ) -> tuple[program.Statement, ...]:
+        """What runs ``statements``; the block begins at ``position``.
 
-    def _statements(
-        self, statements: Sequence[Statement], compiler: ExpressionCompiler
-    ) -> list[str]:
-        lines: list[str] = []
+        Where one of them may fail, the block ends there (W3C SCXML 4.9), so it stands in a guard. Its
+        place is that of the one statement, or of the block where it can be one of several.
+        """
+        lowered: list[program.Statement] = []
+        failing: list[Position] = []
         for statement in statements:
-            match statement:
-                case Assign(location, value):
-                    lines += self._assign(location, value, compiler)
-                case If(branches):
-                    lines += self._if(branches, compiler)
-                case Log(label, value):
-                    lines += self._log(label, value, compiler)
-                case Emit():
-                    lines += self._emit(statement, compiler)
-                case Raise():
-                    lines += self._raise(statement, compiler)
-                case Cancel(id=identifier):
-                    lines.append(f'self._outputs.cancel_send("{identifier}")')
-        return lines
+            compiler.may_fail = False
+            lowered += self._statement(statement, compiler)
+            if compiler.may_fail:
+                failing.append(statement.position)
+        compiler.may_fail = False
+        if not failing:
+            return tuple(lowered)
+        self.may_fail = True
+        at = failing[0] if len(failing) == 1 else position
+        return (program.Guard(tuple(lowered), place(at)),)
+
+    def condition(
+        self, test: Expression, compiler: ExpressionCompiler, operand_of: str = ""
+    ) -> str:
+        """``test`` as a condition; one that cannot be evaluated does not hold (W3C SCXML 5.9.1)."""
+        before, compiler.may_fail = compiler.may_fail, False
+        text = compiler.condition(test, operand_of)
+        if compiler.may_fail:
+            self.may_fail = self.conditions_may_fail = True
+            text = (
+                f"self._holds({quoted(place(test.position))}, lambda: {compiler.condition(test)})"
+            )
+        compiler.may_fail = before
+        return text
+
+    def _statement(
+        self, statement: Statement, compiler: ExpressionCompiler
+    ) -> list[program.Statement]:
+        match statement:
+            case Assign(location, value):
+                return [self._assign(location, value, compiler)]
+            case If(branches):
+                return [self._if(branches, compiler)]
+            case Log(label, value):
+                return [self._log(label, value, compiler)]
+            case Emit():
+                return [self._emit(statement, compiler)]
+            case Raise():
+                return [self._raise(statement, compiler)]
+            case Cancel(id=identifier):
+                return [emitted("cancel_send", quoted(identifier))]
 
     def _assign(
         self, location: Expression, value: Expression, compiler: ExpressionCompiler
-    ) -> list[str]:
+    ) -> program.Statement:
+        variables = self._context.variables
         match location:
             case Variable(name=name):
-                kind = self._context.variables.get(name, ANY)
-                return [f"self.{attribute(name)} = {compiler.value(value, kind)}"]
+                new = compiler.value(value, variables.get(name, ANY))
+                return program.Assign(Source(f"self.{self._context.attribute(name)}"), Source(new))
             case Member(object=inner, name=name):
-                owner = _static(inner, self._context.variables)
+                owner = _static(inner, variables)
                 holder = compiler.value(inner)
                 if isinstance(owner, Structure) and owner.name and not _indexed(inner):
-                    wanted = owner.field(name) or ANY
-                    return [
-                        f"{holder}.{attribute_of_field(name)} = {compiler.value(value, wanted)}"
-                    ]
-                new = compiler.value(value, _static(location, self._context.variables))
+                    new = compiler.value(value, owner.field(name) or ANY)
+                    return program.Assign(Source(f"{holder}.{field_attribute(name)}"), Source(new))
+                new = compiler.value(value, _static(location, variables))
                 compiler.may_fail = True
-                return call("ecmascript.set_member", [holder, f'"{name}"', new], 0)
+                return _runtime("set_member", holder, quoted(name), new)
             case Index(object=inner, index=index):
-                owner = _static(inner, self._context.variables)
+                owner = _static(inner, variables)
                 element = owner.element if isinstance(owner, Array) else ANY
                 arguments = [compiler.value(inner), compiler.value(index)]
                 arguments.append(compiler.value(value, element))
                 if element != ANY:
                     arguments.append(f"fill={zero_text(element, self._context.class_of)}")
                 compiler.may_fail = True
-                return call("ecmascript.set_element", arguments, 0)
+                return _runtime("set_element", *arguments)
         raise AssertionError(location)
 
     def _if(
         self,
         branches: Sequence[tuple[Expression | None, Sequence[Statement]]],
         compiler: ExpressionCompiler,
-    ) -> list[str]:
-        lines: list[str] = []
-        for index, (test, body) in enumerate(branches):
-            if test is None:
-                lines.append("else:")
-            else:
-                head = self._condition(test, compiler)
-                lines.append(f"{'if' if index == 0 else 'elif'} {head}:")
-            lines += indent(self._statements(body, compiler) or ["pass"])
-        return lines
+    ) -> program.Statement:
+        lowered = []
+        for test, body in branches:
+            head = None if test is None else Source(self.condition(test, compiler))
+            inner = [item for statement in body for item in self._statement(statement, compiler)]
+            lowered.append(program.Branch(head, tuple(inner)))
+        return program.If(tuple(lowered))
 
-    def _condition(self, test: Expression, compiler: ExpressionCompiler) -> str:
-        failing = compiler.may_fail
-        compiler.may_fail = False
-        text = compiler.condition(test)
-        if compiler.may_fail:
-            text = f"self._holds(lambda: {text})"
-        compiler.may_fail = failing
-        return text
-
-    def _log(self, label: str, value: Expression | None, compiler: ExpressionCompiler) -> list[str]:
+    def _log(
+        self, label: str, value: Expression | None, compiler: ExpressionCompiler
+    ) -> program.Statement:
         if value is None:
-            return [f'self._outputs.log({quoted(label)}, "")']
+            return emitted("log", quoted(label), quoted(""))
         text = compiler.value(value)
-        kind = _static(value, self._context.variables)
-        if kind != Primitive("string") or _indexed(value):
+        if _static(value, self._context.variables) != STRING or _indexed(value):
             text = f"ecmascript.to_string({text})"
-        return call("self._outputs.log", [quoted(label), text], 0)
+        return emitted("log", quoted(label), text)
 
-    def _emit(self, emit: Emit, compiler: ExpressionCompiler) -> list[str]:
+    def _emit(self, emit: Emit, compiler: ExpressionCompiler) -> program.Statement:
         port = self._context.names.output(emit.kind, emit.interface)
         arguments: list[str] = []
         for name, _ in port.parameters:
             match name:
-                case "status":
+                case "status" | "value":
                     arguments.append(compiler.value(emit.fields[0].value))
                 case "key":
-                    arguments.append(f'"{emit.interface}"')
+                    arguments.append(quoted(emit.interface))
                 case "child":
-                    arguments.append(self._child(emit.interface))
-                case "value":
-                    arguments.append(compiler.value(emit.fields[0].value))
+                    arguments.append(self._context.child(emit.interface, "self"))
                 case "thread_id" if emit.kind is OutputKind.THREAD_FREE:
                     arguments.append("self.thread_id" if self._context.is_thread else "0")
                 case "thread_id":
@@ -148,11 +166,7 @@ class StatementWriter:
                     arguments.append(self._number(emit.goal_id, compiler, absent))
         if port.data is not None:
             arguments.append(self._message(port.data, emit.fields, compiler))
-        return call(f"self._outputs.{port.method}", arguments, 0)
-
-    def _child(self, written: str) -> str:
-        """A child's index: a number, or the variable that has it."""
-        return written if written.isdigit() else f"self.{attribute(written)}"
+        return emitted(port.method, *arguments)
 
     def _number(self, value: Expression | None, compiler: ExpressionCompiler, absent: str) -> str:
         return absent if value is None else compiler.value(value, Primitive("int64"))
@@ -168,27 +182,34 @@ class StatementWriter:
                 nested.setdefault(head, []).append(Field(rest, field.value, field.position))
             else:
                 value = compiler.value(field.value, kind.field(head))
-                arguments.append(f"{attribute_of_field(head)}={value}")
+                arguments.append(f"{field_attribute(head)}={value}")
         for head, inner in nested.items():
             wanted = kind.field(head)
             assert isinstance(wanted, Structure)
-            arguments.append(f"{attribute_of_field(head)}={self._message(wanted, inner, compiler)}")
+            arguments.append(f"{field_attribute(head)}={self._message(wanted, inner, compiler)}")
         return f"{self._context.class_of[kind.name]}({', '.join(arguments)})"
 
-    def _raise(self, statement: Raise, compiler: ExpressionCompiler) -> list[str]:
-        fields = [f'"{field.name}": {compiler.value(field.value)}' for field in statement.fields]
+    def _raise(self, statement: Raise, compiler: ExpressionCompiler) -> program.Statement:
+        fields = [
+            f"{quoted(field.name)}: {compiler.value(field.value)}" for field in statement.fields
+        ]
         data = f"{{{', '.join(fields)}}}" if fields else "None"
         if not statement.external:
-            return [f'self._internal.append(("{statement.event}", {data}))']
+            return program.Raise(statement.event, Source(data))
         delay = "0.0" if statement.delay_s is None else self._delay(statement.delay_s, compiler)
-        arguments = [f'"{statement.event}"', data, delay, f'"{statement.id}"']
-        return call("self._outputs.send_self", arguments, 0)
+        return emitted("send_self", quoted(statement.event), data, delay, quoted(statement.id))
 
     def _delay(self, value: Expression, compiler: ExpressionCompiler) -> str:
         if isinstance(value, Literal) and isinstance(value.value, int | float):
             return repr(float(value.value))
         compiler.may_fail = True
         return f"seconds({compiler.value(value)})"
+
+
+def _runtime(function: str, *arguments: str) -> program.Call:
+    return program.Call(
+        Source(f"ecmascript.{function}"), tuple(Source(argument) for argument in arguments)
+    )
 
 
 def _static(node: Expression, variables: dict[str, DataType]) -> DataType:

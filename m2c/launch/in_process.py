@@ -16,8 +16,8 @@ from typing import Any
 
 import msgspec
 
-from m2c.codegen.names import camel, snake
-from m2c.codegen.package import node_modules
+from m2c.codegen.names import machine_class, package_name
+from m2c.codegen.package import node_texts
 from m2c.model.diagnostics import DiagnosticLog, ModelError
 from m2c.model.machine import Machine
 from m2c.model.system import System
@@ -74,8 +74,8 @@ def compile_system(system: System) -> Program:
 
 def compile_node(machine: Machine, system: System) -> NodeClass:
     """Generate and import ``machine``; its node class."""
-    package = snake(machine.name)
-    modules = node_modules(machine, system.library, package)
+    package = package_name(machine.name)
+    modules = node_texts(machine, system.library, package)
     return import_node(
         package, {name.removesuffix(".py"): text for name, text in modules.items()}, machine.name
     )
@@ -112,7 +112,9 @@ def import_node(package: str, modules: Mapping[str, str], name: str) -> NodeClas
             if isinstance(value, type) and issubclass(value, msgspec.Struct):
                 # msgspec looks annotations up in sys.modules, once; later they are not there
                 msgspec.msgpack.Decoder(value)
-        node_class: NodeClass = getattr(sys.modules[f"{package}.node"], f"{camel(name)}Node")
+        node_class: NodeClass = getattr(
+            sys.modules[f"{package}.node"], f"{machine_class(name)}Node"
+        )
         return node_class
     finally:
         for key in [key for key in sys.modules if _is_in(key, package)]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from m2c.model.expressions import Expression, Index, Member, Variable, children
-from m2c.model.machine import If, Machine, State, Statement
+from m2c.model.machine import Assign, Emit, If, Log, Machine, Raise, State, Statement
 
 
 def flat(statements: Iterable[Statement]) -> Iterator[Statement]:
@@ -31,6 +31,27 @@ def statements_of(machine: Machine) -> Iterator[Statement]:
     """Every statement of ``machine``, without those of its action threads."""
     for state in machine.states:
         yield from statements_in(state)
+
+
+def expressions_of(machine: Machine) -> Iterator[Expression]:
+    """Every expression of ``machine``, without those of its action threads and those inside others."""
+    yield from (data.initial for data in machine.data)
+    for state in machine.states:
+        yield from (item.cond for item in state.transitions if item.cond is not None)
+    for statement in statements_of(machine):
+        match statement:
+            case Assign(location=location, value=value):
+                yield from (location, value)
+            case Emit(fields=fields, goal_id=goal, thread_id=thread):
+                yield from (field.value for field in fields)
+                yield from (number for number in (goal, thread) if number is not None)
+            case Raise(fields=fields, delay_s=delay):
+                yield from (field.value for field in fields)
+                yield from () if delay is None else (delay,)
+            case If(branches=branches):
+                yield from (test for test, _ in branches if test is not None)
+            case Log(value=value) if value is not None:
+                yield value
 
 
 def variables_of(expression: Expression | None) -> list[str]:

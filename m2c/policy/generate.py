@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import msgspec
 
-from m2c.codegen.names import camel, snake
-from m2c.codegen.packaging import Distribution, Packaging, project_files, starter
-from m2c.codegen.writer import sealed
+from m2c.codegen.names import distinct, machine_class
+from m2c.codegen.nodes import node_program
+from m2c.codegen.package import Draft, plugin_modules, type_names
+from m2c.codegen.packaging import code_package
+from m2c.codegen.program import PluginClass, PolicyProgram
+from m2c.codegen.source import name
 from m2c.model.diagnostics import DiagnosticLog, ModelError
 from m2c.model.system import System
 from m2c.policy.program import read_policy
 
 
-def policy_package(
-    system: System, package: str, packaging: Packaging = Packaging.WHEEL
-) -> dict[str, str]:
-    """The files of the policy package, without its plugins' modules.
+def add_policy_package(draft: Draft, system: System, package: str) -> None:
+    """Add the package of the policy of ``system``, its plugins' modules included.
 
     Raises:
         ModelError: the policy cannot be used.
@@ -25,43 +26,30 @@ def policy_package(
     policy = read_policy(system.policy, system, log)
     if policy is None:
         raise ModelError(log.diagnostics)
-    used = sorted({leaf.plugin for leaf in policy.leaves if leaf.plugin})
-    imports = "".join(
-        f"{line}\n"
-        for line in sorted(
-            [
-                "from m2c.policy.main import main",
-                *(
-                    f"from {package}.plugins.{snake(name)}.node import {camel(name)}Node"
-                    for name in used
-                ),
-            ]
-        )
-    )
-    entries = "".join(f'    "{name}": {camel(name)}Node,\n' for name in used)
-    plugins = f"PLUGINS = {{\n{entries}}}\n\n" if used else ""
-    head = (
-        f'"""Runs the policy of ``{system.name}`` as a process."""\n\n'
-        "from pathlib import Path\n\n"
-        f"{imports}\n{plugins}"
-    )
-    arguments = f"Path(__file__).parent, {'PLUGINS' if used else '{}'}"
-    types = {leaf.tick_type for leaf in policy.leaves} | {leaf.halt_type for leaf in policy.leaves}
+    modules = plugin_modules(system.plugins)
+    folder = f"{package}/{package}/"
     for plugin in system.plugins:
-        types |= {interface.type_name for interface in plugin.interfaces}
-    distribution = Distribution(
-        package,
-        f"The policy of {system.name}, generated from its behaviour tree",
-        tuple(sorted(types - {""})),
-        is_nested=True,
-    )
-    files = {
-        f"{package}/__init__.py": sealed(f'"""The policy of ``{system.name}``."""\n'),
-        f"{package}/__main__.py": starter(packaging, head, arguments),
-        f"{package}/policy.xml": policy.xml,
-        f"{package}/policy.json": msgspec.json.format(msgspec.json.encode(policy)).decode() + "\n",
-        **project_files(packaging, distribution),
-    }
+        module = modules[plugin.name]
+        facts = node_program(plugin, system.library, f"{package}.plugins.{module}")
+        draft.add_node(f"{folder}plugins/{module}/", facts)
+    used: dict[str, PluginClass] = {}
+    for plugin_name in sorted({leaf.plugin for leaf in policy.leaves if leaf.plugin}):
+        class_name = f"{machine_class(plugin_name)}Node"
+        alias = distinct(class_name, [str(other.alias) for other in used.values()])
+        module = f"{package}.plugins.{modules[plugin_name]}.node"
+        used[plugin_name] = PluginClass(plugin_name, name(module), name(class_name), name(alias))
+    facts_of_policy = PolicyProgram(system.name, name(package), tuple(used.values()))
+    templates = {"__init__.py": "policy_init.py.j2", "__main__.py": "policy_main.py.j2"}
     if system.plugins:
-        files[f"{package}/plugins/__init__.py"] = sealed('"""The behaviour tree\'s plugins."""\n')
-    return files
+        templates["plugins/__init__.py"] = "policy_plugins.py.j2"
+    for path, template in templates.items():
+        draft.add(f"{folder}{path}", template, system.name, policy=facts_of_policy)
+    draft.put(f"{folder}policy.xml", policy.xml)
+    draft.put(
+        f"{folder}policy.json", msgspec.json.format(msgspec.json.encode(policy)).decode() + "\n"
+    )
+    types = {leaf.tick_type for leaf in policy.leaves} | {leaf.halt_type for leaf in policy.leaves}
+    types |= set(type_names(system.plugins))
+    description = f"The policy of {system.name}, generated from its behaviour tree"
+    around = code_package(package, description, types - {""}, is_nested=True)
+    draft.add_around(f"{package}/", around, system.name)

@@ -74,6 +74,7 @@ class Binding:
         self._state = state
         self._delays: dict[str, Timer] = {}
         self._sends: dict[str, list[Timer]] = {}
+        self._faults: set[tuple[str, str]] = set()
         self.log = logging.getLogger(name)
 
     def publisher(self, topic: Topic) -> Publisher:
@@ -190,6 +191,12 @@ class Binding:
     def say(self, label: str, text: str) -> None:
         """A ``<log>`` of the model."""
         self.log.info("%s%s", f"{label}: " if label else "", text)
+
+    def fault(self, place: str, text: str) -> None:
+        """What could not be evaluated at ``place`` of the model (``Model.scxml:18:5``); said once."""
+        if (place, text) not in self._faults:
+            self._faults.add((place, text))
+            self.log.error("error.execution at %s: %s", place, text)
 
     def _guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
         """A fault of the model ends its macrostep, not the node."""

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from m2c.codegen.layout import indent
-from m2c.codegen.transitions import _without_final_returns
+from m2c.codegen.machines import _without_last_done
+from m2c.codegen.program import Branch, Call, Done, Guard, If, Statement
+from m2c.codegen.source import Source
 from tests.codegen.harness import Generated
 
 INTERFACES = {
@@ -57,9 +58,9 @@ def test_a_machine_that_waits_for_no_internal_event_has_no_queue_of_them(tmp_pat
     made = machine(tmp_path, f'<state id="a">{ANSWER.format(attributes="")}{fails}</state>', data)
     text = made.files["machine.py"]
     assert "_internal" not in text
-    assert "_settle" not in text
+    assert "_complete_macrostep" not in text
     made.it.on_level_message(made.interfaces.Level(data=-1))
-    assert [item[:2] for item in made.outputs.sent] == [("log", "error.execution")]
+    assert [item[:2] for item in made.outputs.sent] == [("fault", "model.scxml:9:9")]
 
 
 def test_a_machine_that_waits_for_error_execution_gets_it(tmp_path: Path) -> None:
@@ -94,32 +95,29 @@ def test_what_is_taken_and_does_nothing_needs_no_code(tmp_path: Path) -> None:
     assert made.outputs.sent == []
 
 
+DONE = Done("return")
+X, Y, Z = (Call(Source(name)) for name in "xyz")
+
+
+def when(test: str | None, *body: Statement) -> Branch:
+    return Branch(Source(test) if test is not None else None, body)
+
+
 @pytest.mark.parametrize(
     ("written", "kept"),
     [
-        (["if a:", "    x()", "    return"], ["if a:", "    x()"]),
+        ((If((when("a", X, DONE),)),), (If((when("a", X),)),)),
+        ((If((when("a", DONE), when("b", Y))),), (If((when("a"), when("b", Y))),)),
+        ((If((when("a", DONE),)), Y), (If((when("a", DONE),)), Y)),
+        ((If((when("a", If((when("b", X, DONE),)), Y),)),),) * 2,
         (
-            ["if a:", "    return", "elif b:", "    y()"],
-            ["if a:", "    pass", "elif b:", "    y()"],
+            (If((when("a", If((when("b", X, DONE),))), when(None, Z))),),
+            (If((when("a", If((when("b", X),))), when(None, Z))),),
         ),
-        (["if a:", "    return", "y()"], ["if a:", "    return", "y()"]),
-        (["if a:", *indent(["if b:", "    x()", "    return", "y()"])],) * 2,
-        (
-            ["if a:", *indent(["if b:", "    x()", "    return"]), "elif c:", "    z()"],
-            ["if a:", *indent(["if b:", "    x()"]), "elif c:", "    z()"],
-        ),
-        (
-            [
-                "if a:",
-                *indent(["try:", "    x()", "except E:", "    f()", "return"]),
-                "elif c:",
-                "    z()",
-            ],
-            ["if a:", *indent(["try:", "    x()", "except E:", "    f()"]), "elif c:", "    z()"],
-        ),
+        ((Guard((X,), "m.scxml:1:1"), DONE), (Guard((X,), "m.scxml:1:1"),)),
     ],
 )
 def test_a_return_goes_only_where_nothing_would_run_after_it(
-    written: list[str], kept: list[str]
+    written: tuple[Statement, ...], kept: tuple[Statement, ...]
 ) -> None:
-    assert _without_final_returns(written) == kept
+    assert _without_last_done(written) == kept

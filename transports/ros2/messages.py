@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import array
 import functools
-import keyword
 import typing
 from collections.abc import Callable
 from typing import Any
@@ -110,9 +109,9 @@ def _fields(ros: Any) -> list[tuple[str, Any]]:
     return list(zip(ros.get_fields_and_field_types(), ros.SLOT_TYPES, strict=True))
 
 
-def _attribute(name: str) -> str:
-    """Our attribute for field ``name``, as generated classes spell it."""
-    return f"{name}_" if keyword.iskeyword(name) else name
+def _attributes(message: type[Message]) -> dict[str, str]:
+    """Our attribute for each field: another than its name where that is a word of Python."""
+    return dict(zip(message.__struct_encode_fields__, message.__struct_fields__, strict=True))
 
 
 # --- out ------------------------------------------------------------------------------------------
@@ -121,8 +120,9 @@ def _attribute(name: str) -> str:
 @functools.lru_cache(maxsize=1024)
 def _encoder(ros: Any, message: type[Message], place: str) -> Convert:
     fields = _fields(ros)
-    ours = set(message.__struct_fields__)
-    theirs = {_attribute(name) for name, _ in fields}
+    attributes = _attributes(message)
+    ours = set(attributes)
+    theirs = {name for name, _ in fields}
     if ours != theirs:
         raise TransportError(
             f"{place}: the model's fields are {_listed(ours)}, those of the ROS 2 package that is "
@@ -132,9 +132,9 @@ def _encoder(ros: Any, message: type[Message], place: str) -> Convert:
     steps = tuple(
         (
             name,
-            _attribute(name),
+            attributes[name],
             f"_{name}",
-            _writer(kind, inner[_attribute(name)], f"{place}.{name}"),
+            _writer(kind, inner[attributes[name]], f"{place}.{name}"),
         )
         for name, kind in fields
     )
@@ -330,9 +330,10 @@ _NUMPY_TYPES = {
 @functools.lru_cache(maxsize=1024)
 def _decoder(ros: Any, message: type[Message]) -> Convert:
     hints = typing.get_type_hints(message, include_extras=True)
+    attributes = _attributes(message)
     steps = []
     for name, kind in _fields(ros):
-        attribute = _attribute(name)
+        attribute = attributes[name]
         element = kind.value_type if isinstance(kind, AbstractNestedType) else kind
         nested: Convert = plain_of
         if isinstance(element, NamespacedType):

@@ -1,0 +1,375 @@
+"""A machine, lowered to the facts of its class: which transition an event takes, what states do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence, Set
+
+from m2c.codegen import program
+from m2c.codegen.context import MachineContext
+from m2c.codegen.expressions import ExpressionCompiler
+from m2c.codegen.interfaces import zero_text
+from m2c.codegen.ports import EventPort, event_doc, events_of
+from m2c.codegen.source import Source, name, quoted
+from m2c.codegen.statements import StatementLowering, emitted
+from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
+from m2c.model.expressions import Expression, MathCall, ObjectLiteral, PortInput, children
+from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
+from m2c.model.scopes import event_parts
+from m2c.model.walk import expressions_of, statements_of
+
+
+def machine_program(context: MachineContext) -> program.MachineProgram:
+    """The facts of one machine (or of one that executes goals)."""
+    lowering = _MachineLowering(context, takes_internal=True)
+    found = lowering.facts()
+    if lowering.raises() or (found.may_fail and lowering.waits_for_events):
+        return found
+    return _MachineLowering(context, takes_internal=False).facts()
+
+
+class _MachineLowering:
+    """Lowers one machine; ``takes_internal``: it has a queue of internal events."""
+
+    def __init__(self, context: MachineContext, takes_internal: bool) -> None:
+        self._context = context
+        self._machine = context.machine
+        self._takes_internal = takes_internal
+        self._statements = StatementLowering(context)
+        self._events = events_of(context.machine)
+
+    def raises(self) -> bool:
+        """Whether some statement raises an internal event."""
+        found = statements_of(self._machine)
+        return any(isinstance(item, Raise) and not item.external for item in found)
+
+    @property
+    def waits_for_events(self) -> bool:
+        """Whether a transition waits for an event by name, ``error.execution`` for instance."""
+        return any(event.kind is EventKind.INTERNAL for event in self._events)
+
+    def facts(self) -> program.MachineProgram:
+        """All of it."""
+        machine, context = self._machine, self._context
+        states = tuple(self._state(state) for state in machine.states)
+        by_name = {state.name: state for state in states}
+        initial = by_name[machine.initial]
+        eventless = tuple(self._eventless())
+        start = (
+            *self._go(machine.state(machine.initial)),
+            *self._complete(machine.state(machine.initial)),
+        )
+        methods = tuple(self._methods())
+        sends_itself = any(
+            isinstance(item, Raise) and item.external for item in statements_of(machine)
+        )
+        variables = tuple(self._variables())
+        expressions = [
+            part for expression in expressions_of(machine) for part in _parts(expression)
+        ]
+        uses_random = any(
+            isinstance(part, MathCall) and part.function == "random" for part in expressions
+        ) or any(len(item.targets) > 1 for state in machine.states for item in state.transitions)
+        uses_ports = any(isinstance(part, PortInput) for part in expressions)
+        slots = {
+            *("_outputs", "state"),
+            *(["thread_id"] if context.is_thread else []),
+            *(["_random"] if uses_random else []),
+            *(["_ports"] if uses_ports else []),
+            *(["_internal"] if self._takes_internal else []),
+            *(str(variable.attribute) for variable in variables if not variable.constant),
+        }
+        named = any(method.name == "on_event" for method in methods)
+        return program.MachineProgram(
+            name=machine.name,
+            class_name=name(context.class_name),
+            state_class=context.state_class,
+            is_thread=context.is_thread,
+            initial=initial,
+            start=tuple(item for item in start if not isinstance(item, program.Go)),
+            states=states,
+            variables=variables,
+            slots=tuple(sorted(slots)),
+            methods=methods,
+            eventless=eventless,
+            takes_internal=self._takes_internal,
+            takes_named=(sends_itself or self._takes_internal) and not named,
+            completes=bool(eventless) or self._takes_internal,
+            uses_random=uses_random,
+            uses_ports=uses_ports,
+            may_fail=self._statements.may_fail,
+            has_conditions_that_may_fail=self._statements.conditions_may_fail,
+        )
+
+    def _variables(self) -> Iterator[program.Variable]:
+        compiler = self._context.compiler({})
+        for data in self._machine.data:
+            value = compiler.value(data.initial, data.type)
+            if isinstance(data.initial, ObjectLiteral) and not data.initial.entries:
+                value = zero_text(data.type, self._context.class_of)
+            yield program.Variable(
+                data.name,
+                self._context.attribute(data.name),
+                Source(self._annotation(data.type)),
+                Source(value),
+                data.name in self._context.constants,
+            )
+
+    def _annotation(self, kind: DataType) -> str:
+        match kind:
+            case Primitive("bool"):
+                return "bool"
+            case Primitive("string"):
+                return "str"
+            case Primitive("any") | Primitive("null"):
+                return "Any"
+            case Primitive() if is_integer(kind):
+                return "int"
+            case Primitive("number"):
+                return "int | float"
+            case Primitive():
+                return "float"
+            case Structure(structure) if structure:
+                return self._context.class_of[structure]
+            case Array(element, _, _):
+                return f"list[{self._annotation(element)}]"
+            case _:
+                return "dict[str, Any]"
+
+    # -- states -------------------------------------------------------------------------------
+
+    def _state(self, state: State) -> program.StateProgram:
+        delays = [item for item in state.transitions if item.after_s is not None]
+        compiler = self._context.compiler({})
+        entry: list[program.Statement] = [program.Go(self._context.state_text(state.name))]
+        leaving: list[program.Statement] = []
+        for delay in delays:
+            assert delay.event is not None
+            entry.append(emitted("start_delay", quoted(delay.event.name), repr(delay.after_s)))
+        entry += self._statements.block(state.on_entry, compiler, state.position)
+        leaving += self._statements.block(state.on_exit, compiler, state.position)
+        if state.final:
+            entry.append(
+                emitted("log", quoted(""), quoted("the machine has reached its final state"))
+            )
+        for delay in delays:
+            assert delay.event is not None
+            leaving.append(emitted("stop_delay", quoted(delay.event.name)))
+        return program.StateProgram(
+            name=state.name,
+            constant=self._context.state_constant(state.name),
+            method=self._context.state_method(state.name),
+            enters=_enters(state),
+            exits=_exits(state),
+            entry=tuple(entry),
+            exit=tuple(leaving),
+        )
+
+    def _go(self, state: State) -> tuple[program.Statement, ...]:
+        """What enters ``state``."""
+        if _enters(state):
+            return (program.Enter(self._context.state_method(state.name)),)
+        return (program.Go(self._context.state_text(state.name)),)
+
+    def _complete(self, state: State) -> tuple[program.Statement, ...]:
+        """What follows the arrival in ``state``, if something may be enabled there."""
+        eventless = any(transition.event is None for transition in state.transitions)
+        return (program.CompleteMacrostep(),) if eventless or self._takes_internal else ()
+
+    # -- events -------------------------------------------------------------------------------
+
+    def _methods(self) -> Iterator[program.EventMethod]:
+        grouped: dict[str, list[tuple[Event, EventPort]]] = {}
+        for event in self._events:
+            port = self._context.names.event(event)
+            grouped.setdefault(port.method, []).append((event, port))
+        for method, found in grouped.items():
+            event, port = found[0]
+            reports = event.kind in _REPORT_WHETHER_TAKEN
+            parameters = [
+                program.Parameter(name(item), Source(kind)) for item, kind in port.parameters
+            ]
+            if port.data is not None:
+                data = name(self._context.class_of[port.data.name])
+                parameters.insert(0, program.Parameter(name(port.data_name), data))
+            yield program.EventMethod(
+                name(method),
+                tuple(parameters),
+                event_doc(event, self._context.names),
+                reports,
+                tuple(self._branches([item for item, _ in found], port, reports)),
+            )
+
+    def _branches(
+        self, events: Sequence[Event], port: EventPort, reports: bool
+    ) -> Iterator[program.StateBranch]:
+        """What each state does on any of ``events``: the first enabled transition is taken.
+
+        States that do the same share a branch.
+        """
+        done = program.Done("taken" if reports else "return")
+        branches: dict[tuple[program.Statement, ...], list[Source]] = {}
+        for state in self._machine.states:
+            found = [item for item in state.transitions if item.event in events]
+            body = tuple(self._taken_first(state, found, port, done))
+            if body:
+                branches.setdefault(body, []).append(self._context.state_text(state.name))
+        if not reports:
+            branches.pop((done,), None)  # what is taken and does nothing needs no code
+        for body, states in branches.items():
+            yield program.StateBranch(tuple(states), body if reports else _without_last_done(body))
+
+    def _eventless(self) -> Iterator[program.StateBranch]:
+        for state in self._machine.states:
+            found = [item for item in state.transitions if item.event is None]
+            body = self._taken_first(state, found, None, program.Done("again"))
+            if found:
+                yield program.StateBranch(
+                    (self._context.state_text(state.name),), _within_macrostep(body)
+                )
+
+    def _taken_first(
+        self,
+        state: State,
+        transitions: Sequence[Transition],
+        port: EventPort | None,
+        done: program.Done,
+    ) -> list[program.Statement]:
+        """What tests and takes ``transitions``, up to the first that is always enabled."""
+        body: list[program.Statement] = []
+        for transition in transitions:
+            tested = self._transition(state, transition, port, done)
+            body += tested
+            if tested[-1] is done:
+                break
+        return body
+
+    def _transition(
+        self, state: State, transition: Transition, port: EventPort | None, done: program.Done
+    ) -> list[program.Statement]:
+        """What tests and takes ``transition``; ends in ``done`` where that is always enabled."""
+        parts = event_parts(transition.event, self._machine, self._context.library)
+        data_name = port.data_name if port is not None and port.data is not None else "data"
+        compiler = self._context.compiler(parts, data_name)
+        tests: list[str] = []
+        if transition.event is not None and transition.event.kind in _BY_NAME:
+            tests += _event_test(transition.event, self._sent_names())
+        if transition.cond is not None:
+            within = "and" if tests else ""
+            tests.append(self._statements.condition(transition.cond, compiler, within))
+        body = [*self._taken(state, transition, compiler), done]
+        if not tests:
+            return body
+        return [program.If((program.Branch(Source(" and ".join(tests)), tuple(body)),))]
+
+    def _taken(
+        self, state: State, transition: Transition, compiler: ExpressionCompiler
+    ) -> list[program.Statement]:
+        taken: list[program.Statement] = []
+        if transition.targets and _exits(state):
+            taken.append(program.Exit(self._context.state_method(state.name)))
+        taken += self._statements.block(transition.body, compiler, transition.position)
+        if not transition.targets:
+            return [*taken, *self._complete(state)]
+        arrivals = [
+            self._arrive(state, target, transition, compiler) for target in transition.targets
+        ]
+        if len(arrivals) == 1:
+            return [*taken, *arrivals[0]]
+        bound = 0.0
+        branches = []
+        for target, arrival in zip(transition.targets, arrivals, strict=True):
+            bound += target.probability or 0.0
+            last = target is transition.targets[-1]
+            test = None if last else Source(f"draw < {round(bound, 12)!r}")
+            branches.append(program.Branch(test, tuple(arrival)))
+        return [*taken, program.Choice(tuple(branches))]
+
+    def _arrive(
+        self, source: State, target: Target, transition: Transition, compiler: ExpressionCompiler
+    ) -> list[program.Statement]:
+        state = self._machine.state(target.state)
+        body = self._statements.block(target.body, compiler, transition.position)
+        stays = source.name == state.name and not _enters(state)
+        return [*body, *(() if stays else self._go(state)), *self._complete(state)]
+
+    def _sent_names(self) -> Set[str]:
+        """Names of the events that the machine can send to itself, errors included."""
+        sent = {item.event for item in statements_of(self._machine) if isinstance(item, Raise)}
+        return sent | {"error.execution"}
+
+
+_BY_NAME = frozenset({EventKind.INTERNAL, EventKind.AFTER})
+"""Events that one method takes, all of them; which it is, is tested."""
+
+
+def _enters(state: State) -> bool:
+    return bool(state.on_entry or state.final or _delays(state))
+
+
+def _exits(state: State) -> bool:
+    return bool(state.on_exit or _delays(state))
+
+
+def _delays(state: State) -> list[Transition]:
+    return [item for item in state.transitions if item.after_s is not None]
+
+
+def _event_test(event: Event, names: Set[str]) -> list[str]:
+    """The condition under which one of the events ``names`` is ``event``; none where each of them is."""
+    if event.kind is EventKind.AFTER:
+        return [f"delay == {quoted(event.name)}"]
+    if event.name == "*":
+        return ["True"]
+    prefix = event.name.removesuffix("*").removesuffix(".")
+    longer = any(other.startswith(f"{prefix}.") for other in names)
+    test = (
+        f"matches(name, {quoted(prefix)})" if longer or not prefix else f"name == {quoted(prefix)}"
+    )
+    return [test]
+
+
+def _without_last_done(body: tuple[program.Statement, ...]) -> tuple[program.Statement, ...]:
+    """``body`` without each ``Done`` behind which nothing would run anyway."""
+    if not body:
+        return body
+    *first, last = body
+    match last:
+        case program.Done():
+            return tuple(first)
+        case program.If(branches):
+            shorter = (
+                program.Branch(branch.test, _without_last_done(branch.body)) for branch in branches
+            )
+            return (*first, program.If(tuple(shorter)))
+        case _:
+            return body
+
+
+def _within_macrostep(body: Iterable[program.Statement]) -> tuple[program.Statement, ...]:
+    """``body`` of an eventless transition: the macrostep is being completed already."""
+    kept: list[program.Statement] = []
+    for item in body:
+        match item:
+            case program.CompleteMacrostep():
+                continue
+            case program.If(branches) | program.Choice(branches):
+                inner = (program.Branch(one.test, _within_macrostep(one.body)) for one in branches)
+                kept.append(type(item)(tuple(inner)))
+            case _:
+                kept.append(item)
+    return tuple(kept)
+
+
+def _parts(expression: Expression) -> Iterator[Expression]:
+    yield expression
+    for child in children(expression):
+        yield from _parts(child)
+
+
+_REPORT_WHETHER_TAKEN = frozenset(
+    {
+        *(EventKind.REQUEST, EventKind.GOAL, EventKind.CALL_ERROR),
+        *(EventKind.BT_HALT, EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED),
+    }
+)
+"""Events whose sender waits for something: the node must know of one that is discarded."""
