@@ -62,9 +62,7 @@ def _field(field: str, kind: DataType, declared: object, names: dict[str, str]) 
     default, is_factory = _default(kind, declared, names)
     attribute = field_attribute(field)
     annotation = Source(_annotation(kind, names))
-    return MessageField(
-        field, name(attribute), annotation, Source(default), is_factory, attribute != field
-    )
+    return MessageField(field, name(attribute), annotation, Source(default), is_factory)
 
 
 def _annotation(kind: DataType, names: dict[str, str]) -> str:

@@ -8,21 +8,21 @@ from m2c.codegen import program
 from m2c.codegen.context import MachineContext
 from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.interfaces import zero_text
-from m2c.codegen.ports import EventPort, event_doc, events_of
+from m2c.codegen.ports import Port
 from m2c.codegen.source import Source, name, quoted
-from m2c.codegen.statements import StatementLowering, emitted
+from m2c.codegen.statements import StatementLowering, call
 from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
 from m2c.model.expressions import Expression, MathCall, ObjectLiteral, PortInput, children
 from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
 from m2c.model.scopes import event_parts
-from m2c.model.walk import expressions_of, statements_of
+from m2c.model.walk import events_of, expressions_of, statements_of
 
 
 def machine_program(context: MachineContext) -> program.MachineProgram:
     """The facts of one machine (or of one that executes goals)."""
     lowering = _MachineLowering(context, takes_internal=True)
     found = lowering.facts()
-    if lowering.raises() or (found.may_fail and lowering.waits_for_events):
+    if lowering.raises() or ("fault" in found.sends and lowering.waits_for_events):
         return found
     return _MachineLowering(context, takes_internal=False).facts()
 
@@ -51,53 +51,43 @@ class _MachineLowering:
         """All of it."""
         machine, context = self._machine, self._context
         states = tuple(self._state(state) for state in machine.states)
-        by_name = {state.name: state for state in states}
-        initial = by_name[machine.initial]
-        eventless = tuple(self._eventless())
-        start = (
-            *self._go(machine.state(machine.initial)),
-            *self._complete(machine.state(machine.initial)),
-        )
+        initial = machine.state(machine.initial)
+        start = self._go(initial) if _enters(initial) else ()
         methods = tuple(self._methods())
-        sends_itself = any(
-            isinstance(item, Raise) and item.external for item in statements_of(machine)
-        )
-        variables = tuple(self._variables())
-        expressions = [
-            part for expression in expressions_of(machine) for part in _parts(expression)
-        ]
-        uses_random = any(
-            isinstance(part, MathCall) and part.function == "random" for part in expressions
-        ) or any(len(item.targets) > 1 for state in machine.states for item in state.transitions)
-        uses_ports = any(isinstance(part, PortInput) for part in expressions)
-        slots = {
-            *("_outputs", "state"),
-            *(["thread_id"] if context.is_thread else []),
-            *(["_random"] if uses_random else []),
-            *(["_ports"] if uses_ports else []),
-            *(["_internal"] if self._takes_internal else []),
-            *(str(variable.attribute) for variable in variables if not variable.constant),
-        }
+        eventless = tuple(self._eventless())
         named = any(method.name == "on_event" for method in methods)
+        variables = tuple(self._variables())
+        parts = [part for whole in expressions_of(machine) for part in _parts(whole)]
+        uses_random = any(
+            isinstance(part, MathCall) and part.function == "random" for part in parts
+        ) or any(len(item.targets) > 1 for state in machine.states for item in state.transitions)
+        uses_ports = any(isinstance(part, PortInput) for part in parts)
+        slots = {
+            "thread_id": context.is_thread,
+            "_random": uses_random,
+            "_ports": uses_ports,
+            "_internal": self._takes_internal,
+            **{str(variable.attribute): not variable.constant for variable in variables},
+        }
+        sends = frozenset(self._statements.sends)
         return program.MachineProgram(
             name=machine.name,
             class_name=name(context.class_name),
             state_class=context.state_class,
             is_thread=context.is_thread,
-            initial=initial,
-            start=tuple(item for item in start if not isinstance(item, program.Go)),
+            initial=next(state for state in states if state.name == machine.initial),
+            start=(*start, *self._complete(initial)),
             states=states,
             variables=variables,
-            slots=tuple(sorted(slots)),
+            slots=tuple(sorted(["_outputs", "state", *(slot for slot in slots if slots[slot])])),
             methods=methods,
             eventless=eventless,
             takes_internal=self._takes_internal,
-            takes_named=(sends_itself or self._takes_internal) and not named,
-            completes=bool(eventless) or self._takes_internal,
+            takes_named=("send_self" in sends or self._takes_internal) and not named,
             uses_random=uses_random,
             uses_ports=uses_ports,
-            may_fail=self._statements.may_fail,
-            has_conditions_that_may_fail=self._statements.conditions_may_fail,
+            sends=sends,
+            tests_may_fail=self._statements.tests_may_fail,
         )
 
     def _variables(self) -> Iterator[program.Variable]:
@@ -138,69 +128,64 @@ class _MachineLowering:
     # -- states -------------------------------------------------------------------------------
 
     def _state(self, state: State) -> program.StateProgram:
-        delays = [item for item in state.transitions if item.after_s is not None]
         compiler = self._context.compiler({})
-        entry: list[program.Statement] = [program.Go(self._context.state_text(state.name))]
-        leaving: list[program.Statement] = []
-        for delay in delays:
+        entry: list[program.Statement] = [self._is_in(state)]
+        leaving = list(self._statements.block(state.on_exit, compiler, state.position))
+        for delay in _delays(state):
             assert delay.event is not None
-            entry.append(emitted("start_delay", quoted(delay.event.name), repr(delay.after_s)))
+            event = quoted(delay.event.name)
+            entry.append(self._statements.sent("start_delay", event, repr(delay.after_s)))
+            leaving.append(self._statements.sent("stop_delay", event))
         entry += self._statements.block(state.on_entry, compiler, state.position)
-        leaving += self._statements.block(state.on_exit, compiler, state.position)
         if state.final:
-            entry.append(
-                emitted("log", quoted(""), quoted("the machine has reached its final state"))
-            )
-        for delay in delays:
-            assert delay.event is not None
-            leaving.append(emitted("stop_delay", quoted(delay.event.name)))
+            said = quoted("the machine has reached its final state")
+            entry.append(self._statements.sent("log", quoted(""), said))
         return program.StateProgram(
             name=state.name,
             constant=self._context.state_constant(state.name),
             method=self._context.state_method(state.name),
-            enters=_enters(state),
-            exits=_exits(state),
-            entry=tuple(entry),
+            entry=tuple(entry) if _enters(state) else (),
             exit=tuple(leaving),
         )
+
+    def _is_in(self, state: State) -> program.Statement:
+        return program.Assign(Source("self.state"), self._context.state_text(state.name))
 
     def _go(self, state: State) -> tuple[program.Statement, ...]:
         """What enters ``state``."""
         if _enters(state):
-            return (program.Enter(self._context.state_method(state.name)),)
-        return (program.Go(self._context.state_text(state.name)),)
+            return (call(f"self._enter_{self._context.state_method(state.name)}"),)
+        return (self._is_in(state),)
 
     def _complete(self, state: State) -> tuple[program.Statement, ...]:
         """What follows the arrival in ``state``, if something may be enabled there."""
         eventless = any(transition.event is None for transition in state.transitions)
-        return (program.CompleteMacrostep(),) if eventless or self._takes_internal else ()
+        return (_COMPLETE,) if eventless or self._takes_internal else ()
 
     # -- events -------------------------------------------------------------------------------
 
     def _methods(self) -> Iterator[program.EventMethod]:
-        grouped: dict[str, list[tuple[Event, EventPort]]] = {}
+        grouped: dict[str, list[tuple[Event, Port]]] = {}
         for event in self._events:
             port = self._context.names.event(event)
             grouped.setdefault(port.method, []).append((event, port))
         for method, found in grouped.items():
             event, port = found[0]
             reports = event.kind in _REPORT_WHETHER_TAKEN
-            parameters = [
-                program.Parameter(name(item), Source(kind)) for item, kind in port.parameters
-            ]
+            parameters = [(name(item), Source(kind)) for item, kind in port.parameters]
             if port.data is not None:
                 data = name(self._context.class_of[port.data.name])
-                parameters.insert(0, program.Parameter(name(port.data_name), data))
+                parameters.insert(0, (name(port.data_name), data))
             yield program.EventMethod(
                 name(method),
                 tuple(parameters),
-                event_doc(event, self._context.names),
+                port.doc,
                 reports,
                 tuple(self._branches([item for item, _ in found], port, reports)),
             )
 
     def _branches(
-        self, events: Sequence[Event], port: EventPort, reports: bool
+        self, events: Sequence[Event], port: Port, reports: bool
     ) -> Iterator[program.StateBranch]:
         """What each state does on any of ``events``: the first enabled transition is taken.
 
@@ -231,7 +216,7 @@ class _MachineLowering:
         self,
         state: State,
         transitions: Sequence[Transition],
-        port: EventPort | None,
+        port: Port | None,
         done: program.Done,
     ) -> list[program.Statement]:
         """What tests and takes ``transitions``, up to the first that is always enabled."""
@@ -244,7 +229,7 @@ class _MachineLowering:
         return body
 
     def _transition(
-        self, state: State, transition: Transition, port: EventPort | None, done: program.Done
+        self, state: State, transition: Transition, port: Port | None, done: program.Done
     ) -> list[program.Statement]:
         """What tests and takes ``transition``; ends in ``done`` where that is always enabled."""
         parts = event_parts(transition.event, self._machine, self._context.library)
@@ -266,7 +251,7 @@ class _MachineLowering:
     ) -> list[program.Statement]:
         taken: list[program.Statement] = []
         if transition.targets and _exits(state):
-            taken.append(program.Exit(self._context.state_method(state.name)))
+            taken.append(call(f"self._exit_{self._context.state_method(state.name)}"))
         taken += self._statements.block(transition.body, compiler, transition.position)
         if not transition.targets:
             return [*taken, *self._complete(state)]
@@ -298,6 +283,7 @@ class _MachineLowering:
         return sent | {"error.execution"}
 
 
+_COMPLETE = call("self._complete_macrostep")
 _BY_NAME = frozenset({EventKind.INTERNAL, EventKind.AFTER})
 """Events that one method takes, all of them; which it is, is tested."""
 
@@ -349,14 +335,11 @@ def _within_macrostep(body: Iterable[program.Statement]) -> tuple[program.Statem
     """``body`` of an eventless transition: the macrostep is being completed already."""
     kept: list[program.Statement] = []
     for item in body:
-        match item:
-            case program.CompleteMacrostep():
-                continue
-            case program.If(branches) | program.Choice(branches):
-                inner = (program.Branch(one.test, _within_macrostep(one.body)) for one in branches)
-                kept.append(type(item)(tuple(inner)))
-            case _:
-                kept.append(item)
+        if isinstance(item, program.If | program.Choice):
+            inner = (program.Branch(one.test, _within_macrostep(one.body)) for one in item.branches)
+            kept.append(type(item)(tuple(inner)))
+        elif item != _COMPLETE:
+            kept.append(item)
     return tuple(kept)
 
 

@@ -9,20 +9,13 @@ from m2c.codegen.context import MachineContext
 from m2c.codegen.interfaces import class_names, message_classes, needed_structures
 from m2c.codegen.machines import machine_program
 from m2c.codegen.names import MODULE_NAMES, distinct, machine_class
-from m2c.codegen.ports import (
-    OUTPUT_VERB,
-    OutputPort,
-    PortNames,
-    emits_of,
-    events_of,
-    key,
-    output_doc,
-)
-from m2c.codegen.program import Endpoint, Output, Parameter
+from m2c.codegen.ports import PortNames, key
+from m2c.codegen.program import Endpoint, Output
 from m2c.codegen.source import Source, name
 from m2c.model.datatypes import Array, DataType, Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine, OutputKind
+from m2c.model.walk import emits_of, events_of
 
 _GOAL_EVENTS = {
     "accepted": EventKind.GOAL_ACCEPTED,
@@ -32,62 +25,16 @@ _GOAL_EVENTS = {
     "aborted": EventKind.ABORTED,
     "canceled": EventKind.CANCELED,
 }
-_HANDLED = {
-    InterfaceKind.PUBLISHER: (),
-    InterfaceKind.SUBSCRIBER: (EventKind.MESSAGE,),
-    InterfaceKind.SERVER: (EventKind.REQUEST,),
-    InterfaceKind.CLIENT: (EventKind.RESPONSE, EventKind.CALL_ERROR),
-    InterfaceKind.ACTION_SERVER: (EventKind.GOAL, EventKind.CANCEL),
-    InterfaceKind.ACTION_CLIENT: (),
-    InterfaceKind.TIMER: (),
+_ENDS: dict[InterfaceKind, tuple[str, tuple[EventKind, ...]]] = {
+    InterfaceKind.PUBLISHER: ("Topic", ()),
+    InterfaceKind.SUBSCRIBER: ("Topic", (EventKind.MESSAGE,)),
+    InterfaceKind.SERVER: ("Service", (EventKind.REQUEST,)),
+    InterfaceKind.CLIENT: ("Service", (EventKind.RESPONSE, EventKind.CALL_ERROR)),
+    InterfaceKind.ACTION_SERVER: ("Action", (EventKind.GOAL, EventKind.CANCEL)),
+    InterfaceKind.ACTION_CLIENT: ("Action", ()),
+    InterfaceKind.TIMER: ("", (EventKind.TIMER,)),
 }
-_PORT_METHOD = {
-    OutputKind.PUBLISH: "publisher.publish",
-    OutputKind.REQUEST: "client.call",
-    OutputKind.RESPONSE: "server.respond",
-    OutputKind.SEND_GOAL: "client.send_goal",
-    OutputKind.SEND_CANCEL: "client.send_cancel",
-    OutputKind.ACCEPT_GOAL: "server.accept",
-    OutputKind.REJECT_GOAL: "server.reject",
-    OutputKind.FEEDBACK: "server.feedback",
-    OutputKind.SUCCEED: "server.succeed",
-    OutputKind.ABORT: "server.abort",
-    OutputKind.CANCEL: "server.canceled",
-}
-"""The end of a channel that an output leaves by, and its method."""
-_SHAPES = {
-    InterfaceKind.PUBLISHER: "Topic",
-    InterfaceKind.SUBSCRIBER: "Topic",
-    InterfaceKind.SERVER: "Service",
-    InterfaceKind.CLIENT: "Service",
-    InterfaceKind.ACTION_SERVER: "Action",
-    InterfaceKind.ACTION_CLIENT: "Action",
-}
-_BINDING_OUTPUTS: dict[str, tuple[str, str, tuple[tuple[str, str], ...], str]] = {
-    "start_delay": (
-        "Start the delay of a transition.",
-        "start_delay",
-        (("name", "str"), ("delay_s", "float")),
-        "self.machine.on_elapsed",
-    ),
-    "stop_delay": ("Cancel the delay of a transition.", "stop_delay", (("name", "str"),), ""),
-    "send_self": (
-        "Send an event to the machine itself.",
-        "send_self",
-        (("event", "str"), ("data", "Any"), ("delay_s", "float"), ("send_id", "str")),
-        "self.machine.on_event",
-    ),
-    "cancel_send": ("Cancel a delayed send.", "cancel_send", (("send_id", "str"),), ""),
-    "log": ("Write a line to the node's log.", "say", (("label", "str"), ("text", "str")), ""),
-    "fault": (
-        "What could not be evaluated, and where in the model.",
-        "fault",
-        (("place", "str"), ("text", "str")),
-        "",
-    ),
-}
-"""Outputs that are no messages: doc string, method of the binding, parameters, and what it is given
-besides them."""
+"""What the channel of an interface is, and the events whose handlers it is given in order."""
 
 
 def node_program(machine: Machine, library: InterfaceLibrary, package: str) -> program.NodeProgram:
@@ -141,7 +88,7 @@ class _NodeFacts:
             messages=self._messages,
             channels=tuple(self._channels.values()),
             endpoints=tuple(self._endpoint(interface) for interface in self._machine.interfaces),
-            outputs=(*self._message_outputs(), *self._binding_outputs()),
+            outputs=tuple(self._outputs()),
             threads=tuple(
                 program.ThreadProgram(
                     self._threads(thread.interface), made.class_name, thread.count, made.uses_ports
@@ -153,8 +100,8 @@ class _NodeFacts:
             takes_ports=is_plugin or bool(self._machine.ports),
             ticked=EventKind.BT_TICK in kinds,
             halted=EventKind.BT_HALT in kinds,
-            child_status=tuple(self._child_handlers(EventKind.BT_CHILD_STATUS)),
-            child_halted=tuple(self._child_handlers(EventKind.BT_CHILD_HALTED)),
+            child_status=self._children(EventKind.BT_CHILD_STATUS),
+            child_halted=self._children(EventKind.BT_CHILD_HALTED),
         )
 
     # -- channels -----------------------------------------------------------------------------
@@ -168,7 +115,7 @@ class _NodeFacts:
             constant = distinct(self._names.short(interface).upper(), taken)
             taken.add(constant)
             found[identity] = program.Channel(
-                shape=name(_SHAPES[interface.kind]),
+                shape=name(_ENDS[interface.kind][0]),
                 constant=name(constant),
                 name=interface.channel if interface.port is None else None,
                 port=interface.port,
@@ -185,45 +132,38 @@ class _NodeFacts:
     def _endpoint(self, interface: Interface) -> Endpoint:
         short = self._names.short(interface)
         role = interface.kind.value
-        end = role.removeprefix("action_")
-        if interface.kind is InterfaceKind.TIMER:
-            return Endpoint(
-                role,
-                name(short),
-                timer_name=interface.name,
-                rate_hz=interface.rate_hz,
-                timer_handlers=tuple(self._timer_handlers(interface)),
-            )
-        handlers = [self._handler(kind, interface) for kind in _HANDLED[interface.kind]]
-        cancel = Event(EventKind.CANCEL, interface.name)
-        if interface.kind is InterfaceKind.ACTION_SERVER and cancel in self._thread_handled:
+        timer = interface.kind is InterfaceKind.TIMER
+        handlers = [self._handler(kind, interface) for kind in _ENDS[interface.kind][1]]
+        if interface.kind is InterfaceKind.ACTION_SERVER and self._each(
+            EventKind.CANCEL, interface
+        ):
             handlers[1] = Source(f"self._cancel_{short}")
-        named: list[tuple[Source, Source]] = []
+        named = {}
         if interface.kind is InterfaceKind.ACTION_CLIENT:
-            for keyword, kind in _GOAL_EVENTS.items():
-                handler = self._handler(kind, interface)
-                if handler is not None:
-                    named.append((name(keyword), handler))
+            named = {word: self._handler(kind, interface) for word, kind in _GOAL_EVENTS.items()}
         return Endpoint(
-            role,
-            name(f"_{short}_{end}"),
-            self._channels[key(interface)],
+            name(role),
+            name(f"_{short}_{role.removeprefix('action_')}"),
+            None if timer else self._channels[key(interface)],
             tuple(handlers),
-            tuple(named),
+            tuple((name(word), handler) for word, handler in named.items() if handler is not None),
+            interface.name if timer else "",
+            interface.rate_hz,
+            self._each(EventKind.TIMER, interface) if timer else (),
         )
 
     def _handler(self, kind: EventKind, interface: Interface) -> Source | None:
         port = self._handled.get(Event(kind, interface.name))
         return name(f"self.machine.{port.method}") if port is not None else None
 
-    def _timer_handlers(self, interface: Interface) -> Iterator[program.TimerHandler]:
-        event = Event(EventKind.TIMER, interface.name)
-        if event in self._handled:
-            yield program.TimerHandler(name(f"self.machine.{self._handled[event].method}"), None)
-        for thread in self._machine.threads:
-            if event in events_of(thread.machine):
-                method = name(self._thread_handled[event].method)
-                yield program.TimerHandler(method, self._threads(thread.interface))
+    def _each(self, kind: EventKind, interface: Interface) -> program.Parameters:
+        """The threads that an event concerns: the attribute that has them, and their method."""
+        event = Event(kind, interface.name)
+        return tuple(
+            (self._threads(thread.interface), name(self._names.event(event).method))
+            for thread in self._machine.threads
+            if event in events_of(thread.machine)
+        )
 
     def _threads(self, interface_name: str) -> Source:
         """The attribute with the machines that execute the goals of an action server."""
@@ -231,78 +171,43 @@ class _NodeFacts:
 
     def _cancels(self) -> Iterator[program.CancelMethod]:
         for interface in self._machine.interfaces:
-            event = Event(EventKind.CANCEL, interface.name)
-            if interface.kind is InterfaceKind.ACTION_SERVER and event in self._thread_handled:
-                method = name(self._thread_handled[event].method)
-                yield program.CancelMethod(
-                    name(f"_cancel_{self._names.short(interface)}"),
-                    self._handler(EventKind.CANCEL, interface),
-                    tuple(
-                        (self._threads(thread.interface), method)
-                        for thread in self._machine.threads
-                        if event in events_of(thread.machine)
-                    ),
-                )
+            each = self._each(EventKind.CANCEL, interface)
+            if interface.kind is InterfaceKind.ACTION_SERVER and each:
+                own = self._handler(EventKind.CANCEL, interface)
+                method = name(f"_cancel_{self._names.short(interface)}")
+                yield program.CancelMethod(method, own, each)
 
-    def _child_handlers(self, kind: EventKind) -> Iterator[program.ChildHandler]:
-        """A model names a child by its number, or by a variable that has it."""
-        for event, port in self._handled.items():
-            if event.kind is kind:
-                child = Source(self._context.child(event.name, "self.machine"))
-                yield program.ChildHandler(child, name(f"self.machine.{port.method}"))
-
-    # -- outputs ------------------------------------------------------------------------------
-
-    def _message_outputs(self) -> Iterator[Output]:
-        emits = dict.fromkeys(item for owner in self._owners for item in emits_of(owner))
-        for kind, interface in emits:
-            port = self._names.output(kind, interface)
-            parameters = [Parameter(name(item), Source(of)) for item, of in port.parameters]
-            if port.data is not None:
-                data = name(self._class_of[port.data.name])
-                parameters.append(Parameter(name(port.data_name), data))
-            role, target, handler = self._leaves_by(kind, port)
-            yield Output(
-                name(port.method),
-                tuple(parameters),
-                output_doc(kind, interface, self._names),
-                role,
-                target,
-                tuple(parameter.name for parameter in parameters),
-                handler,
+    def _children(self, kind: EventKind) -> program.Parameters:
+        """What is called when a child answers; a model names one by its number, or a variable."""
+        return tuple(
+            (
+                Source(self._context.child(event.name, "self.machine")),
+                name(f"self.machine.{port.method}"),
             )
+            for event, port in self._handled.items()
+            if event.kind is kind
+        )
 
-    def _leaves_by(self, kind: OutputKind, port: OutputPort) -> tuple[str, Source, Source | None]:
-        """Role, target and handler of an output; see :class:`m2c.codegen.program.Output`."""
-        match kind:
-            case OutputKind.START_THREAD:
-                start = self._thread_handled.get(Event(EventKind.THREAD_START, port.interface))
+    def _outputs(self) -> Iterator[Output]:
+        for kind, interface in dict.fromkeys(
+            item for owner in self._owners for item in emits_of(owner)
+        ):
+            port = self._names.output(kind, interface)
+            parameters = [(name(item), Source(of)) for item, of in port.parameters]
+            if port.data is not None:
+                parameters.append((name(port.data_name), name(self._class_of[port.data.name])))
+            leaves_by = name(f"self.{port.leaves_by}") if port.leaves_by else None
+            handler = threads = None
+            if kind is OutputKind.START_THREAD:
+                start = self._thread_handled.get(Event(EventKind.THREAD_START, interface))
                 handler = name(start.method) if start is not None else None
-                return "start_thread", self._threads(port.interface), handler
-            case OutputKind.THREAD_FREE:
-                free = self._handled.get(Event(EventKind.THREAD_FREE, port.interface))
+                threads = self._threads(interface)
+            elif kind is OutputKind.THREAD_FREE:
+                free = self._handled.get(Event(EventKind.THREAD_FREE, interface))
                 handler = name(free.method) if free is not None else None
-                return "free_thread", name("self.machine"), handler
-        if kind not in _PORT_METHOD:
-            return "call", name(f"self._tree.{port.method}"), None
-        short = port.method.removeprefix(f"{OUTPUT_VERB[kind]}_")
-        return "call", name(f"self._{short}_{_PORT_METHOD[kind]}"), None
-
-    def _binding_outputs(self) -> Iterator[Output]:
-        called = {call.function for made in self._machines for call in program.calls_of(made)}
-        fails = any(made.may_fail for made in self._machines)
-        for method, (says, bound, parameters, besides) in _BINDING_OUTPUTS.items():
-            if f"self._outputs.{method}" in called or (method == "fault" and fails):
-                listed = tuple(Parameter(name(item), name(kind)) for item, kind in parameters)
-                given = [parameter.name for parameter in listed]
-                yield Output(
-                    name(method),
-                    listed,
-                    Source(says),
-                    "call",
-                    name(f"self._binding.{bound}"),
-                    (*given, *([name(besides)] if besides else [])),
-                )
+            yield Output(
+                name(port.method), tuple(parameters), port.doc, leaves_by, handler, threads
+            )
 
 
 def _thread_class(own: str, index: int) -> str:

@@ -8,107 +8,124 @@ from m2c.codegen.names import channel_names, snake
 from m2c.codegen.source import Source, doc
 from m2c.model.datatypes import Structure
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import (
-    Emit,
-    Event,
-    EventKind,
-    Interface,
-    Machine,
-    OutputKind,
-)
+from m2c.model.machine import Event, EventKind, Interface, Machine, OutputKind
 from m2c.model.scopes import event_data_type, event_parts, interface_kind_of, output_data_type
-from m2c.model.walk import statements_of
 
-_EVENT_SUFFIX = {
-    EventKind.MESSAGE: "message",
-    EventKind.REQUEST: "request",
-    EventKind.RESPONSE: "response",
-    EventKind.CALL_ERROR: "error",
-    EventKind.GOAL: "goal",
-    EventKind.CANCEL: "cancel",
-    EventKind.GOAL_ACCEPTED: "accepted",
-    EventKind.GOAL_REJECTED: "rejected",
-    EventKind.FEEDBACK: "feedback",
-    EventKind.SUCCEEDED: "succeeded",
-    EventKind.ABORTED: "aborted",
-    EventKind.CANCELED: "canceled",
-    EventKind.THREAD_START: "thread_start",
-    EventKind.THREAD_FREE: "thread_free",
-    EventKind.TIMER: "timer",
+_EVENTS: dict[EventKind, tuple[str, str, str]] = {
+    EventKind.INTERNAL: (
+        "event",
+        "",
+        "An event that the machine sent or raised, or that is sent to it.",
+    ),
+    EventKind.AFTER: ("elapsed", "", "A state's ``after`` delay has elapsed."),
+    EventKind.MESSAGE: ("message", "msg", "A message on ``{}``."),
+    EventKind.REQUEST: ("request", "req", "A request to ``{}``."),
+    EventKind.RESPONSE: ("response", "res", "The response to a call of ``{}``."),
+    EventKind.CALL_ERROR: ("error", "", "A call of ``{}`` failed."),
+    EventKind.GOAL: ("goal", "goal", "A goal of ``{}``."),
+    EventKind.CANCEL: ("cancel", "", "A request to cancel a goal of ``{}``."),
+    EventKind.GOAL_ACCEPTED: ("accepted", "", "The goal sent to ``{}`` was accepted."),
+    EventKind.GOAL_REJECTED: ("rejected", "", "The goal sent to ``{}`` was rejected."),
+    EventKind.FEEDBACK: ("feedback", "feedback", "Feedback of ``{}``."),
+    EventKind.SUCCEEDED: ("succeeded", "result", "The goal sent to ``{}`` succeeded."),
+    EventKind.ABORTED: ("aborted", "result", "The goal sent to ``{}`` was aborted."),
+    EventKind.CANCELED: ("canceled", "result", "The goal sent to ``{}`` was canceled."),
+    EventKind.THREAD_START: ("thread_start", "goal", "A goal of ``{}`` is to be executed."),
+    EventKind.THREAD_FREE: ("thread_free", "", "A thread of ``{}`` has become free."),
+    EventKind.TIMER: ("timer", "", "The timer ``{}``."),
+    EventKind.BT_TICK: ("tick", "", "The behaviour tree ticks this node."),
+    EventKind.BT_HALT: ("halt", "", "The behaviour tree halts this node."),
+    EventKind.BT_CHILD_STATUS: ("status", "", "Child {} returned a status."),
+    EventKind.BT_CHILD_HALTED: ("halted", "", "Child {} was halted."),
 }
-_DATA_NAMES = {
-    EventKind.MESSAGE: "msg",
-    EventKind.REQUEST: "req",
-    EventKind.RESPONSE: "res",
-    EventKind.GOAL: "goal",
-    EventKind.THREAD_START: "goal",
-    EventKind.FEEDBACK: "feedback",
-    EventKind.SUCCEEDED: "result",
-    EventKind.ABORTED: "result",
-    EventKind.CANCELED: "result",
-}
-OUTPUT_VERB = {
-    OutputKind.PUBLISH: "publish",
-    OutputKind.REQUEST: "call",
-    OutputKind.RESPONSE: "respond",
-    OutputKind.SEND_GOAL: "send_goal",
-    OutputKind.SEND_CANCEL: "send_cancel",
-    OutputKind.ACCEPT_GOAL: "accept_goal",
-    OutputKind.REJECT_GOAL: "reject_goal",
-    OutputKind.FEEDBACK: "feedback",
-    OutputKind.SUCCEED: "succeed",
-    OutputKind.ABORT: "abort",
-    OutputKind.CANCEL: "canceled",
-    OutputKind.START_THREAD: "start_thread",
-    OutputKind.THREAD_FREE: "free_thread",
-    OutputKind.BT_RETURN_STATUS: "return_status",
-    OutputKind.BT_RETURN_HALTED: "return_halted",
-    OutputKind.BT_SET_OUTPUT: "set_output",
-    OutputKind.BT_TICK_CHILD: "tick_child",
-    OutputKind.BT_HALT_CHILD: "halt_child",
-}
-_DATA_ARGUMENT = {
-    OutputKind.PUBLISH: "message",
-    OutputKind.REQUEST: "request",
-    OutputKind.RESPONSE: "response",
-    OutputKind.SEND_GOAL: "goal",
-    OutputKind.START_THREAD: "goal",
-    OutputKind.FEEDBACK: "feedback",
-    OutputKind.SUCCEED: "result",
-    OutputKind.ABORT: "result",
-    OutputKind.CANCEL: "result",
-}
-ON_EVENT = (("name", "str"), ("data", "Any = None"))
-"""Parameters of the method that takes what a machine sends to itself."""
+"""What the method of an event is called, what its data is called, and what its doc string says."""
 
-_GOAL_OUTPUTS = frozenset(
-    {
-        *(OutputKind.ACCEPT_GOAL, OutputKind.REJECT_GOAL, OutputKind.FEEDBACK, OutputKind.SUCCEED),
-        *(OutputKind.ABORT, OutputKind.CANCEL, OutputKind.START_THREAD, OutputKind.THREAD_FREE),
-        OutputKind.SEND_CANCEL,
-    }
+_ALONE = {
+    EventKind.INTERNAL: (("name", "str"), ("data", "Any = None")),
+    EventKind.AFTER: (("delay", "str"),),
+    EventKind.BT_TICK: (),
+    EventKind.BT_HALT: (),
+}
+"""Events of no interface, and the parameters of their methods, of which a machine has one for all."""
+
+_OUTPUTS: dict[OutputKind, tuple[str, str, str, str]] = {
+    OutputKind.PUBLISH: ("publish", "message", "publisher.publish", "Publish on ``{}``."),
+    OutputKind.REQUEST: (
+        "call",
+        "request",
+        "client.call",
+        "Call ``{}``; the response is an event.",
+    ),
+    OutputKind.RESPONSE: ("respond", "response", "server.respond", "Answer a request to ``{}``."),
+    OutputKind.SEND_GOAL: ("send_goal", "goal", "client.send_goal", "Send a goal to ``{}``."),
+    OutputKind.SEND_CANCEL: (
+        "send_cancel",
+        "",
+        "client.send_cancel",
+        "Ask ``{}`` to cancel a goal.",
+    ),
+    OutputKind.ACCEPT_GOAL: ("accept_goal", "", "server.accept", "Accept a goal of ``{}``."),
+    OutputKind.REJECT_GOAL: ("reject_goal", "", "server.reject", "Reject a goal of ``{}``."),
+    OutputKind.FEEDBACK: ("feedback", "feedback", "server.feedback", "Send feedback of ``{}``."),
+    OutputKind.SUCCEED: ("succeed", "result", "server.succeed", "End a goal of ``{}``: succeeded."),
+    OutputKind.ABORT: ("abort", "result", "server.abort", "End a goal of ``{}``: aborted."),
+    OutputKind.CANCEL: ("canceled", "result", "server.canceled", "End a goal of ``{}``: canceled."),
+    OutputKind.START_THREAD: (
+        "start_thread",
+        "goal",
+        "",
+        "Have a thread of ``{}`` execute a goal.",
+    ),
+    OutputKind.THREAD_FREE: ("free_thread", "", "", "A thread of ``{}`` is free again."),
+    OutputKind.BT_RETURN_STATUS: (
+        "return_status",
+        "",
+        "",
+        "Return a status to the behaviour tree.",
+    ),
+    OutputKind.BT_RETURN_HALTED: (
+        *("return_halted", "", ""),
+        "Tell the behaviour tree that this node is halted.",
+    ),
+    OutputKind.BT_SET_OUTPUT: ("set_output", "", "", "Set an output port."),
+    OutputKind.BT_TICK_CHILD: ("tick_child", "", "", "Tick a child."),
+    OutputKind.BT_HALT_CHILD: ("halt_child", "", "", "Halt a child."),
+}
+"""What the method of an output is called, what its data is called, the end of a channel that it leaves
+by, and what its doc string says."""
+
+_TO_THE_TREE = {
+    OutputKind.BT_RETURN_STATUS: (("status", "str"),),
+    OutputKind.BT_RETURN_HALTED: (),
+    OutputKind.BT_SET_OUTPUT: (("key", "str"), ("value", "object")),
+    OutputKind.BT_TICK_CHILD: (("child", "int"),),
+    OutputKind.BT_HALT_CHILD: (("child", "int"),),
+}
+"""Outputs of no interface, and the parameters of their methods."""
+
+_OF_NO_GOAL = frozenset(
+    {OutputKind.PUBLISH, OutputKind.REQUEST, OutputKind.RESPONSE, OutputKind.SEND_GOAL}
 )
 
 
-class EventPort(msgspec.Struct, frozen=True):
-    """One method of the machine: what it is called and what it is given."""
+class Port(msgspec.Struct, frozen=True):
+    """One method of the machine (of an event) or of ``Outputs``.
 
-    event: Event
+    Attributes:
+        method: what it is called.
+        doc: what its doc string says.
+        parameters: names and types, without the message.
+        data: the type of the message that it is given, if it is given one.
+        data_name: what that is called.
+        leaves_by: of an output on a channel, the attribute and the method of the node that send it.
+    """
+
     method: str
-    data: Structure | None
-    data_name: str
-    parameters: tuple[tuple[str, str], ...]
-
-
-class OutputPort(msgspec.Struct, frozen=True):
-    """One method of ``Outputs``: what it is called and what it is given."""
-
-    kind: OutputKind
-    interface: str
-    method: str
-    data: Structure | None
-    data_name: str
-    parameters: tuple[tuple[str, str], ...]
+    doc: Source
+    parameters: tuple[tuple[str, str], ...] = ()
+    data: Structure | None = None
+    data_name: str = "data"
+    leaves_by: str = ""
 
 
 class PortNames:
@@ -123,141 +140,63 @@ class PortNames:
         """The name that stands for ``interface`` in method names."""
         return self._short[key(interface)]
 
-    def channel(self, name: str, kind: EventKind | OutputKind) -> str:
-        """What interface ``name`` is called in texts: its channel, where the model gives it."""
-        interface_kind = interface_kind_of(kind)
-        kinds = (interface_kind,) if interface_kind is not None else ()
-        interface = self._machine.interface(name, *kinds) if kinds else None
-        return interface.channel or name if interface is not None else name
-
     def named(self, name: str, kind: EventKind | OutputKind) -> str:
         """The name that stands in method names for interface ``name``, of an event or output of ``kind``."""
-        interface_kind = interface_kind_of(kind)
-        kinds = (interface_kind,) if interface_kind is not None else ()
-        interface = self._machine.interface(name, *kinds)
+        interface = self._interface(name, kind)
         return self.short(interface) if interface is not None else snake(name)
 
-    def event(self, event: Event) -> EventPort:
-        """The method that takes ``event``."""
-        parts = event_parts(event, self._machine, self._library)
-        data = event_data_type(event, self._machine, self._library)
-        match event.kind:
-            case EventKind.INTERNAL:
-                return EventPort(event, "on_event", None, "data", ON_EVENT)
-            case EventKind.AFTER:
-                return EventPort(event, "on_elapsed", None, "data", (("delay", "str"),))
-            case EventKind.BT_TICK | EventKind.BT_HALT:
-                return EventPort(
-                    event, "on_tick" if event.kind is EventKind.BT_TICK else "on_halt", None, "", ()
-                )
-            case EventKind.BT_CHILD_STATUS:
-                return EventPort(
-                    event, f"on_child_{snake(event.name)}_status", None, "", (("status", "str"),)
-                )
-            case EventKind.BT_CHILD_HALTED:
-                return EventPort(event, f"on_child_{snake(event.name)}_halted", None, "", ())
-        method = f"on_{self.named(event.name, event.kind)}_{_EVENT_SUFFIX[event.kind]}"
-        data_name = _DATA_NAMES.get(event.kind, "data")
-        parameters = [(part, "int") for part in ("goal_id", "thread_id", "code") if part in parts]
-        return EventPort(event, method, data, data_name, tuple(parameters))
+    def _interface(self, name: str, kind: EventKind | OutputKind) -> Interface | None:
+        interface_kind = interface_kind_of(kind)
+        kinds = (interface_kind,) if interface_kind is not None else ()
+        return self._machine.interface(name, *kinds)
 
-    def output(self, kind: OutputKind, name: str) -> OutputPort:
+    def _doc(self, text: str, name: str, kind: EventKind | OutputKind) -> Source:
+        interface = self._interface(name, kind) if interface_kind_of(kind) is not None else None
+        channel = interface.channel if interface is not None else None
+        return Source(text).format(doc(channel or name))
+
+    def event(self, event: Event) -> Port:
+        """The method that takes ``event``."""
+        word, data_name, text = _EVENTS[event.kind]
+        says = self._doc(text, event.name, event.kind)
+        if event.kind in _ALONE:
+            return Port(f"on_{word}", says, _ALONE[event.kind])
+        if event.kind in (EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED):
+            parameters = (("status", "str"),) if event.kind is EventKind.BT_CHILD_STATUS else ()
+            return Port(f"on_child_{snake(event.name)}_{word}", says, parameters)
+        parts = event_parts(event, self._machine, self._library)
+        return Port(
+            f"on_{self.named(event.name, event.kind)}_{word}",
+            says,
+            tuple((part, "int") for part in ("goal_id", "thread_id", "code") if part in parts),
+            event_data_type(event, self._machine, self._library),
+            data_name or "data",
+        )
+
+    def output(self, kind: OutputKind, name: str) -> Port:
         """The method by which an output of ``kind`` leaves on interface ``name``."""
-        data = output_data_type(kind, name, self._machine, self._library)
-        verb = OUTPUT_VERB[kind]
+        verb, data_name, end, text = _OUTPUTS[kind]
+        says = self._doc(text, name, kind)
+        if kind in _TO_THE_TREE:
+            return Port(verb, says, _TO_THE_TREE[kind], leaves_by=f"_tree.{verb}")
         parameters: list[tuple[str, str]] = []
-        match kind:
-            case OutputKind.BT_RETURN_STATUS:
-                return OutputPort(kind, name, verb, None, "", (("status", "str"),))
-            case OutputKind.BT_RETURN_HALTED:
-                return OutputPort(kind, name, verb, None, "", ())
-            case OutputKind.BT_SET_OUTPUT:
-                return OutputPort(kind, name, verb, None, "", (("key", "str"), ("value", "object")))
-            case OutputKind.BT_TICK_CHILD | OutputKind.BT_HALT_CHILD:
-                return OutputPort(kind, name, verb, None, "", (("child", "int"),))
         if kind in (OutputKind.START_THREAD, OutputKind.THREAD_FREE):
             parameters.append(("thread_id", "int"))
-        if kind in _GOAL_OUTPUTS:
-            optional = kind is OutputKind.SEND_CANCEL
-            parameters.append(("goal_id", "int | None" if optional else "int"))
-        method = f"{verb}_{self.named(name, kind)}"
-        return OutputPort(kind, name, method, data, _DATA_ARGUMENT.get(kind, ""), tuple(parameters))
-
-
-_EVENT_DOCS = {
-    EventKind.INTERNAL: "An event that the machine sent or raised, or that is sent to it.",
-    EventKind.AFTER: "A state's ``after`` delay has elapsed.",
-    EventKind.MESSAGE: "A message on ``{}``.",
-    EventKind.REQUEST: "A request to ``{}``.",
-    EventKind.RESPONSE: "The response to a call of ``{}``.",
-    EventKind.CALL_ERROR: "A call of ``{}`` failed.",
-    EventKind.GOAL: "A goal of ``{}``.",
-    EventKind.CANCEL: "A request to cancel a goal of ``{}``.",
-    EventKind.GOAL_ACCEPTED: "The goal sent to ``{}`` was accepted.",
-    EventKind.GOAL_REJECTED: "The goal sent to ``{}`` was rejected.",
-    EventKind.FEEDBACK: "Feedback of ``{}``.",
-    EventKind.SUCCEEDED: "The goal sent to ``{}`` succeeded.",
-    EventKind.ABORTED: "The goal sent to ``{}`` was aborted.",
-    EventKind.CANCELED: "The goal sent to ``{}`` was canceled.",
-    EventKind.THREAD_START: "A goal of ``{}`` is to be executed.",
-    EventKind.THREAD_FREE: "A thread of ``{}`` has become free.",
-    EventKind.TIMER: "The timer ``{}``.",
-    EventKind.BT_TICK: "The behaviour tree ticks this node.",
-    EventKind.BT_HALT: "The behaviour tree halts this node.",
-    EventKind.BT_CHILD_STATUS: "Child {} returned a status.",
-    EventKind.BT_CHILD_HALTED: "Child {} was halted.",
-}
-_OUTPUT_DOCS = {
-    OutputKind.PUBLISH: "Publish on ``{}``.",
-    OutputKind.REQUEST: "Call ``{}``; the response is an event.",
-    OutputKind.RESPONSE: "Answer a request to ``{}``.",
-    OutputKind.SEND_GOAL: "Send a goal to ``{}``.",
-    OutputKind.SEND_CANCEL: "Ask ``{}`` to cancel a goal.",
-    OutputKind.ACCEPT_GOAL: "Accept a goal of ``{}``.",
-    OutputKind.REJECT_GOAL: "Reject a goal of ``{}``.",
-    OutputKind.FEEDBACK: "Send feedback of ``{}``.",
-    OutputKind.SUCCEED: "End a goal of ``{}``: succeeded.",
-    OutputKind.ABORT: "End a goal of ``{}``: aborted.",
-    OutputKind.CANCEL: "End a goal of ``{}``: canceled.",
-    OutputKind.START_THREAD: "Have a thread of ``{}`` execute a goal.",
-    OutputKind.THREAD_FREE: "A thread of ``{}`` is free again.",
-    OutputKind.BT_RETURN_STATUS: "Return a status to the behaviour tree.",
-    OutputKind.BT_RETURN_HALTED: "Tell the behaviour tree that this node is halted.",
-    OutputKind.BT_SET_OUTPUT: "Set an output port.",
-    OutputKind.BT_TICK_CHILD: "Tick a child.",
-    OutputKind.BT_HALT_CHILD: "Halt a child.",
-}
-
-
-def event_doc(event: Event, names: PortNames) -> Source:
-    """What the doc string of the method that takes ``event`` says."""
-    return Source(_EVENT_DOCS[event.kind]).format(doc(names.channel(event.name, event.kind)))
-
-
-def output_doc(kind: OutputKind, interface: str, names: PortNames) -> Source:
-    """What the doc string of the method by which an output leaves says."""
-    return Source(_OUTPUT_DOCS[kind]).format(doc(names.channel(interface, kind)))
+        if kind not in _OF_NO_GOAL:
+            parameters.append(
+                ("goal_id", "int | None" if kind is OutputKind.SEND_CANCEL else "int")
+            )
+        short = self.named(name, kind)
+        return Port(
+            f"{verb}_{short}",
+            says,
+            tuple(parameters),
+            output_data_type(kind, name, self._machine, self._library),
+            data_name,
+            f"_{short}_{end}" if end else "",
+        )
 
 
 def key(interface: Interface) -> str:
     """What identifies the channel of ``interface`` within one machine."""
     return interface.channel or f"/{interface.name}"
-
-
-def events_of(machine: Machine) -> list[Event]:
-    """Every event that some transition of ``machine`` waits for, in document order, each once."""
-    found: dict[Event, None] = {}
-    for state in machine.states:
-        for transition in state.transitions:
-            if transition.event is not None:
-                found[transition.event] = None
-    return list(found)
-
-
-def emits_of(machine: Machine) -> list[tuple[OutputKind, str]]:
-    """Every output that ``machine`` can send, in document order, each once."""
-    found: dict[tuple[OutputKind, str], None] = {}
-    for statement in statements_of(machine):
-        if isinstance(statement, Emit):
-            found[statement.kind, statement.interface] = None
-    return list(found)

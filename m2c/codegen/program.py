@@ -11,8 +11,6 @@ on. :data:`CONTEXT_VERSION` grows when something that is there changes its meani
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-
 import msgspec
 
 from m2c.codegen.source import Source
@@ -20,40 +18,34 @@ from m2c.codegen.source import Source
 CONTEXT_VERSION = 1
 """``context_version`` in every template."""
 
+Parameters = tuple[tuple[Source, Source], ...]
+"""Names and types."""
 
-class Fact(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind"):
-    """What every struct here is; statements have a ``kind`` that templates branch on."""
+
+class Fact(msgspec.Struct, frozen=True):
+    """What every struct here is."""
 
     @property
     def kind(self) -> str:
-        """The tag: ``assign``, ``call``, ``if`` and so on."""
-        tag = self.__struct_config__.tag
-        assert isinstance(tag, str)
-        return tag
+        """Of a statement, what templates branch on: ``assign``, ``call``, ``if`` and so on."""
+        return type(self).__name__.lower()
 
 
 # --- statements -----------------------------------------------------------------------------------
 
 
-class Assign(Fact, frozen=True, tag="assign"):
+class Assign(Fact, frozen=True):
     """``target = value``."""
 
     target: Source
     value: Source
 
 
-class Call(Fact, frozen=True, tag="call"):
-    """``function(arguments…)``: an output that leaves, or something of the machine that is set."""
+class Call(Fact, frozen=True):
+    """``function(arguments…)``: an output that leaves, a state that is entered, and the like."""
 
     function: Source
     arguments: tuple[Source, ...] = ()
-
-
-class Raise(Fact, frozen=True, tag="raise"):
-    """An internal event joins the machine's queue (W3C SCXML 4.2)."""
-
-    event: str
-    data: Source
 
 
 class Branch(Fact, frozen=True):
@@ -63,98 +55,47 @@ class Branch(Fact, frozen=True):
     body: tuple[Statement, ...]
 
 
-class If(Fact, frozen=True, tag="if"):
+class If(Fact, frozen=True):
     """The first branch whose test holds."""
 
     branches: tuple[Branch, ...]
 
 
-class Guard(Fact, frozen=True, tag="guard"):
-    """A block of executable content that ends at the first thing which cannot be evaluated.
-
-    ``place`` is ``Model.scxml:18:5``.
-    """
+class Guard(Fact, frozen=True):
+    """A block that ends at the first thing which cannot be evaluated; ``place``: ``Model.scxml:18:5``."""
 
     body: tuple[Statement, ...]
     place: str
 
 
-class Choice(Fact, frozen=True, tag="choice"):
-    """One of several targets by chance; ``test`` is on ``draw``, a number from 0 up to 1."""
+class Choice(Fact, frozen=True):
+    """One of several targets by chance: the tests are on ``draw``, a number from 0 up to 1."""
 
     branches: tuple[Branch, ...]
 
 
-class Go(Fact, frozen=True, tag="go"):
-    """The machine is in ``state`` from now on, a member of its enumeration."""
-
-    state: Source
-
-
-class Enter(Fact, frozen=True, tag="enter"):
-    """A state with something to do on entry is entered by its method ``method``."""
-
-    method: Source
-
-
-class Exit(Fact, frozen=True, tag="exit"):
-    """A state with something to do on exit is left by its method ``method``."""
-
-    method: Source
-
-
-class CompleteMacrostep(Fact, frozen=True, tag="complete"):
-    """Eventless transitions and internal events are taken until none is enabled."""
-
-
-class Done(Fact, frozen=True, tag="done"):
-    """A transition was taken: nothing else is looked at.
-
-    ``how``: ``return``, ``taken`` (and the sender is told so), ``again`` (a macrostep goes on).
+class Done(Fact, frozen=True):
+    """A transition was taken. ``how``: ``return``, ``taken`` (the sender is told), ``again`` (the
+    macrostep goes on).
     """
 
     how: str
 
 
-Statement = (
-    Assign | Call | Raise | If | Guard | Choice | Go | Enter | Exit | CompleteMacrostep | Done
-)
-
-
-def calls_in(body: Iterable[Statement]) -> Iterator[Call]:
-    """Every call in ``body``, those within other statements included."""
-    for statement in body:
-        match statement:
-            case Call():
-                yield statement
-            case If(branches) | Choice(branches):
-                for branch in branches:
-                    yield from calls_in(branch.body)
-            case Guard(body=inner):
-                yield from calls_in(inner)
+Statement = Assign | Call | If | Guard | Choice | Done
 
 
 # --- a machine ------------------------------------------------------------------------------------
 
 
-class Parameter(Fact, frozen=True):
-    """``name: type``."""
-
-    name: Source
-    type: Source
-
-
 class StateProgram(Fact, frozen=True):
-    """A state: its member of the enumeration, and what is done when it is entered and left.
-
-    ``entry`` and ``exit`` are empty where ``enters`` and ``exits`` are false: no method is needed.
+    """A state: its member of the enumeration, and the methods that enter and exit it; empty ones are not
+    made. ``method`` is what their names end in.
     """
 
     name: str
     constant: Source
     method: Source
-    enters: bool
-    exits: bool
     entry: tuple[Statement, ...]
     exit: tuple[Statement, ...]
 
@@ -167,17 +108,17 @@ class StateBranch(Fact, frozen=True):
 
 
 class EventMethod(Fact, frozen=True):
-    """The method of one event. ``reports``: it returns whether a transition was taken."""
+    """The method of an event; ``reports``: it returns whether a transition was taken."""
 
     name: Source
-    parameters: tuple[Parameter, ...]
+    parameters: Parameters
     doc: Source
     reports: bool
     branches: tuple[StateBranch, ...]
 
 
 class Variable(Fact, frozen=True):
-    """A variable of the datamodel. ``constant``: nothing assigns it."""
+    """A variable of the datamodel; ``constant``: nothing assigns it."""
 
     name: str
     attribute: Source
@@ -190,19 +131,16 @@ class MachineProgram(Fact, frozen=True):
     """The class of a machine, or of one that executes the goals of an action (``is_thread``).
 
     Attributes:
-        name: what the model calls it.
-        class_name: its class.
-        state_class: its enumeration of states.
-        initial: the state it starts in.
-        start: what entering that does, when the machine is started.
+        initial: the state it starts in; ``start``: what entering that does.
         slots: names of the instance's attributes, sorted.
-        eventless: per state, the eventless transitions; they end in ``Done("again")``.
+        eventless: per state, its eventless transitions.
         takes_internal: it has a queue of internal events.
         takes_named: it has ``on_event`` although no transition waits for an event by name.
-        completes: a macrostep may have more than one step.
-        uses_random, uses_ports: it draws numbers; it reads behaviour-tree ports.
-        may_fail: something in it can turn out not to be possible (SCXML's ``error.execution``).
-        has_conditions_that_may_fail: so can a condition.
+        uses_random, uses_ports: it draws numbers; it reads ports of the behaviour tree.
+        sends: its outputs that are no messages: ``log``, ``fault`` (something may turn out not to be
+            possible, SCXML's ``error.execution``), ``send_self``, ``cancel_send``, ``start_delay``,
+            ``stop_delay``.
+        tests_may_fail: a condition may turn out not to be possible.
     """
 
     name: str
@@ -218,37 +156,23 @@ class MachineProgram(Fact, frozen=True):
     eventless: tuple[StateBranch, ...]
     takes_internal: bool
     takes_named: bool
-    completes: bool
     uses_random: bool
     uses_ports: bool
-    may_fail: bool
-    has_conditions_that_may_fail: bool
-
-
-def calls_of(machine: MachineProgram) -> Iterator[Call]:
-    """Every call in the methods of ``machine``."""
-    yield from calls_in(machine.start)
-    for state in machine.states:
-        yield from calls_in((*state.entry, *state.exit))
-    for branch in (
-        *machine.eventless,
-        *(part for item in machine.methods for part in item.branches),
-    ):
-        yield from calls_in(branch.body)
+    sends: frozenset[str]
+    tests_may_fail: bool
 
 
 # --- messages -------------------------------------------------------------------------------------
 
 
 class MessageField(Fact, frozen=True):
-    """``attribute: annotation = default``; ``renamed`` where the attribute is not called as the field."""
+    """A field ``name``; ``default`` is a value, or what makes one (``is_factory``)."""
 
     name: str
     attribute: Source
     annotation: Source
     default: Source
     is_factory: bool
-    renamed: bool
 
 
 class MessageClass(Fact, frozen=True):
@@ -263,13 +187,8 @@ class MessageClass(Fact, frozen=True):
 
 
 class Channel(Fact, frozen=True):
-    """A topic, service or action: a constant, or made where a port gives its name at run time.
-
-    Attributes:
-        shape: ``Topic``, ``Service`` or ``Action``.
-        constant: what the constant is called.
-        name: the channel's; None where the behaviour-tree port ``port`` gives it.
-        classes: of its messages.
+    """A topic, service or action (``shape``: ``Topic``, ``Service``, ``Action``) with messages of
+    ``classes``: a constant, or made where the behaviour-tree port ``port`` gives its ``name``.
     """
 
     shape: Source
@@ -282,53 +201,46 @@ class Channel(Fact, frozen=True):
     latched: bool
 
 
-class TimerHandler(Fact, frozen=True):
-    """What a timer calls: a method of the machine, or of each of ``threads``."""
-
-    method: Source
-    threads: Source | None
-
-
 class Endpoint(Fact, frozen=True):
     """One end of a channel, or a timer.
 
     Attributes:
         role: ``publisher``, ``subscriber``, ``server``, ``client``, ``action_server``, ``action_client``
-            or ``timer``.
+            or ``timer``; what the binding's method is called.
         attribute: of the node, that has it.
         channel: None for a timer.
-        handlers: what is called on what; None where the model has no handler. In order: of a
-            subscriber, the message; of a server, the request; of a client, response and error; of an
-            action server, goal and cancel; of an action client, see ``named``.
-        named: of an action client, by keyword.
-        timer: name, rate in Hz and handlers of a timer.
+        handlers: what is called when something comes; None where the model has no handler. Of a client:
+            response and error; of an action server: goal and cancel.
+        named: handlers of an action client, by keyword.
+        timer: the model's name of a timer; ``rate_hz``: how often a second it fires.
+        each: methods of each thread that a timer calls: the node's attribute with the threads, method.
     """
 
-    role: str
+    role: Source
     attribute: Source
     channel: Channel | None = None
     handlers: tuple[Source | None, ...] = ()
-    named: tuple[tuple[Source, Source], ...] = ()
-    timer_name: str = ""
+    named: Parameters = ()
+    timer: str = ""
     rate_hz: float = 0.0
-    timer_handlers: tuple[TimerHandler, ...] = ()
+    each: Parameters = ()
 
 
 class Output(Fact, frozen=True):
     """A method of ``Outputs``, which the node implements.
 
     Attributes:
-        role: ``call`` calls ``target`` with ``arguments``; ``start_thread`` and ``free_thread`` have
-            ``handler`` called as the next event, of a thread of ``threads`` or of the machine.
+        leaves_by: what it calls with its parameters; None where it is told to a thread of the node or to
+            the machine: ``handler``, called as the next event.
+        threads: the attribute with the threads, of which one is told; None for the machine.
     """
 
     method: Source
-    parameters: tuple[Parameter, ...]
+    parameters: Parameters
     doc: Source
-    role: str
-    target: Source
-    arguments: tuple[Source, ...]
+    leaves_by: Source | None
     handler: Source | None = None
+    threads: Source | None = None
 
 
 class ThreadProgram(Fact, frozen=True):
@@ -340,33 +252,25 @@ class ThreadProgram(Fact, frozen=True):
     uses_ports: bool
 
 
-class ChildHandler(Fact, frozen=True):
-    """What the machine does when the child with number ``child`` answers."""
-
-    child: Source
-    method: Source
-
-
 class CancelMethod(Fact, frozen=True):
-    """Cancelling a goal concerns several machines: the node's own and those of ``threads``."""
+    """Cancelling a goal concerns several: the node's ``machine`` and, as in ``each``, its threads."""
 
     name: Source
     machine: Source | None
-    threads: tuple[tuple[Source, Source], ...]
+    each: Parameters
 
 
 class NodeProgram(Fact, frozen=True):
     """A node: its machine, and what binds that to channels.
 
     Attributes:
-        name: what the model calls it.
         package: its Python package (dotted, for a plugin of a policy).
         class_name: the class in ``node.py``.
         machines: its own, then those that execute goals.
-        is_plugin: it is ticked by a behaviour tree.
+        is_plugin: it is ticked by a behaviour tree; ``ticked``, ``halted``: its model handles that.
         takes_ports: it is given the values of behaviour-tree ports.
-        ticked, halted: its model handles tick and halt.
-        child_status, child_halted: what it does when a child answers; empty where it never asks one.
+        child_status, child_halted: children (a number, or where one is kept) and what is called when
+            one answers; empty where the model never asks one.
     """
 
     name: str
@@ -383,20 +287,25 @@ class NodeProgram(Fact, frozen=True):
     takes_ports: bool
     ticked: bool
     halted: bool
-    child_status: tuple[ChildHandler, ...]
-    child_halted: tuple[ChildHandler, ...]
+    child_status: Parameters
+    child_halted: Parameters
 
     @property
     def machine(self) -> MachineProgram:
         """The node's own machine."""
         return self.machines[0]
 
+    @property
+    def sends(self) -> frozenset[str]:
+        """What any of its machines sends that is no message."""
+        return frozenset().union(*(machine.sends for machine in self.machines))
+
 
 # --- packages -------------------------------------------------------------------------------------
 
 
 class PluginClass(Fact, frozen=True):
-    """The node class of the plugin ``name``, as the policy imports it."""
+    """The node class of the plugin ``name``, and what the policy imports it as."""
 
     name: str
     module: Source
@@ -413,11 +322,9 @@ class PolicyProgram(Fact, frozen=True):
 
 
 class PackageProgram(Fact, frozen=True):
-    """What is installed.
+    """What is installed: the Python package ``name`` as the distribution ``distribution``.
 
     Attributes:
-        name: of the Python package in it.
-        distribution: of the distribution.
         description: one line.
         depends: packages of a ROS 2 workspace that it needs, sorted.
         is_nested: it has packages and data files within.
@@ -433,7 +340,7 @@ class PackageProgram(Fact, frozen=True):
 
 
 class LaunchProgram(Fact, frozen=True):
-    """A system to be started by ``ros2 launch``; ``nodes``: package and name of each."""
+    """A system for ``ros2 launch PACKAGE FILE``; ``nodes``: package and name of each."""
 
     name: str
     package: Source

@@ -25,23 +25,28 @@ def place(position: Position) -> str:
     return f"{Path(position.file).name}:{position.line}:{position.column}"
 
 
-def emitted(method: str, *arguments: str) -> program.Call:
-    """A call of a method of ``Outputs``."""
-    return program.Call(Source(f"{OUTPUTS}.{method}"), tuple(Source(item) for item in arguments))
+def call(function: str, *arguments: str) -> program.Call:
+    """A call of ``function``."""
+    return program.Call(Source(function), tuple(Source(argument) for argument in arguments))
 
 
 class StatementLowering:
     """Lowers the statements of one machine.
 
     Attributes:
-        may_fail: something that was lowered may turn out not to be possible.
-        conditions_may_fail: a condition was such.
+        sends: outputs that are no messages, so far.
+        tests_may_fail: a condition may turn out not to be possible.
     """
 
     def __init__(self, context: MachineContext) -> None:
         self._context = context
-        self.may_fail = False
-        self.conditions_may_fail = False
+        self.sends: set[str] = set()
+        self.tests_may_fail = False
+
+    def sent(self, output: str, *arguments: str) -> program.Call:
+        """A call of ``output``, which is no message."""
+        self.sends.add(output)
+        return call(f"{OUTPUTS}.{output}", *arguments)
 
     def block(
         self, statements: Sequence[Statement], compiler: ExpressionCompiler, position: Position
@@ -61,7 +66,7 @@ class StatementLowering:
         compiler.may_fail = False
         if not failing:
             return tuple(lowered)
-        self.may_fail = True
+        self.sends.add("fault")
         at = failing[0] if len(failing) == 1 else position
         return (program.Guard(tuple(lowered), place(at)),)
 
@@ -72,7 +77,8 @@ class StatementLowering:
         before, compiler.may_fail = compiler.may_fail, False
         text = compiler.condition(test, operand_of)
         if compiler.may_fail:
-            self.may_fail = self.conditions_may_fail = True
+            self.sends.add("fault")
+            self.tests_may_fail = True
             text = (
                 f"self._holds({quoted(place(test.position))}, lambda: {compiler.condition(test)})"
             )
@@ -94,7 +100,7 @@ class StatementLowering:
             case Raise():
                 return [self._raise(statement, compiler)]
             case Cancel(id=identifier):
-                return [emitted("cancel_send", quoted(identifier))]
+                return [self.sent("cancel_send", quoted(identifier))]
 
     def _assign(
         self, location: Expression, value: Expression, compiler: ExpressionCompiler
@@ -112,7 +118,7 @@ class StatementLowering:
                     return program.Assign(Source(f"{holder}.{field_attribute(name)}"), Source(new))
                 new = compiler.value(value, _static(location, variables))
                 compiler.may_fail = True
-                return _runtime("set_member", holder, quoted(name), new)
+                return call("ecmascript.set_member", holder, quoted(name), new)
             case Index(object=inner, index=index):
                 owner = _static(inner, variables)
                 element = owner.element if isinstance(owner, Array) else ANY
@@ -121,7 +127,7 @@ class StatementLowering:
                 if element != ANY:
                     arguments.append(f"fill={zero_text(element, self._context.class_of)}")
                 compiler.may_fail = True
-                return _runtime("set_element", *arguments)
+                return call("ecmascript.set_element", *arguments)
         raise AssertionError(location)
 
     def _if(
@@ -140,11 +146,11 @@ class StatementLowering:
         self, label: str, value: Expression | None, compiler: ExpressionCompiler
     ) -> program.Statement:
         if value is None:
-            return emitted("log", quoted(label), quoted(""))
+            return self.sent("log", quoted(label), quoted(""))
         text = compiler.value(value)
         if _static(value, self._context.variables) != STRING or _indexed(value):
             text = f"ecmascript.to_string({text})"
-        return emitted("log", quoted(label), text)
+        return self.sent("log", quoted(label), text)
 
     def _emit(self, emit: Emit, compiler: ExpressionCompiler) -> program.Statement:
         port = self._context.names.output(emit.kind, emit.interface)
@@ -166,7 +172,7 @@ class StatementLowering:
                     arguments.append(self._number(emit.goal_id, compiler, absent))
         if port.data is not None:
             arguments.append(self._message(port.data, emit.fields, compiler))
-        return emitted(port.method, *arguments)
+        return call(f"{OUTPUTS}.{port.method}", *arguments)
 
     def _number(self, value: Expression | None, compiler: ExpressionCompiler, absent: str) -> str:
         return absent if value is None else compiler.value(value, Primitive("int64"))
@@ -195,21 +201,15 @@ class StatementLowering:
         ]
         data = f"{{{', '.join(fields)}}}" if fields else "None"
         if not statement.external:
-            return program.Raise(statement.event, Source(data))
+            return call("self._internal.append", f"({quoted(statement.event)}, {data})")
         delay = "0.0" if statement.delay_s is None else self._delay(statement.delay_s, compiler)
-        return emitted("send_self", quoted(statement.event), data, delay, quoted(statement.id))
+        return self.sent("send_self", quoted(statement.event), data, delay, quoted(statement.id))
 
     def _delay(self, value: Expression, compiler: ExpressionCompiler) -> str:
         if isinstance(value, Literal) and isinstance(value.value, int | float):
             return repr(float(value.value))
         compiler.may_fail = True
         return f"seconds({compiler.value(value)})"
-
-
-def _runtime(function: str, *arguments: str) -> program.Call:
-    return program.Call(
-        Source(f"ecmascript.{function}"), tuple(Source(argument) for argument in arguments)
-    )
 
 
 def _static(node: Expression, variables: dict[str, DataType]) -> DataType:

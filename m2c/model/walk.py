@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from m2c.model.expressions import Expression, Index, Member, Variable, children
-from m2c.model.machine import Assign, Emit, If, Log, Machine, Raise, State, Statement
+from m2c.model.machine import (
+    Assign,
+    Emit,
+    Event,
+    If,
+    Log,
+    Machine,
+    OutputKind,
+    Raise,
+    State,
+    Statement,
+)
 
 
 def flat(statements: Iterable[Statement]) -> Iterator[Statement]:
@@ -52,6 +63,18 @@ def expressions_of(machine: Machine) -> Iterator[Expression]:
                 yield from (test for test, _ in branches if test is not None)
             case Log(value=value) if value is not None:
                 yield value
+
+
+def events_of(machine: Machine) -> list[Event]:
+    """Every event that some transition of ``machine`` waits for, in document order, each once."""
+    found = (item.event for state in machine.states for item in state.transitions)
+    return list(dict.fromkeys(event for event in found if event is not None))
+
+
+def emits_of(machine: Machine) -> list[tuple[OutputKind, str]]:
+    """Every output that ``machine`` can send, in document order, each once."""
+    found = (item for item in statements_of(machine) if isinstance(item, Emit))
+    return list(dict.fromkeys((item.kind, item.interface) for item in found))
 
 
 def variables_of(expression: Expression | None) -> list[str]:

@@ -6,10 +6,10 @@ import re
 
 import msgspec
 
-from m2c.codegen.ports import emits_of, events_of
 from m2c.model.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive, describe
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import EventKind, Machine, OutputKind
+from m2c.model.walk import emits_of, events_of
 from m2c.policy.tree import LeafNode
 
 CHILDREN_COUNT = "CHILDREN_COUNT"
