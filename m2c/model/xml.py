@@ -17,10 +17,10 @@ from pathlib import Path
 
 from lxml import etree
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.file_size import size_of
 from m2c.model.xml_encoding import decoded
-from m2c.model.xml_fault import HostileXml, MalformedXml, malformed, shortened
+from m2c.model.xml_fault import HostileXml, MalformedXml, malformed
 from m2c.model.xml_places import MAX_ATTRIBUTES, MAX_DEPTH, MAX_ELEMENTS, StartTag, start_tags
 
 __all__ = [

@@ -5,7 +5,8 @@ from __future__ import annotations
 import codecs
 import re
 
-from m2c.model.xml_fault import MalformedXml, malformed, shortened
+from m2c.model.diagnostics import shortened
+from m2c.model.xml_fault import MalformedXml, malformed
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),

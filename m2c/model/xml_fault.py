@@ -38,11 +38,6 @@ def hostile(text: str, offset: int, message: str, hint: str) -> HostileXml:
     return HostileXml(*_place_of(text, offset), message, hint)
 
 
-def shortened(text: str, most: int) -> str:
-    """``text``, cut after ``most`` characters: what a message quotes may be as long as the file."""
-    return text if len(text) <= most else f"{text[:most]}…"
-
-
 def _place_of(text: str, offset: int) -> tuple[int, int]:
     """Line and column, from 1, of the character at ``offset``."""
     return text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset)

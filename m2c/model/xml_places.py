@@ -17,7 +17,8 @@ from typing import NoReturn
 
 import msgspec
 
-from m2c.model.xml_fault import hostile, malformed, shortened
+from m2c.model.diagnostics import shortened
+from m2c.model.xml_fault import hostile, malformed
 
 MAX_DEPTH = 64
 """Executable content nests a handful deep; the bound keeps every later walk recursion-safe."""
