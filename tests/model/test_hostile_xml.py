@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
-from m2c.model import DiagnosticLog
+from m2c.cli import main
+from m2c.model import DiagnosticLog, xml
 from m2c.model.xml import MAX_BYTES, Element, parse_xml
+from m2c.model.xml_places import StartTag, start_tags
 
 SMALL = (
     '<?xml version="1.0"?>\n'
@@ -262,3 +268,60 @@ def test_prefixes_need_no_declaration_and_count_for_nothing() -> None:
     assert [child.tag for child in root.children] == ["d", "e"]
     assert root.text == "tuv"
     assert [str(root.at(name)) for name in ("x", "y", "q")] == ["f:1:9", "f:1:33", "f:1:63"]
+
+
+PIECES = [b"<", b">", b"&", b'"', b"'", b"/>", b"</", b"<!--", b"-->", b"<![CDATA[", b"]]>"]
+PIECES += [b"<?", b"?>", b"\0", b"\xff", b"\r", b"=", b":", b"xmlns:x='y'", b"&#0;", b"<b c='1'>"]
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(SMALL)), st.integers(0, 3), st.sampled_from([b"", *PIECES])),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_a_damaged_document_is_read_or_refused_in_one_error(
+    damages: list[tuple[int, int, bytes]],
+) -> None:
+    content = SMALL.encode()
+    for at, removed, added in damages:
+        content = content[:at] + added + content[at + removed :]
+    root, said = parsed(content)
+    errors = [message for message in said if ": error: " in message]
+    assert len(errors) == (root is None), said
+
+
+def test_places_that_do_not_fit_the_tree_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = b"<a>\n<b/><c/></a>"
+    tags = start_tags(content.decode())
+    what = "error: malformed XML: which element this is is not clear [malformed-xml]"
+    for wrong, place in [
+        (tags[:2], "2:1"),
+        ([*tags, tags[1]], "2:1"),
+        ([tags[0], tags[2], tags[1]], "2:5"),
+        ([tags[0], tags[1], StartTag("c", 9, {"d": 11})], "2:6"),
+    ]:
+        monkeypatch.setattr(xml, "start_tags", lambda *_, found=wrong: found)
+        assert refusal(content) == f"f:{place}: {what}"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b'<?xml version="1.0" encoding="utf-7"?><scxml/>',
+        b'<!DOCTYPE a [<!ENTITY b "ha">]><scxml name="&b;"/>',
+        b"<scxml>" * 1_000,
+        b"\xff\xfe<\0",
+        b"<scxml name='\0'/>",
+    ],
+)
+@pytest.mark.parametrize("name", ["m.scxml", "system.xml"])
+def test_the_command_line_says_one_error(tmp_path: Path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    result = CliRunner().invoke(main, ["check", str(path)])
+    assert result.exit_code == 2
+    assert isinstance(result.exception, SystemExit)
+    (line,) = [line for line in result.output.splitlines() if ": error: " in line]
+    assert re.match(rf"{re.escape(str(path))}:1:\d+: error: ", line)
