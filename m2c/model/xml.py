@@ -194,7 +194,9 @@ def _fault(entry: etree._LogEntry, text: str, begin: int) -> MalformedXml:
     reason = " ".join(entry.message.split())
     if reason.startswith("xmlParseCharRef"):  # libxml2 has read it when it finds that it is none
         offset, reason = text.rfind("&", 0, offset), "reference to invalid character number"
-    return malformed(text, offset, shortened(reason, _MAX_SHOWN))
+    declared = text.startswith("<?xml ", begin) and offset <= text.find("?>", begin)
+    hint = 'write <?xml version="1.0" encoding="UTF-8"?>' if declared else ""
+    return malformed(text, offset, shortened(reason, _MAX_SHOWN), hint)
 
 
 class _Places:

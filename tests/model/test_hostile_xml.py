@@ -142,6 +142,7 @@ def test_a_long_value_is_kept_whole() -> None:
         (b"<a/>\n&lt;", "2:1: error: malformed XML: junk after document element"),
         (b"<a/><!DOCTYPE a []>", "1:5: error: malformed XML: junk after document element"),
         (b"<a><!DOCTYPE a []></a>", "1:4: error: malformed XML: not well-formed (invalid token); <a> is open; write &lt; for <"),
+        (b"<?xml version='1'?><a/>", "1:18: error: malformed XML: Malformed declaration expecting version; write <?xml version=\"1.0\" encoding=\"UTF-8\"?>"),
         (b"<a x:='1'/>", "1:6: error: malformed XML: Failed to parse QName 'x:'"),
     ],
 )  # fmt: skip
