@@ -42,7 +42,7 @@ SCXML_NAMESPACE = "http://www.w3.org/2005/07/scxml"
 
 _BLANKS = " \t\n"
 _MAX_SHOWN = 200
-"""Characters of one of libxml2's messages that are repeated: it may quote the text."""
+"""Characters that are repeated of what may be as long as the file: a namespace, libxml2's messages."""
 
 
 class Element:
@@ -141,7 +141,9 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
             "xml-namespace",
             root.position,
             root.tag,
-            f'the namespace is "{namespace}"' if namespace else "no namespace is declared",
+            f'the namespace is "{shortened(namespace, _MAX_SHOWN)}"'
+            if namespace
+            else "no namespace is declared",
             f'xmlns="{SCXML_NAMESPACE}" is the standard\'s',
         )
     return root
