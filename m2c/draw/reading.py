@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -34,7 +35,12 @@ def read(
         log: gets what ``m2c check`` finds in it.
         node: the machine of a system that is to be drawn, instead of the wiring.
     """
-    if node is None and path.is_file() and path.suffix not in MODEL_SUFFIXES and _is_policy(path):
+    if (
+        node is None
+        and os.path.isfile(path)
+        and path.suffix not in MODEL_SUFFIXES
+        and _is_policy(path)
+    ):
         from m2c.policy.reader import read_policy_file
 
         policy = read_policy_file(path, log)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import sys
 import tempfile
@@ -85,7 +86,7 @@ def run(
     from transports.registry import connect
     from transports.stop_signals import StopSignals
 
-    if not system.exists():
+    if not os.path.exists(system):
         _fail(
             f"{system}: no such file or folder; expected a system file, or a folder made by "
             "`m2c generate`"
@@ -171,7 +172,7 @@ def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
     found = {}
     for text in written:
         name, equals, path = text.partition("=")
-        if not equals or not name or not Path(path).exists():
+        if not equals or not name or not os.path.exists(path):
             _fail(f"--replace {text}: expected NODE=PATH, where PATH exists")
         found[name] = Path(path)
     return found

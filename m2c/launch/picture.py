@@ -5,13 +5,14 @@ from __future__ import annotations
 import collections
 import time
 from collections.abc import Callable
-from xml.etree import ElementTree
 
 import msgspec
+from lxml import etree
 from rich.console import Group, RenderableType
 from rich.text import Text
 from rich.tree import Tree
 
+from m2c.model.xml_writing import read_back
 from m2c.policy.normalise import child_tree
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.runner import LeafTick, TreeTick
@@ -46,8 +47,7 @@ class TreePicture:
     def __init__(self, policy: Policy, clock: Callable[[], float] = time.monotonic) -> None:
         self._main = policy.main
         self._leaves = {leaf.id: leaf for leaf in policy.leaves}
-        root = ElementTree.fromstring(policy.xml)
-        self._trees = {tree.get("ID", ""): tree[0] for tree in root}
+        self._trees = {tree.get("ID", ""): tree[0] for tree in read_back(policy.xml)}
         self._clock = clock
         self._times: collections.deque[float] = collections.deque(maxlen=RATE_WINDOW)
         self._seen = _Seen()
@@ -76,7 +76,7 @@ class TreePicture:
         self._add(tree, self._trees[self._main], seen)
         return Group(head, tree)
 
-    def _add(self, above: Tree, element: ElementTree.Element, seen: _Seen) -> None:
+    def _add(self, above: Tree, element: etree._Element, seen: _Seen) -> None:
         leaf = self._leaves.get(element.tag)
         if leaf is not None:
             branch = above.add(self._leaf(leaf, seen))

@@ -57,6 +57,11 @@ class Diagnostic(msgspec.Struct, frozen=True):
         return f"{self.position}: {self.severity}: {element}{self.message}{hint} [{self.rule}]"
 
 
+def shortened(text: str, most: int) -> str:
+    """``text``, cut after ``most`` characters: what a message quotes may be as long as the file."""
+    return text if len(text) <= most else f"{text[:most]}…"
+
+
 class ModelError(Exception):
     """A model that cannot be used. ``diagnostics`` has at least one error."""
 

@@ -26,6 +26,7 @@ from m2c.model.datatypes import (
 )
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.file_size import size_of
+from m2c.model.paths import entries_below
 
 _FIELD = re.compile(
     r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:(?:<=)?\d{1,9})?\])?\s+"
@@ -92,7 +93,13 @@ class InterfaceLibrary:
         library = cls()
         library._log = log
         for directory in directories:
-            for path in sorted(directory.glob("**/*.*")):
+            try:
+                entries = entries_below(directory)
+            except OSError as error:
+                what = f"this interface folder {error.strerror}"
+                log.error("unreadable-file", Position(str(directory)), "", what)
+                continue
+            for path in entries:
                 kind = path.suffix[1:]
                 if kind in _PART and path.parent.name == kind:
                     library._files[f"{path.parent.parent.name}/{kind}/{path.stem}"] = path

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine, Spelling
+from m2c.model.paths import entries_below, why_no_file, why_no_folder
 from m2c.model.qualities import (
     TopicQuality,
     read_qualities,
@@ -24,6 +26,8 @@ from m2c.model.xml import Element, read_xml
 DEFAULT_TICK_RATE_HZ = 1.0
 MODEL_SUFFIXES = (".scxml", ".ascxml")
 SYSTEM_ROOTS = ("convince_mc_tc", "roaml")
+_MAX_SHOWN = 200
+"""Characters of a path that a message repeats."""
 _ANCESTORS = 3
 """How many folders above a model an ``interfaces`` folder is looked for."""
 
@@ -82,14 +86,8 @@ def load(
     """
     files: list[Path] = []
     for path in paths:
-        if path.is_dir():
-            found = sorted(item for item in path.rglob("*") if item.suffix in MODEL_SUFFIXES)
-            if not found:
-                hint = f"a model ends in {' or '.join(MODEL_SUFFIXES)}"
-                log.error("no-models", Position(str(path)), "", "no model in this folder", hint)
-            files += found
-        else:
-            files.append(path)
+        files += _models_in(path, log) if os.path.isdir(path) else [path]
+    files = [file for file in files if _is_file(file, log)]
     systems = [path for path in files if path.suffix not in MODEL_SUFFIXES]
     if systems:
         if len(files) > 1:
@@ -101,9 +99,30 @@ def load(
         return None
     library = library_for(files, interface_directories, log)
     nodes = read_machines(files, library, log)
-    name = files[0].stem if len(files) == 1 else paths[0].resolve().stem
+    first = next(path for path in paths if os.path.exists(path))
+    name = files[0].stem if len(files) == 1 else first.resolve().stem
     sources = tuple(files)
     return System(name=name, path=paths[0], nodes=nodes, library=library, sources=sources)
+
+
+def _models_in(folder: Path, log: DiagnosticLog) -> list[Path]:
+    try:
+        found = [item for item in entries_below(folder) if item.suffix in MODEL_SUFFIXES]
+    except OSError as error:
+        what = f"this folder {error.strerror}"
+        log.error("unreadable-file", Position(str(folder)), "", what)
+        return []
+    if not found:
+        hint = f"a model ends in {' or '.join(MODEL_SUFFIXES)}"
+        log.error("no-models", Position(str(folder)), "", "no model in this folder", hint)
+    return found
+
+
+def _is_file(path: Path, log: DiagnosticLog) -> bool:
+    why = why_no_file(path)
+    if why:
+        log.error("unreadable-file", Position(str(path)), "", f"cannot read the file: {why}")
+    return not why
 
 
 def read_system(
@@ -150,7 +169,7 @@ class _SystemReader:
                 case "node_models":
                     self._nodes += self._inputs(child, _NODE_TYPES)
                 case "interfaces":
-                    self._interfaces += self._inputs(child, ("ros-interfaces",))
+                    self._interfaces += self._inputs(child, ("ros-interfaces",), wants_folder=True)
                 case "qos":
                     self._qualities += read_qualities(child, self._log)
                 case tag if tag in _IGNORED:
@@ -212,9 +231,17 @@ class _SystemReader:
         self._policy = policies[0] if policies else self._policy
 
     def _inputs(
-        self, element: Element, types: Sequence[str], others: Sequence[str] | None = ()
+        self,
+        element: Element,
+        types: Sequence[str],
+        others: Sequence[str] | None = (),
+        *,
+        wants_folder: bool = False,
     ) -> list[Path]:
-        """The files of one of ``types``; ``others`` may stand there too (None: anything may)."""
+        """The files, or with ``wants_folder`` the folders, of one of ``types``.
+
+        ``others`` may stand there too (None: anything may).
+        """
         found = []
         for child in element.children:
             kind = child.get("type")
@@ -222,7 +249,9 @@ class _SystemReader:
                 if others is not None and (child.tag != "input" or kind not in others):
                     self._report_input(child, element.tag, (*types, *others))
                 continue
-            path = resolve(self._path.parent, child.get("src"), child, self._log)
+            path = resolve(
+                self._path.parent, child.get("src"), child, self._log, wants_folder=wants_folder
+            )
             if path is not None:
                 found.append(path)
         return found
@@ -236,8 +265,10 @@ class _SystemReader:
         self._log.error("unknown-tag", child.position, child.tag, what, hint)
 
 
-def resolve(folder: Path, source: str, element: Element, log: DiagnosticLog) -> Path | None:
-    """The file or folder ``source``, relative to ``folder``.
+def resolve(
+    folder: Path, source: str, element: Element, log: DiagnosticLog, *, wants_folder: bool = False
+) -> Path | None:
+    """The file ``source``, or with ``wants_folder`` the folder, relative to ``folder``.
 
     A path that differs from an existing one only by case is accepted with a warning: published
     systems were written on file systems that do not tell them apart.
@@ -247,19 +278,37 @@ def resolve(folder: Path, source: str, element: Element, log: DiagnosticLog) -> 
         what = "the attribute `src` is missing"
         log.error("missing-attribute", element.position, element.tag, what)
         return None
-    path = folder / source
-    if path.exists():
-        return path
+    path: Path | None = folder / source
+    try:
+        (folder / source).stat()
+    except (FileNotFoundError, NotADirectoryError):
+        path = _in_another_case(folder, source, element, at, log)
+    except (OSError, ValueError):
+        pass  # told below: a loop of links, a name that is too long
+    if path is None:
+        return None
+    why = why_no_folder(path) if wants_folder else why_no_file(path)
+    if why and wants_folder:
+        log.error("missing-file", at, element.tag, f"this interface folder {why}")
+    elif why:
+        log.error("unreadable-file", at, element.tag, f"cannot read the file: {why}")
+    return None if why else path
+
+
+def _in_another_case(
+    folder: Path, source: str, element: Element, at: Position, log: DiagnosticLog
+) -> Path | None:
     current = folder
     for part in Path(source).parts:
         exact = current / part
-        if part == ".." or exact.exists():
+        if part == ".." or os.path.exists(exact):
             current = exact
             continue
         near = [item for item in _entries(current) if item.name.lower() == part.lower()]
         if len(near) != 1:
             hint = nearest(part, (item.name for item in _entries(current)))
-            log.error("missing-file", at, element.tag, f"{path} does not exist", hint)
+            what = f"{shortened(str(folder / source), _MAX_SHOWN)} does not exist"
+            log.error("missing-file", at, element.tag, what, hint)
             return None
         current = near[0]
     log.warning(
@@ -273,7 +322,10 @@ def resolve(folder: Path, source: str, element: Element, log: DiagnosticLog) -> 
 
 
 def _entries(folder: Path) -> Iterable[Path]:
-    return folder.iterdir() if folder.is_dir() else ()
+    try:
+        return list(folder.iterdir())
+    except OSError:  # none, or not ours to look into
+        return ()
 
 
 def library_for(
@@ -288,13 +340,15 @@ def library_for(
             if candidate.is_dir() and any(candidate.glob("*/[msa]*/*")):
                 folders.append(candidate)
                 break
-    unique = list(dict.fromkeys(folder.resolve() for folder in folders))
-    for folder in unique:
-        if not folder.is_dir():
-            missing = "is not a folder" if folder.exists() else "does not exist"
+    usable = []
+    for folder in dict.fromkeys(folders):
+        if os.path.isdir(folder):
+            usable.append(folder.resolve())
+        else:
+            missing = "is not a folder" if os.path.exists(folder) else "does not exist"
             what = f"this interface folder {missing}"
             log.error("missing-file", Position(str(folder)), "", what)
-    return InterfaceLibrary.load([folder for folder in unique if folder.is_dir()], log)
+    return InterfaceLibrary.load(list(dict.fromkeys(usable)), log)
 
 
 def read_with_reference(

@@ -1,35 +1,48 @@
 """Reading XML that may be hostile, keeping the exact place of every element and attribute.
 
-Expat is used rather than lxml because lxml keeps an element's line but not its column, and every
-message of this project names both. No document type, so no entities; no network; bounded size and
-depth. Namespaces are not resolved: real model files carry ``xmlns="..."``, another's namespace or
-prefixes that nobody declared, so names are compared without their prefix.
+lxml makes the tree, and judges whether the text is XML; where things stand in it is found beforehand
+(:mod:`m2c.model.xml_places`), with bounds on what lxml is given. No document type, so no entities;
+no network. Namespaces are not resolved: real model files carry ``xmlns="..."``, another's namespace
+or prefixes that nobody declared, so names are compared without their prefix.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from array import array
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from itertools import chain, zip_longest
 from pathlib import Path
-from xml.parsers import expat
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from lxml import etree
+
+from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.file_size import size_of
+from m2c.model.xml_encoding import decoded
+from m2c.model.xml_fault import HostileXml, MalformedXml, malformed
+from m2c.model.xml_places import MAX_ATTRIBUTES, MAX_DEPTH, MAX_ELEMENTS, StartTag, start_tags
+
+__all__ = [
+    "MAX_ATTRIBUTES",
+    "MAX_BYTES",
+    "MAX_DEPTH",
+    "MAX_ELEMENTS",
+    "SCXML_NAMESPACE",
+    "Element",
+    "hardened_parser",
+    "parse_xml",
+    "read_xml",
+]
 
 MAX_BYTES = 4 * 1024 * 1024
 """The largest published model has 40 kB; a hundred times that is not a model."""
-MAX_DEPTH = 64
-"""Executable content nests a handful deep; the bound keeps every later walk recursion-safe."""
 
 SCXML_NAMESPACE = "http://www.w3.org/2005/07/scxml"
 
-MAX_ELEMENTS = 50_000
-MAX_ATTRIBUTES = 100
-"""A hundred times what published models have: bounds the work of every later check."""
-
-_TAG_MARKS = re.compile(rb"[\"'>]")
-_NAME = re.compile(r"<[^\s/>]+")
-_ATTRIBUTE = re.compile(r"\s+([^\s=]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
+_BLANKS = " \t\n"
+_MAX_SHOWN = 200
+"""Characters that are repeated of what may be as long as the file: a namespace, libxml2's messages."""
 
 
 class Element:
@@ -68,19 +81,6 @@ class Element:
         return next(self.all(tag), None)
 
 
-_INVALID_TOKEN = expat.errors.codes[expat.errors.XML_ERROR_INVALID_TOKEN]
-
-
-class _Refused(Exception):
-    """Parsing stops: the document is hostile."""
-
-    def __init__(self, position: Position, message: str, hint: str) -> None:
-        super().__init__(message)
-        self.position = position
-        self.message = message
-        self.hint = hint
-
-
 def read_xml(path: Path, log: DiagnosticLog) -> Element | None:
     """Parse the file at ``path``; report and return None if it cannot be read.
 
@@ -109,159 +109,154 @@ def read_xml(path: Path, log: DiagnosticLog) -> Element | None:
 
 def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
     """Parse ``content``, which messages call ``file``; see :func:`read_xml`."""
-    stripped = content.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if not stripped:
-        log.error("malformed-xml", Position(file, 1, 1), "", "the file is empty")
-        return None
-    offset_lines = content[: len(content) - len(stripped)].count(b"\n")
-    if offset_lines and stripped.startswith(b"<?xml"):
-        log.warning(
-            "xml-prologue",
-            Position(file, offset_lines + 1, 1),
-            "?xml",
-            "blank lines before the XML declaration",
-            "the declaration belongs at the very start of the file",
-        )
-    parser = _Parser(stripped, file, offset_lines)
     try:
-        root = parser.parse()
-    except expat.ExpatError as error:
-        position = Position(file, error.lineno + offset_lines, error.offset + 1)
-        reason = expat.errors.messages[error.code]
-        open_tag = f"; <{parser.open_tag}> is open" if parser.open_tag else ""
-        stray = error.code == _INVALID_TOKEN and parser.at_error == b"<"
-        hint = "write &lt; for <" if stray else ""
-        log.error("malformed-xml", position, "", f"malformed XML: {reason}{open_tag}", hint)
+        text = decoded(content)
+        begin = len(text) - len(text.lstrip(_BLANKS))
+        if begin == len(text):
+            raise MalformedXml(1, 1, "the file is empty")
+        places = _Places(text, file)
+        prologue = places.at(begin)
+        if prologue.line > 1 and text.startswith("<?xml", begin):
+            log.warning(
+                "xml-prologue",
+                prologue,
+                "?xml",
+                "blank lines before the XML declaration",
+                "the declaration belongs at the very start of the file",
+            )
+        tags = start_tags(text, begin)
+        tree = _parsed(text, begin)
+        root = _elements_of(tree, tags, places)
+    except MalformedXml as fault:
+        at = Position(file, fault.line, fault.column)
+        log.error("malformed-xml", at, "", fault.message, fault.hint)
         return None
-    except LookupError as error:  # the encoding of the XML declaration
-        log.error("malformed-xml", Position(file, 1, 1), "", f"{error}", "write the file in UTF-8")
+    except HostileXml as fault:
+        at = Position(file, fault.line, fault.column)
+        log.error("hostile-xml", at, "", fault.message, fault.hint)
         return None
-    except _Refused as refused:
-        log.error("hostile-xml", refused.position, "", refused.message, refused.hint)
-        return None
-    namespace = parser.namespace
+    namespace = tree.nsmap.get(None) or ""
     if namespace != SCXML_NAMESPACE and root.tag in ("scxml", "ascxml"):
         log.warning(
             "xml-namespace",
             root.position,
             root.tag,
-            f'the namespace is "{namespace}"' if namespace else "no namespace is declared",
+            f'the namespace is "{shortened(namespace, _MAX_SHOWN)}"'
+            if namespace
+            else "no namespace is declared",
             f'xmlns="{SCXML_NAMESPACE}" is the standard\'s',
         )
     return root
 
 
-class _Parser:
-    """Builds :class:`Element` trees from expat's events."""
+def hardened_parser(*, recover: bool = False) -> etree.XMLParser:
+    """A parser of UTF-8 that resolves no entity, opens no other file and keeps libxml2's bounds.
 
-    def __init__(self, content: bytes, file: str, offset_lines: int) -> None:
-        self._content = content
+    Args:
+        recover: go on after an error, which then stands in the parser's ``error_log`` only.
+    """
+    return etree.XMLParser(
+        encoding="utf-8",
+        recover=recover,
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
+
+
+def _parsed(text: str, begin: int) -> etree._Element:
+    """The tree of ``text`` from ``begin`` on; an undeclared prefix is the one fault that is forgiven.
+
+    Raises:
+        MalformedXml: libxml2 finds another.
+    """
+    parser = hardened_parser(recover=True)
+    content = text[begin:]
+    try:
+        tree = etree.fromstring(content.encode(), parser)
+    except etree.XMLSyntaxError:  # nothing could be made of it; its log says why
+        tree = None
+    for entry in parser.error_log.filter_from_errors():
+        if entry.type != etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE:
+            raise _fault(entry, text, begin)
+    if tree is None:
+        raise malformed(text, begin, "no element")
+    return tree
+
+
+def _fault(entry: etree._LogEntry, text: str, begin: int) -> MalformedXml:
+    """What libxml2 found in ``text`` from ``begin`` on; its lines and columns count from there."""
+    line_start = begin
+    for _ in range(entry.line - 1):
+        line_start = text.find("\n", line_start) + 1 or len(text)
+    offset = min(line_start + max(entry.column - 1, 0), len(text))
+    reason = " ".join(entry.message.split())
+    if reason.startswith("xmlParseCharRef"):  # libxml2 has read it when it finds that it is none
+        offset, reason = text.rfind("&", 0, offset), "reference to invalid character number"
+    declared = text.startswith("<?xml ", begin) and offset <= text.find("?>", begin)
+    hint = 'write <?xml version="1.0" encoding="UTF-8"?>' if declared else ""
+    return malformed(text, offset, shortened(reason, _MAX_SHOWN), hint)
+
+
+class _Places:
+    """Offsets in ``text`` as positions in ``file``."""
+
+    def __init__(self, text: str, file: str) -> None:
         self._file = file
-        self._offset_lines = offset_lines
-        self._stack: list[Element] = []
-        self._root: Element | None = None
-        self._elements = 0
-        self.namespace = ""
-        self._expat = parser = expat.ParserCreate()
-        parser.buffer_text = True
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
-        parser.CharacterDataHandler = self._characters
-        parser.StartDoctypeDeclHandler = self._doctype
+        ends = (found.end() for found in re.finditer("\n", text))
+        self._starts = array("L", chain((0,), ends))
 
-    def parse(self) -> Element:
-        self._expat.Parse(self._content, True)
-        assert self._root is not None  # expat reports a document without a root itself
-        return self._root
+    def at(self, offset: int) -> Position:
+        line = bisect_right(self._starts, offset)
+        return Position(self._file, line, offset - self._starts[line - 1] + 1)
 
-    @property
-    def open_tag(self) -> str:
-        return self._stack[-1].tag if self._stack else ""
 
-    @property
-    def at_error(self) -> bytes:
-        """The byte at which expat gave up."""
-        index = self._expat.ErrorByteIndex
-        return self._content[index : index + 1]
+def _elements_of(tree: etree._Element, tags: Sequence[StartTag], places: _Places) -> Element:
+    """``tree`` with the places of ``tags``, whose n-th is the n-th element's.
 
-    def here(self) -> Position:
-        line = self._expat.CurrentLineNumber + self._offset_lines
-        return Position(self._file, line, self._expat.CurrentColumnNumber + 1)
+    Raises:
+        MalformedXml: they do not agree, so that a place would be a wrong one.
+    """
+    found: dict[etree._Element, Element] = {}
+    for tag, node in zip_longest(tags, tree.iter()):
+        if tag is None or node is None or not _agree(tag, node):
+            at = places.at(tag.offset if tag is not None else tags[-1].offset)
+            what = "malformed XML: which element this is is not clear"
+            raise MalformedXml(at.line, at.column, what)
+        element = _element(tag, node, places)
+        found[node] = element
+        above = node.getparent()
+        if above is not None:
+            found[above].children.append(element)
+    return found[tree]
 
-    def _doctype(self, name: str, *_: object) -> None:
-        raise _Refused(
-            self.here(),
-            f"a document type declaration (<!DOCTYPE {name}…>) is refused",
-            "models need no entities; remove it",
-        )
 
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if len(self._stack) >= MAX_DEPTH:
-            raise _Refused(
-                self.here(),
-                f"elements are nested more than {MAX_DEPTH} deep",
-                "a model is a few levels deep",
-            )
-        self._elements += 1
-        if self._elements > MAX_ELEMENTS or len(attributes) > MAX_ATTRIBUTES:
-            what = "attributes in an element" if len(attributes) > MAX_ATTRIBUTES else "elements"
-            most = MAX_ATTRIBUTES if len(attributes) > MAX_ATTRIBUTES else MAX_ELEMENTS
-            raise _Refused(
-                self.here(), f"more than {most} {what}", "a model has a few hundred elements"
-            )
-        kept: dict[str, str] = {}
-        for key, value in attributes.items():
-            if key == "xmlns" and not self._stack:
-                self.namespace = value
-            elif key == "xmlns" or key.startswith(("xmlns:", "xsi:", "xml:")):
-                continue
-            else:
-                kept[_local(key)] = value
-        position = self.here()
-        element = Element(_local(name), kept, position, self._attribute_positions(position))
-        if self._stack:
-            self._stack[-1].children.append(element)
-        else:
-            self._root = element
-        self._stack.append(element)
+def _element(tag: StartTag, node: etree._Element, places: _Places) -> Element:
+    attributes: dict[str, str] = {}
+    positions: dict[str, Position] = {}
+    for name, value in zip(_own_names(tag), node.attrib.values(), strict=True):
+        if not name.startswith(("xsi:", "xml:")):
+            attributes[_local(name)] = str(value)
+            positions[_local(name)] = places.at(tag.attributes[name])
+    element = Element(_local(tag.name), attributes, places.at(tag.offset), positions)
+    element.text = "".join([node.text or "", *(child.tail or "" for child in node)])
+    return element
 
-    def _end(self, _name: str) -> None:
-        self._stack.pop()
 
-    def _characters(self, text: str) -> None:
-        if self._stack:
-            self._stack[-1].text += text
+def _own_names(tag: StartTag) -> list[str]:
+    """The attributes that are no namespace declarations."""
+    return [name for name in tag.attributes if name != "xmlns" and not name.startswith("xmlns:")]
 
-    def _attribute_positions(self, start: Position) -> dict[str, Position]:
-        """Where each attribute's value starts, by scanning the start tag's own text."""
-        begin = self._expat.CurrentByteIndex
-        text = self._tag_text(begin)
-        positions: dict[str, Position] = {}
-        name = _NAME.match(text)
-        match = _ATTRIBUTE.match(text, name.end()) if name is not None else None
-        while match is not None:
-            group = 2 if match.group(2) is not None else 3
-            before = text[: match.start(group)]
-            lines = before.count("\n")
-            column = len(before) - (before.rfind("\n") + 1) + 1
-            if not lines:
-                column += start.column - 1
-            positions[_local(match.group(1))] = Position(self._file, start.line + lines, column)
-            match = _ATTRIBUTE.match(text, match.end())
-        return positions
 
-    def _tag_text(self, begin: int) -> str:
-        """The start tag at byte ``begin``: up to the ``>`` that stands in no attribute value."""
-        quote = b""
-        for found in _TAG_MARKS.finditer(self._content, begin):
-            mark = found.group()
-            if quote:
-                quote = b"" if mark == quote else quote
-            elif mark == b">":
-                return self._content[begin : found.end()].decode("utf-8", "replace")
-            else:
-                quote = mark
-        return ""
+def _agree(tag: StartTag, node: etree._Element) -> bool:
+    """Whether ``node`` is what ``tag`` starts; lxml writes a declared prefix as ``{…}``."""
+    names = [tag.name, *_own_names(tag)]
+    return list(map(_local, names)) == [
+        _local(str(name).rpartition("}")[2]) for name in (node.tag, *node.attrib)
+    ]
 
 
 def _local(name: str) -> str:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.diagnostics import DiagnosticLog, shortened
+from m2c.model.paths import why_no_file
 from m2c.model.structure import require
 from m2c.model.xml import Element, read_xml
 
 MAX_INCLUDES = 16
 """Files that include one another; real policies are one or two deep."""
+_MAX_SHOWN = 200
+"""Characters of a path that a message repeats."""
 
 
 def elements_of(path: Path, root: Element, log: DiagnosticLog) -> list[Element]:
@@ -51,8 +55,18 @@ class _Includes:
         written = require(element, "path", log)
         if not written:
             return None
-        path = (above[-1].parent / written).resolve()
         at = element.at("path")
+        target = above[-1].parent / written
+        if not os.path.lexists(target):
+            what = f"the file {shortened(written, _MAX_SHOWN)} does not exist"
+            hint = "the path is relative to the file that includes it"
+            log.error("missing-file", at, element.tag, what, hint)
+            return None
+        why = why_no_file(target)
+        if why:
+            log.error("unreadable-file", at, element.tag, f"cannot read the file: {why}")
+            return None
+        path = target.resolve()
         if path in above:
             loop = " → ".join(item.name for item in (*above[above.index(path) :], path))
             what = f"a file cannot include itself: {loop}"
@@ -61,11 +75,6 @@ class _Includes:
         if len(above) >= MAX_INCLUDES:
             what = f"files are included more than {MAX_INCLUDES} deep"
             log.error("deep-include", at, element.tag, what)
-            return None
-        if not path.is_file():
-            what = f"the file {written} does not exist"
-            hint = "the path is relative to the file that includes it"
-            log.error("missing-file", at, element.tag, what, hint)
             return None
         if path in self._read:
             return None

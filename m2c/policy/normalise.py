@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from xml.sax.saxutils import quoteattr
+from collections.abc import Iterable, Mapping
+
+from lxml import etree
 
 from m2c.model.diagnostics import Position
+from m2c.model.xml_writing import below, element, serialised
 from m2c.policy.leaves import BoundLeaf
 from m2c.policy.tree import CONDITIONS, LeafNode, PolicyFile, SubTreeNode, TreeNode
 
@@ -22,47 +24,35 @@ def normalised(policy: PolicyFile, leaves: Mapping[Position, BoundLeaf]) -> str:
     are in ``leaves``, which must have one for every leaf of the policy. Nor can they have children:
     a plugin with children is a leaf, and each of its children a tree of its own (``child_tree``).
     """
-    lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoteattr(policy.main)}>']
+    root = element("root", {"BTCPP_format": "4", "main_tree_to_execute": policy.main})
     pending = [(tree.id, tree.root) for tree in policy.trees]
     while pending:
-        name, root = pending.pop(0)
-        lines.append(f"  <BehaviorTree ID={quoteattr(name)}>")
-        _write(root, leaves, 2, lines, pending)
-        lines.append("  </BehaviorTree>")
-    lines.append("</root>")
-    return "\n".join(lines) + "\n"
+        name, node = pending.pop(0)
+        _add(below(root, "BehaviorTree", {"ID": name}), node, leaves, pending)
+    return serialised(root)
 
 
-def _write(
+def _add(
+    above: etree._Element,
     node: TreeNode,
     leaves: Mapping[Position, BoundLeaf],
-    depth: int,
-    lines: list[str],
     pending: list[tuple[str, TreeNode]],
 ) -> None:
-    margin = "  " * depth
     match node:
         case LeafNode():
             leaf = leaves[node.position]
             scripts = [(key, value) for key, value in node.attributes if key in CONDITIONS]
-            attributes = _attributes([("name", leaf.name), *scripts])
-            lines.append(f"{margin}<{leaf.name}{attributes}/>")
+            below(above, leaf.name, _named(leaf.name, scripts))
             pending += [
                 (child_tree(leaf.name, number), child) for number, child in enumerate(node.children)
             ]
         case SubTreeNode():
-            attributes = _attributes([("ID", node.id), ("name", node.name), *node.attributes])
-            lines.append(f"{margin}<SubTree{attributes}/>")
+            below(above, "SubTree", {"ID": node.id, **_named(node.name, node.attributes)})
         case _:
-            attributes = _attributes([("name", node.name), *node.attributes])
-            if not node.children:
-                lines.append(f"{margin}<{node.tag}{attributes}/>")
-                return
-            lines.append(f"{margin}<{node.tag}{attributes}>")
+            inner = below(above, node.tag, _named(node.name, node.attributes))
             for child in node.children:
-                _write(child, leaves, depth + 1, lines, pending)
-            lines.append(f"{margin}</{node.tag}>")
+                _add(inner, child, leaves, pending)
 
 
-def _attributes(pairs: list[tuple[str, str]]) -> str:
-    return "".join(f" {key}={quoteattr(value)}" for key, value in pairs if value or key != "name")
+def _named(name: str, attributes: Iterable[tuple[str, str]]) -> dict[str, str]:
+    return {**({"name": name} if name else {}), **dict(attributes)}

@@ -187,14 +187,25 @@ class _PolicyReader:
             what = "the attribute `ID` is missing"
             self._log.error("missing-attribute", element.position, element.tag, what)
             return None
-        attributes = tuple(
-            (_VERSION_3_PORTS.get(("SubTree", key), key), value)
-            for key, value in element.attributes.items()
-            if key not in ("ID", "name")
-        )
+        kept: dict[str, str] = {}
+        for written in element.attributes:
+            if written not in ("ID", "name"):
+                self._keep(
+                    element, written, _VERSION_3_PORTS.get(("SubTree", written), written), kept
+                )
         return SubTreeNode(
-            id=name, name=element.get("name"), position=element.position, attributes=attributes
+            id=name,
+            name=element.get("name"),
+            position=element.position,
+            attributes=tuple(kept.items()),
         )
+
+    def _keep(self, element: Element, written: str, key: str, kept: dict[str, str]) -> None:
+        """Put the port ``written``, which version 4 calls ``key``, into ``kept``."""
+        if key in kept:
+            what = f"`{written}` is the port `{key}`, which is given already"
+            self._log.error("unknown-port", element.at(written), element.tag, what, "give it once")
+        kept[key] = element.attributes[written]
 
     def _read_builtin(self, element: Element, tag: str) -> BuiltinNode:
         builtin = BUILTINS[tag]
@@ -233,7 +244,7 @@ class _PolicyReader:
     def _ports(
         self, element: Element, tag: str, ports: tuple[str, ...]
     ) -> tuple[tuple[str, str], ...]:
-        kept = []
+        kept: dict[str, str] = {}
         for written, value in element.attributes.items():
             key = _VERSION_3_PORTS.get((tag, written), written)
             if written in ("ID", "name", *_EDITOR):
@@ -242,13 +253,13 @@ class _PolicyReader:
                 what = f"`{written}` is empty: its default is used"
                 self._log.note("empty-port", element.at(written), element.tag, what)
             elif key in ports or key.startswith("_"):
-                kept.append((key, value))
+                self._keep(element, written, key, kept)
             else:
                 what = f"{tag} has no port `{written}`"
                 self._log.error(
                     "unknown-port", element.at(written), element.tag, what, nearest(key, ports)
                 )
-        return tuple(kept)
+        return tuple(kept.items())
 
     def _read_leaf(
         self, element: Element, tag: str, takes_children: bool = False

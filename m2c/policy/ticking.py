@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
+from m2c.model.xml_writing import read_back
 from m2c.policy.normalise import child_tree
 from m2c.policy.plugins import PortValue
 
@@ -53,15 +53,13 @@ QUIET_NODES = frozenset(
 )
 """Elements whose nodes never ask to be ticked again (``emitWakeUpSignal`` of BehaviorTree.CPP 4)."""
 
-_TAG = re.compile(r"<([A-Za-z_][\w.-]*)")
-
 
 def may_wake(policy: Policy) -> bool:
     """Whether a node of ``policy`` may ask to be ticked again at once. To ask the tree costs a wait
     of the operating system (60 µs and more), at every tick that is RUNNING.
     """
     leaves = {leaf.id for leaf in policy.leaves}
-    return not set(_TAG.findall(policy.xml)) <= QUIET_NODES | leaves
+    return not {node.tag for node in read_back(policy.xml).iter()} <= QUIET_NODES | leaves
 
 
 def tick_tree(tree: Any, wakes: bool = True) -> str:

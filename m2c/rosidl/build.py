@@ -106,7 +106,7 @@ def find_packages(directories: Sequence[Path]) -> tuple[Path, ...]:
     """
     found: list[Path] = []
     for directory in directories:
-        candidates = [directory, *sorted(directory.iterdir())] if directory.is_dir() else []
+        candidates = [directory, *sorted(directory.iterdir())] if os.path.isdir(directory) else []
         packages = [path for path in candidates if (path / "package.xml").is_file()]
         if not packages:
             raise InterfaceBuildError(

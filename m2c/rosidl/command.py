@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -39,7 +40,9 @@ def build(directories: tuple[Path, ...], output: Path) -> None:
     from m2c.rosidl.build import SETUP_SCRIPT, InterfaceBuildError, build_interfaces
 
     try:
-        built = build_interfaces([path.resolve() for path in directories], output.resolve())
+        built = build_interfaces(
+            [Path(os.path.realpath(path)) for path in directories], output.resolve()
+        )
     except InterfaceBuildError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(2)

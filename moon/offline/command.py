@@ -104,7 +104,7 @@ def _told_apart(paths: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ..
 
 
 def _is_model(path: Path) -> bool:
-    if not path.is_dir():
+    if not os.path.isdir(path):
         return path.suffix.lower() in _MODEL_SUFFIXES
     return not any(
         found.name == _BAG_METADATA or found.name.endswith(_BAG_SUFFIXES)

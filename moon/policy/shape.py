@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from xml.etree import ElementTree
 
 import msgspec
 
 from m2c.model.machine import InterfaceKind, Machine
+from m2c.model.xml_writing import read_back
 from m2c.policy.program import Policy
 from m2c.policy.tree import CONDITIONS
 
@@ -77,5 +77,5 @@ def _is_plain(policy: Policy) -> bool:
         element.tag in known
         and not any(key in CONDITIONS for key in element.attrib)
         and (element.tag != "IfThenElse" or len(element) == 3)
-        for element in ElementTree.fromstring(policy.xml).iter()
+        for element in read_back(policy.xml).iter()
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import click
 import pytest
 from click.testing import CliRunner
@@ -56,3 +59,15 @@ def test_a_system_that_is_not_there_is_refused_with_what_makes_one() -> None:
         "error: no_such: no such file or folder; "
         "expected a system file, or a folder made by `m2c generate`\n"
     )
+
+
+@pytest.mark.parametrize("command", ["m2c", "moon"])
+def test_help_does_not_wait_for_libraries_that_only_commands_need(command: str) -> None:
+    program = (
+        f"import sys; from {command}.cli import main; main(['--help'], standalone_mode=False); "
+        "print(sorted({'lxml', 'jinja2', 'msgspec', 'rich', 'zenoh'} & sys.modules.keys()))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.splitlines()[-1] == "[]"

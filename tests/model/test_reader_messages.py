@@ -198,7 +198,7 @@ def test_attributes_without_number_are_refused(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (b'<?xml version="1.0" encoding="none-8"?><scxml/>', "1:1: error: unknown encoding: none-8; write the file in UTF-8 [malformed-xml]"),
-        (b'<scxml name="\xff"/>', "1:14: error: malformed XML: not well-formed (invalid token) [malformed-xml]"),
+        (b'<scxml name="\xff"/>', "1:14: error: malformed XML: the byte 0xff is not UTF-8 here; write the file in UTF-8 [malformed-xml]"),
         (b'<scxml name="a\0"/>', "1:15: error: malformed XML: not well-formed (invalid token) [malformed-xml]"),
         (b"\x7fELF\x02\x01", "1:1: error: malformed XML: not well-formed (invalid token) [malformed-xml]"),
         (b"<scxml/><scxml/>", "1:9: error: malformed XML: junk after document element [malformed-xml]"),

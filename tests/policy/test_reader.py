@@ -150,6 +150,20 @@ def test_version_3_words_and_a_blank_line_before_the_prologue_are_read(
             "policy.xml:1:28: error: <Action>: /Plain/halt_lamp has type t/srv/Other, which cannot "
             "answer a tick; its response needs an integer field `status` [leaf-type]",
         ),
+        (
+            tree(
+                '<Repeat num_cycles="1"><SubTree ID="N" __autoremap="1" __shared_blackboard="1"/></Repeat>'
+            )
+            .replace("</root>", '<BehaviorTree ID="N"><AlwaysSuccess/></BehaviorTree></root>')
+            .replace("<root>", '<root main_tree_to_execute="M">'),
+            "policy.xml:1:129: error: <SubTree>: `__shared_blackboard` is the port `_autoremap`, which "
+            "is given already; give it once [unknown-port]",
+        ),
+        (
+            tree('<Parallel success_count="1" success_threshold="2"><AlwaysSuccess/></Parallel>'),
+            "policy.xml:1:75: error: <Parallel>: `success_threshold` is the port `success_count`, which "
+            "is given already; give it once [unknown-port]",
+        ),
     ],
 )
 def test_a_policy_that_cannot_run_is_reported_with_its_place(
@@ -158,6 +172,22 @@ def test_a_policy_that_cannot_run_is_reported_with_its_place(
     policy, found = read(system, tmp_path, text)
     assert policy is None
     assert found == [expected]
+
+
+def test_what_is_written_in_a_policy_reaches_its_engine_as_it_was(
+    system: System, tmp_path: Path
+) -> None:
+    import behaviortreepy
+
+    named = """a "b" 'c' <d> & é &#10; \U0001f600 &amp; ]]>"""
+    shown = named.replace("&#10;", "\n").replace("&amp;", "&")
+    escaped = shown.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    escaped = escaped.replace("\n", "&#10;")
+    policy, found = read(system, tmp_path, tree(f'<AlwaysSuccess name="{escaped}"/>'))
+    assert policy is not None, found
+    factory = behaviortreepy.BehaviorTreeFactory()
+    factory.register_behavior_tree_from_text(policy.xml)
+    assert factory.create_tree("M").root_node().name() == shown
 
 
 def test_a_leaf_that_no_node_serves_is_a_warning(system: System, tmp_path: Path) -> None:

@@ -1,0 +1,328 @@
+"""XML made to break its reader: it is refused in one message, or read as what it says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from m2c.cli import main
+from m2c.model import DiagnosticLog, xml
+from m2c.model.xml import MAX_BYTES, Element, parse_xml
+from m2c.model.xml_places import StartTag, start_tags
+
+SMALL = (
+    '<?xml version="1.0"?>\n'
+    '<!-- a "small" <model> -->\n'
+    '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="M" initial="a">\n'
+    "  <state id='a'><onentry><log label=\"1 &lt; 2\"/><![CDATA[<x>]]></onentry></state >\n"
+    "</scxml>\n"
+)
+
+
+def parsed(content: bytes) -> tuple[Element | None, list[str]]:
+    """The root, and what is said of the file, without the warning on namespaces."""
+    log = DiagnosticLog()
+    root = parse_xml(content, "f", log)
+    said = [str(found) for found in log.diagnostics if found.rule != "xml-namespace"]
+    return root, said
+
+
+def refusal(content: bytes) -> str:
+    root, said = parsed(content)
+    assert root is None
+    assert len(said) == 1, said
+    return said[0]
+
+
+def test_a_document_that_was_cut_off_anywhere_is_one_error() -> None:
+    content = SMALL.encode()
+    whole = len(content.rstrip())
+    for length in range(whole):
+        said = refusal(content[:length])
+        assert re.fullmatch(r"f:[1-5]:\d+: error: .* \[malformed-xml\]", said), (length, said)
+    assert parsed(content[:whole])[1] == []
+
+
+def test_a_document_that_ends_says_which_element_is_open() -> None:
+    assert refusal(b"<scxml>\n<state>") == (
+        "f:2:8: error: malformed XML: the document ends; <state> is open [malformed-xml]"
+    )
+
+
+def repeated(before: bytes, part: bytes, after: bytes = b"") -> bytes:
+    """``part`` as often as it fits into the largest file that is read."""
+    return before + part * ((MAX_BYTES - len(before) - len(after)) // len(part)) + after
+
+
+@pytest.mark.parametrize(
+    ("content", "place", "reason"),
+    [
+        (repeated(b"<a ", b"x='\" "), "1:12", "invalid token"),
+        (repeated(b"<a", b' x="'), "1:1", "unclosed token"),
+        (repeated(b"<a>", b"<"), "1:4", "invalid token"),
+        (repeated(b"<a>", b"<!--"), "1:4", "unclosed token"),
+        (repeated(b"<a>", b"<![CDATA["), "1:4", "unclosed token"),
+        (repeated(b"<a>", b"<?"), "1:4", "unclosed token"),
+        (repeated(b"<a>", b"&lt"), "1:4", "invalid token"),
+        (repeated(b"<a x='", b"&"), "1:7", "invalid token"),
+        (repeated(b"<a ", b" "), "1:1", "unclosed token"),
+        (repeated(b"<a", b" x = ''", b"/>"), "1:11", "duplicate attribute"),
+        (repeated(b"<a>", b"</a>"), "1:8", "junk after document element"),
+        (repeated(b"<", b"y", b"/>"), f"1:{MAX_BYTES - 1}", "Name too long"),
+        (repeated(b"<a>", b"]]>", b"</a>"), "1:4", "Sequence ']]>' not allowed"),
+        (repeated(b"<a>&#", b"1", b";</a>"), "1:4", "reference to invalid character number"),
+        (repeated(b"<!DOCTYPE ", b"x"), f"1:{MAX_BYTES + 1}", "document type declaration"),
+        (repeated(b"<?xml ", b" encoding ", b"?><a/>"), "1:8", "Malformed declaration"),
+        (repeated(b"", b"<a>"), "1:193", "nested more than 64 deep"),
+    ],
+    ids=lambda value: value[:12] if isinstance(value, bytes) else None,
+)
+def test_four_megabytes_of_one_mistake_are_one_short_error(
+    content: bytes, place: str, reason: str
+) -> None:
+    said = refusal(content)  # pytest's time limit is the bound on the work
+    assert said.startswith(f"f:{place}: error: ")
+    assert reason in said
+    assert len(said) < 500
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        repeated(b"<a x='", b"y", b"'/>"),
+        repeated(b"<a x='", b"&lt;", b"'/>"),
+        repeated(b"<a>", b"&lt;", b"</a>"),
+        repeated(b"<a>", b">", b"</a>"),
+        repeated(b"<a>", b"\n", b"</a>"),
+        repeated(b"<a ", b" ", b"/>"),
+        repeated(b"<a>", b"<!---->", b"</a>"),
+        repeated(b"<a>", b"<?x?>", b"</a>"),
+        repeated(b"<a>", b"<![CDATA[]]>", b"</a>"),
+        repeated(b"", b"<!---->", b"<a/>"),
+    ],
+    ids=lambda content: content[:12],
+)
+def test_four_megabytes_that_are_xml_are_read(content: bytes) -> None:
+    root, said = parsed(content)
+    assert said == []
+    assert root is not None
+    assert root.tag == "a"
+
+
+def test_a_long_value_is_kept_whole() -> None:
+    root, _ = parsed(repeated(b"<a x='", b"&lt;", b"'/>"))
+    assert root is not None
+    assert set(root.attributes["x"]) == {"<"}
+    assert len(root.attributes["x"]) == (MAX_BYTES - len("<a x=''/>")) // 4
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"<a>&#0;</a>", "1:4: error: malformed XML: reference to invalid character number"),
+        (b"<a x='\xc3\xa4&#xD800;'/>", "1:8: error: malformed XML: reference to invalid character number"),
+        (b"<a>\xed\xa0\x80</a>", "1:4: error: malformed XML: the byte 0xed is not UTF-8 here; write the file in UTF-8"),
+        (b"<a>\0</a>", "1:4: error: malformed XML: not well-formed (invalid token); <a> is open"),
+        (b"<a>\n<b x='\x1b[2J'/></a>", "2:7: error: malformed XML: not well-formed (invalid token); <a> is open"),
+        (b"<a>x & y</a>", "1:6: error: malformed XML: not well-formed (invalid token); <a> is open; write &amp; for &"),
+        (b"<a>x < y</a>", "1:6: error: malformed XML: not well-formed (invalid token); <a> is open; write &lt; for <"),
+        (b"<a x='&lol;'/>", "1:7: error: malformed XML: undefined entity"),
+        (b"<a x=1/>", "1:6: error: malformed XML: not well-formed (invalid token)"),
+        (b"<a x/>", "1:5: error: malformed XML: not well-formed (invalid token)"),
+        (b"<a x='1'y='2'/>", "1:9: error: malformed XML: not well-formed (invalid token)"),
+        (b"<a><b></a>", "1:9: error: malformed XML: mismatched tag; <b> is open"),
+        (b"</a>", "1:1: error: malformed XML: not well-formed (invalid token); write &lt; for <"),
+        (b"text", "1:1: error: malformed XML: not well-formed (invalid token)"),
+        (b"<!-- nothing -->", "1:17: error: malformed XML: no element"),
+        (b"<a/>\n&lt;", "2:1: error: malformed XML: junk after document element"),
+        (b"<a/><!DOCTYPE a []>", "1:5: error: malformed XML: junk after document element"),
+        (b"<a><!DOCTYPE a []></a>", "1:4: error: malformed XML: not well-formed (invalid token); <a> is open; write &lt; for <"),
+        (b"<?xml version='1'?><a/>", "1:18: error: malformed XML: Malformed declaration expecting version; write <?xml version=\"1.0\" encoding=\"UTF-8\"?>"),
+        (b"<a x:='1'/>", "1:6: error: malformed XML: Failed to parse QName 'x:'"),
+    ],
+)  # fmt: skip
+def test_what_is_no_xml_is_said_with_its_place(content: bytes, said: str) -> None:
+    assert refusal(content) == f"f:{said} [malformed-xml]"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b'<!DOCTYPE a [<!ENTITY b "&c;&c;"><!ENTITY c "ha">]><a>&b;</a>',
+        b'<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><a>&b;</a>',
+        b'<!DOCTYPE a [<!ENTITY % b SYSTEM "http://localhost/x"> %b;]><a/>',
+        b"<!-- first --><?then?>\n<!DOCTYPE a><a/>",
+        "<!DOCTYPE a><a/>".encode("utf-16"),
+    ],
+)
+def test_a_document_type_is_refused_wherever_it_may_stand(content: bytes) -> None:
+    said = refusal(content)
+    assert "a document type declaration (<!DOCTYPE a…>) is refused" in said
+    assert said.endswith("[hostile-xml]")
+
+
+@pytest.mark.parametrize("text", ["<!DOCTYPE a>", "<b x='1>", "</b>", "<?b?"])
+def test_what_looks_like_markup_in_a_comment_is_none(text: str) -> None:
+    root, said = parsed(f"<a><!-- {text} --><c/></a>".encode())
+    assert said == []
+    assert root is not None
+    assert [str(child.position) for child in root.children] == [f"f:1:{len(text) + 13}"]
+
+
+def test_an_inclusion_is_an_element_like_any_other() -> None:
+    root, said = parsed(
+        b'<a xmlns:xi="http://www.w3.org/2001/XInclude"><xi:include href="/etc/passwd"/></a>'
+    )
+    assert said == []
+    assert root is not None
+    assert [(child.tag, child.attributes) for child in root.children] == [
+        ("include", {"href": "/etc/passwd"})
+    ]
+
+
+@pytest.mark.parametrize(
+    "encoding",
+    [
+        "utf-7",
+        "UTF-7",
+        "utf-32",
+        "none-8",
+        "iso-8859-12",
+        "cp037",
+        "idna",
+        "unicode_escape",
+        "rot13",
+    ],
+)
+def test_an_encoding_that_hides_markup_or_does_not_exist_is_refused(encoding: str) -> None:
+    assert refusal(f'<?xml version="1.0" encoding="{encoding}"?><a/>'.encode()) == (
+        f"f:1:1: error: unknown encoding: {encoding}; write the file in UTF-8 [malformed-xml]"
+    )
+
+
+def test_markup_in_utf_7_stays_text() -> None:
+    root, said = parsed(b"<a>+ADw-b/+AD4-</a>")
+    assert said == []
+    assert root is not None
+    assert root.children == []
+    assert root.text == "+ADw-b/+AD4-"
+
+
+def test_an_encoding_that_the_bytes_are_not_in_is_refused() -> None:
+    assert refusal(b'<?xml version="1.0" encoding="utf-16"?><a/>') == (
+        "f:1:1: error: the file is not in utf-16, as it declares; write the file in UTF-8 "
+        "[malformed-xml]"
+    )
+    assert refusal(b'<?xml version="1.0" encoding="us-ascii"?>\n<a x="\xc3\xa4"/>') == (
+        "f:2:7: error: malformed XML: the byte 0xc3 is not ASCII here; write the file in UTF-8 "
+        "[malformed-xml]"
+    )
+
+
+@pytest.mark.parametrize(
+    ("encoding", "codec"),
+    [
+        ("utf-8", "utf-8"),
+        ("UTF-8", "utf-8-sig"),
+        ("utf-16", "utf-16"),
+        ("utf-16", "utf-16-le"),
+        ("utf-16", "utf-16-be"),
+        ("iso-8859-1", "latin-1"),
+        ("ISO-8859-15", "iso-8859-15"),
+        ("windows-1252", "cp1252"),
+    ],
+)
+def test_every_encoding_gives_the_same_element(encoding: str, codec: str) -> None:
+    text = f'<?xml version="1.0" encoding="{encoding}"?>\n<a x="ä"><b  y="ö">ü</b></a>'
+    root, said = parsed(text.encode(codec))
+    assert said == []
+    assert root is not None
+    (inner,) = root.children
+    assert (root.attributes, inner.attributes, inner.text) == ({"x": "ä"}, {"y": "ö"}, "ü")
+    assert str(inner.at("y")) == "f:2:17"
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
+def test_every_line_ending_gives_the_same_places_and_values(ending: str) -> None:
+    text = "<a\n  x=\"1\n2\"\n>t\n<b\n\ty = '3'/></a>".replace("\n", ending)
+    root, said = parsed(text.encode())
+    assert said == []
+    assert root is not None
+    (inner,) = root.children
+    assert (root.attributes, root.text) == ({"x": "1 2"}, "t\n")
+    places = (root.at("x"), inner.position, inner.at("y"))
+    assert list(map(str, places)) == ["f:2:6", "f:5:1", "f:6:7"]
+
+
+def test_prefixes_need_no_declaration_and_count_for_nothing() -> None:
+    root, said = parsed(
+        b'<a b:x="1" xmlns:c="urn:c" c:y="2" xml:lang="en" xsi:z="3" q="4">t<b:d/>u<c:e/>v</a>'
+    )
+    assert said == []
+    assert root is not None
+    assert root.attributes == {"x": "1", "y": "2", "q": "4"}
+    assert [child.tag for child in root.children] == ["d", "e"]
+    assert root.text == "tuv"
+    assert [str(root.at(name)) for name in ("x", "y", "q")] == ["f:1:9", "f:1:33", "f:1:63"]
+
+
+PIECES = [b"<", b">", b"&", b'"', b"'", b"/>", b"</", b"<!--", b"-->", b"<![CDATA[", b"]]>"]
+PIECES += [b"<?", b"?>", b"\0", b"\xff", b"\r", b"=", b":", b"xmlns:x='y'", b"&#0;", b"<b c='1'>"]
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(SMALL)), st.integers(0, 3), st.sampled_from([b"", *PIECES])),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_a_damaged_document_is_read_or_refused_in_one_error(
+    damages: list[tuple[int, int, bytes]],
+) -> None:
+    content = SMALL.encode()
+    for at, removed, added in damages:
+        content = content[:at] + added + content[at + removed :]
+    root, said = parsed(content)
+    errors = [message for message in said if ": error: " in message]
+    assert len(errors) == (root is None), said
+
+
+def test_places_that_do_not_fit_the_tree_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = b"<a>\n<b/><c/></a>"
+    tags = start_tags(content.decode())
+    what = "error: malformed XML: which element this is is not clear [malformed-xml]"
+    for wrong, place in [
+        (tags[:2], "2:1"),
+        ([*tags, tags[1]], "2:1"),
+        ([tags[0], tags[2], tags[1]], "2:5"),
+        ([tags[0], tags[1], StartTag("c", 9, {"d": 11})], "2:6"),
+    ]:
+        monkeypatch.setattr(xml, "start_tags", lambda *_, found=wrong: found)
+        assert refusal(content) == f"f:{place}: {what}"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b'<?xml version="1.0" encoding="utf-7"?><scxml/>',
+        b'<!DOCTYPE a [<!ENTITY b "ha">]><scxml name="&b;"/>',
+        b"<scxml>" * 1_000,
+        b"\xff\xfe<\0",
+        b"<scxml name='\0'/>",
+    ],
+)
+@pytest.mark.parametrize("name", ["m.scxml", "system.xml"])
+def test_the_command_line_says_one_error(tmp_path: Path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    result = CliRunner().invoke(main, ["check", str(path)])
+    assert result.exit_code == 2
+    assert isinstance(result.exception, SystemExit)
+    (line,) = [line for line in result.output.splitlines() if ": error: " in line]
+    assert re.match(rf"{re.escape(str(path))}:1:\d+: error: ", line)
