@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import msgspec
 
-from m2c.codegen.names import channel_names, snake
+from m2c.codegen.names import channel_names, distinct, snake
 from m2c.codegen.source import Source, doc
 from m2c.model.datatypes import Structure
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Event, EventKind, Interface, Machine, OutputKind
+from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine, OutputKind
 from m2c.model.scopes import event_data_type, event_parts, interface_kind_of, output_data_type
+from m2c.model.walk import events_of
 
 _EVENTS: dict[EventKind, tuple[str, str, str]] = {
     EventKind.INTERNAL: (
@@ -47,6 +48,12 @@ _ALONE = {
     EventKind.BT_HALT: (),
 }
 """Events of no interface, and the parameters of their methods, of which a machine has one for all."""
+
+_WITHOUT_DATA: dict[EventKind | OutputKind, InterfaceKind] = {
+    EventKind.CALL_ERROR: InterfaceKind.CLIENT,
+    EventKind.TIMER: InterfaceKind.TIMER,
+}
+_OF_CHILDREN = (EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED)
 
 _OUTPUTS: dict[OutputKind, tuple[str, str, str, str]] = {
     OutputKind.PUBLISH: ("publish", "message", "publisher.publish", "Publish on ``{}``."),
@@ -135,6 +142,11 @@ class PortNames:
         self._machine = machine
         self._library = library
         self._short = channel_names([key(interface) for interface in machine.interfaces])
+        self._children: dict[str, str] = {}
+        for event in events_of(machine):
+            if event.kind in _OF_CHILDREN and event.name not in self._children:
+                made = distinct(snake(event.name), self._children.values())
+                self._children[event.name] = made
 
     def short(self, interface: Interface) -> str:
         """The name that stands for ``interface`` in method names."""
@@ -146,12 +158,11 @@ class PortNames:
         return self.short(interface) if interface is not None else snake(name)
 
     def _interface(self, name: str, kind: EventKind | OutputKind) -> Interface | None:
-        interface_kind = interface_kind_of(kind)
-        kinds = (interface_kind,) if interface_kind is not None else ()
-        return self._machine.interface(name, *kinds)
+        found = _WITHOUT_DATA.get(kind) or interface_kind_of(kind)
+        return self._machine.interface(name, found) if found is not None else None
 
     def _doc(self, text: str, name: str, kind: EventKind | OutputKind) -> Source:
-        interface = self._interface(name, kind) if interface_kind_of(kind) is not None else None
+        interface = self._interface(name, kind)
         channel = interface.channel if interface is not None else None
         return Source(text).format(doc(channel or name))
 
@@ -161,9 +172,9 @@ class PortNames:
         says = self._doc(text, event.name, event.kind)
         if event.kind in _ALONE:
             return Port(f"on_{word}", says, _ALONE[event.kind])
-        if event.kind in (EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED):
+        if event.kind in _OF_CHILDREN:
             parameters = (("status", "str"),) if event.kind is EventKind.BT_CHILD_STATUS else ()
-            return Port(f"on_child_{snake(event.name)}_{word}", says, parameters)
+            return Port(f"on_child_{self._children[event.name]}_{word}", says, parameters)
         parts = event_parts(event, self._machine, self._library)
         return Port(
             f"on_{self.named(event.name, event.kind)}_{word}",
