@@ -325,8 +325,12 @@ _STANDARD: dict[str, Any] | None = None
 
 def _without_comment(line: str) -> str:
     quote = ""
+    escaped = False
     for index, character in enumerate(line):
-        if quote:
+        if escaped:
+            escaped = False
+        elif quote:
+            escaped = character == "\\"
             quote = "" if character == quote else quote
         elif character in "\"'":
             quote = character

@@ -299,3 +299,28 @@ def test_a_part_of_a_service_is_no_message(tmp_path: Path) -> None:
     types, _ = library(tmp_path, Ask_srv="int32 a\n---\n")
     with pytest.raises(KeyError, match="a message type is written like p/msg/Ask_Request"):
         types.message("p/srv/Ask_Request")
+
+
+def test_a_default_is_made_of_whole_characters(tmp_path: Path) -> None:
+    types, log = library(tmp_path, Level_msg='string a "\\ud83d"\n')
+    types.message("p/Level")
+    assert findings(tmp_path, log) == [
+        'p/msg/Level.msg:1:1: error: `"\\ud83d"` is not a value of string [bad-interface]'
+    ]
+
+
+@pytest.mark.parametrize(
+    ("written", "value"),
+    [
+        (r'"a\"#b"  # why', 'a"#b'),
+        (r"'a\'#b'", "a'#b"),
+        (r'"a\\"  # "why"', "a\\"),
+        (r'"#"', "#"),
+    ],
+)
+def test_a_text_may_have_quotes_and_what_begins_a_comment(
+    tmp_path: Path, written: str, value: str
+) -> None:
+    types, log = library(tmp_path, Level_msg=f"string a {written}\n")
+    assert types.message("p/Level").defaults == (("a", value),)
+    assert log.diagnostics == []
