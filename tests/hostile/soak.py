@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+import traceback
 from collections import Counter
 from pathlib import Path
 
@@ -62,6 +63,7 @@ def main(arguments: list[str]) -> int:
         deadline=None,
         database=None,
         phases=[Phase.generate, Phase.shrink],
+        report_multiple_bugs=False,
         suppress_health_check=list(HealthCheck),
     )
     @given(case=cases())
@@ -72,7 +74,7 @@ def main(arguments: list[str]) -> int:
         judged()
         soak.finish_batch()
     except Exception as error:  # whatever goes wrong, the model that made it go wrong is shown
-        print(f"{type(error).__name__}: {error}\n")
+        print("".join(traceback.format_exception_only(error)))
         if soak.last is not None:
             print(f"{soak.last!r}\n")
             for path, content in soak.last.files().items():
