@@ -86,13 +86,14 @@ mutants: $(VENV)/.installed compiled
 	$(BIN)/python -m tests.mutation.run
 
 # Hours: the oracle against a brute-force checker, properties against Reelay and their readers against
-# damaged files, the nominal tour under every condition and on a busy machine, and what is tested on ROS 2
-# twenty times.
+# damaged files, the nominal tour under every condition and on a busy machine, models of hostile text,
+# and what is tested on ROS 2 twenty times.
 soak: $(VENV)/.installed compiled
 	$(BIN)/python -m tests.oracle.agreement --pairs 100000
 	$(BIN)/python -m tests.oracle.test_no_false_alarm 10000
 	$(BIN)/python -m tests.properties.soak --pairs 100000 --seconds 600
 	$(BIN)/python examples/lab_tour/faults/run.py --nominal 1800 --busy 2
+	$(BIN)/python -m tests.hostile.soak 20000
 	$(BIN)/python -m tests.transports.ros2_soak 20
 
 clean:

@@ -41,6 +41,7 @@ _ERRORS = {
     "missing-attribute": "an attribute that the element must have",
     "unsupported-element": "an element of SCXML that is not part of the language",
     "no-states": "a machine without states",
+    "bad-name": "a name that is too long, cannot be seen or written, or has an empty part",
     "duplicate-state": "two states of one name",
     "duplicate-data": "two variables of one name",
     "duplicate-interface": "two interfaces of one kind and name",

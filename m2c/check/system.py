@@ -7,6 +7,7 @@ import re
 import msgspec
 
 from m2c.check.flow import check_flow
+from m2c.check.names import check_names
 from m2c.check.types import check_types
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Interface, InterfaceKind, Machine
@@ -24,6 +25,7 @@ _SHORT = 4
 _LONG = 10
 """From so many letters on, two may be wrong (``increase`` and ``decrease`` are two names)."""
 
+_POLICY_NODE = "policy"
 _NAMESPACES = {
     InterfaceKind.PUBLISHER: "topic",
     InterfaceKind.SUBSCRIBER: "topic",
@@ -45,16 +47,19 @@ class _End(msgspec.Struct, frozen=True):
 def check_system(system: System, log: DiagnosticLog) -> None:
     """Check every machine of ``system``, and what they say of each other's channels.
 
-    Rules across machines: ``duplicate-node``, ``duplicate-server``, ``type-disagreement``, and the
-    warning ``nobody-serves``. A policy makes a system a whole one: every channel needs its other
-    end. Without one (some models, a folder of them) the other end may be elsewhere, so only a near
-    miss is reported: nobody has the other end, but somebody that of a name almost the same.
+    Rules across machines: ``duplicate-node``, ``duplicate-server``, ``type-disagreement``, that of
+    :func:`m2c.check.names.check_names`, and the warning ``nobody-serves``. A policy makes a system a
+    whole one: every channel needs its other end. Without one (some models, a folder of them) the
+    other end may be elsewhere, so only a near miss is reported: nobody has the other end, but
+    somebody that of a name almost the same.
     """
+    check_names(system, log)
     for machine in [*system.nodes, *system.plugins]:
         if check_types(machine, system.library, log):
             check_flow(machine, log)
-    _check_names(system.nodes, "node", log)
-    _check_names(system.plugins, "plugin", log)
+    _check_unique(system.nodes, "node", log)
+    _check_unique(system.plugins, "plugin", log)
+    _check_policy_node(system, log)
     ends = [
         _End(machine, interface, interface.channel)
         for machine in [*system.nodes, *system.plugins]
@@ -65,7 +70,15 @@ def check_system(system: System, log: DiagnosticLog) -> None:
     _check_counterparts(ends, system.policy is not None, log)
 
 
-def _check_names(machines: tuple[Machine, ...], what: str, log: DiagnosticLog) -> None:
+def _check_policy_node(system: System, log: DiagnosticLog) -> None:
+    """The policy runs as a node, too."""
+    node = system.node(_POLICY_NODE)
+    if system.policy is not None and node is not None:
+        text = f"the node that ticks the policy is called `{_POLICY_NODE}`, too"
+        log.error("duplicate-node", node.position, "scxml", text, "give the machine another name")
+
+
+def _check_unique(machines: tuple[Machine, ...], what: str, log: DiagnosticLog) -> None:
     seen: dict[str, Machine] = {}
     for machine in machines:
         first = seen.setdefault(machine.name, machine)

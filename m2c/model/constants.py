@@ -71,7 +71,8 @@ def _string(text: str) -> str | None:
     if not _QUOTED.match(text):
         return None
     try:
-        value = ast.literal_eval(text)
-    except (ValueError, SyntaxError):  # an escape that does not exist
+        value = str(ast.literal_eval(text))
+        value.encode()
+    except (ValueError, SyntaxError):  # an escape that does not exist, or half a surrogate pair
         return None
-    return str(value)
+    return value

@@ -230,7 +230,20 @@ class _Converter:
         # esprima gives every whole number as an int, 1e300 with its 301 digits
         if isinstance(value, int) and not isinstance(value, bool) and abs(value) > _LARGEST_INTEGER:
             value = float(value)
+        if isinstance(value, str):
+            value = self._characters(value, node)
         return Literal(value=value, position=self._at(node))
+
+    def _characters(self, units: str, node: Any) -> str:
+        r"""The characters of a string: esprima gives ``\ud83d\ude00``, one character, as two."""
+        try:
+            return units.encode("utf-16", "surrogatepass").decode("utf-16")
+        except UnicodeDecodeError as error:
+            raise self._unsupported(
+                node,
+                "half a surrogate pair is no character",
+                "write the character itself, or both halves",
+            ) from error
 
     def _Identifier(self, node: Any) -> Expression:
         name = node.name
@@ -351,7 +364,8 @@ class _Converter:
         for item in node.properties:
             if item.type != "Property" or item.computed or item.method or item.kind != "init":
                 raise self._unsupported(item if item.range else node)
-            key = item.key.name if item.key.type == "Identifier" else str(item.key.value)
+            named = item.key.type == "Identifier"
+            key = item.key.name if named else self._characters(str(item.key.value), item.key)
             entries.append((key, self.convert(item.value)))
         return ObjectLiteral(entries=tuple(entries), position=self._at(node))
 

@@ -30,8 +30,14 @@ from m2c.model.paths import entries_below
 
 _FIELD = re.compile(
     r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:(?:<=)?\d{1,9})?\])?\s+"
-    r"(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)"
+    r"(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)",
+    re.ASCII,
 )
+_LOWER = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+_TYPE = re.compile(r"[A-Z][A-Za-z0-9]*")
+_CONSTANT = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
+"""Names as ROS 2 allows them: https://design.ros2.org/articles/legacy_interface_definition.html and
+the patterns of ``rosidl_adapter.parser``."""
 _PRIMITIVES = {*INTEGER_RANGES, *FLOATS, "bool", "string", "wstring"}
 _PART = {"msg": (), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
 MAX_NESTING = 32
@@ -111,7 +117,12 @@ class InterfaceLibrary:
 
     def message(self, name: str) -> Structure:
         """The message type ``name``; KeyError with a suggestion if there is none."""
-        return self._structure(canonical(name, "msg"))
+        full = canonical(name, "msg")
+        package, _, rest = full.partition("/")
+        if rest.count("/") == 1 and not rest.startswith("msg/"):  # e.g. a part of a service
+            name = f"{package}/msg/{rest.rpartition('/')[2]}"
+            raise KeyError(f"unknown type {full}; a message type is written like {name}")
+        return self._structure(full)
 
     def service(self, name: str) -> ServiceType:
         """The service type ``name``; KeyError with a suggestion if there is none."""
@@ -175,6 +186,7 @@ class InterfaceLibrary:
         if stem in self._open:
             self._log.error("recursive-type", Position(file, 1, 1), "", f"{stem} contains itself")
             return
+        self._check_type_name(stem, file)
         self._open.append(stem)
         parts = _PART[kind] or ("",)
         sections: list[list[tuple[int, str]]] = [[]]
@@ -197,6 +209,27 @@ class InterfaceLibrary:
             self._structures[name] = self._read_section(name, lines, file)
         self._open.pop()
 
+    def _check_type_name(self, stem: str, file: str) -> None:
+        package, _, name = stem.split("/")
+        for text, what, pattern, rule in (
+            (package, "package", _LOWER, "lower-case letters, digits and single underscores"),
+            (name, "type", _TYPE, "letters and digits, beginning with a capital"),
+        ):
+            if pattern.fullmatch(text) is None:
+                message = f"ROS 2 allows no {what} called `{text}`"
+                self._log.error("bad-interface", Position(file), "", message, rule)
+
+    def _check_member_name(self, name: str, is_constant: bool, at: Position) -> None:
+        """A field or a constant; what is wrong is reported with the name that would be right."""
+        words = re.sub(r"_+", "_", name).strip("_")
+        if is_constant:
+            right, pattern, what = words.upper(), _CONSTANT, "constant"
+        else:
+            right, pattern, what = words.lower(), _LOWER, "field"
+        if pattern.fullmatch(name) is None:
+            message = f"ROS 2 allows no {what} called `{name}`"
+            self._log.error("bad-interface", at, "", message, f"write `{right}`")
+
     def _read_section(self, name: str, lines: Iterable[tuple[int, str]], file: str) -> Structure:
         fields: list[tuple[str, DataType]] = []
         defaults: list[tuple[str, Any]] = []
@@ -217,6 +250,7 @@ class InterfaceLibrary:
                 self._log.error("bad-interface", at, "", what)
                 continue
             constant = rest.startswith("=")
+            self._check_member_name(match["name"], constant, at)
             kind = self._field_type(match, name.split("/", maxsplit=1)[0], at)
             if kind is None:
                 continue
@@ -298,8 +332,12 @@ _STANDARD: dict[str, Any] | None = None
 
 def _without_comment(line: str) -> str:
     quote = ""
+    escaped = False
     for index, character in enumerate(line):
-        if quote:
+        if escaped:
+            escaped = False
+        elif quote:
+            escaped = character == "\\"
             quote = "" if character == quote else quote
         elif character in "\"'":
             quote = character

@@ -22,8 +22,8 @@ def model(body: str) -> Example:
     return Example({"m.scxml": machine(body)})
 
 
-def data(kind: str, value: str) -> Example:
-    return model(f'<datamodel><data id="n" type="{kind}" expr="{value}"/></datamodel>{STATE}')
+def data(kind: str, value: str, name: str = "n") -> Example:
+    return model(f'<datamodel><data id="{name}" type="{kind}" expr="{value}"/></datamodel>{STATE}')
 
 
 def entry(content: str, before: str = "") -> Example:
@@ -180,6 +180,7 @@ RULE_EXAMPLES: dict[str, Example] = {
     "missing-attribute": model(f"<state/>{STATE}"),
     "unsupported-element": model(f'<parallel id="p"/>{STATE}'),
     "no-states": model("<datamodel/>"),
+    "bad-name": data("int8", "0", name="1a"),
     "duplicate-state": model(STATE + STATE),
     "duplicate-data": model(
         f'<datamodel><data id="n" expr="1"/><data id="n" expr="2"/></datamodel>{STATE}'

@@ -226,3 +226,20 @@ def test_nothing_else_can_be_assigned_to(text: str) -> None:
         f"m:3:10: error: <assign>: `{text}` cannot be assigned to; a location is a variable, a field of "
         "one (a.b) or an element of one (a[i]) [bad-location]"
     ]
+
+
+@pytest.mark.parametrize("text", [r"'\ud83d\ude00'", r"'\u{1f600}'", "'😀'"])
+def test_a_character_may_be_written_as_two_halves(text: str) -> None:
+    tree, said = parse(text)
+    assert (tree and shape(tree), said) == ("😀", [])
+
+
+@pytest.mark.parametrize("text", [r"'\ud83d'", r"'\ude00\ud83d'", r"{'\ud83d': 1}"])
+def test_half_a_character_is_refused_as_no_middleware_can_carry_it(text: str) -> None:
+    tree, said = parse(text)
+    assert tree is None
+    (found,) = said
+    assert found.endswith(
+        "half a surrogate pair is no character; write the character itself, or both halves "
+        "[unsupported-expression]"
+    )

@@ -236,3 +236,91 @@ def test_a_type_is_described_as_people_write_it() -> None:
         Structure("", ()),
     ]
     assert [describe(kind) for kind in kinds] == ["int8", "int8[2]", "object"]
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("int32 Level", "field called `Level`; write `level`"),
+        ("int32 a__b", "field called `a__b`; write `a_b`"),
+        ("int32 a_", "field called `a_`; write `a`"),
+        ("int32 level=1", "constant called `level`; write `LEVEL`"),
+        ("int32 A__B=1", "constant called `A__B`; write `A_B`"),
+    ],
+)
+def test_a_member_is_named_as_ros_2_allows_it(tmp_path: Path, line: str, what: str) -> None:
+    types, log = library(tmp_path, Level_msg=f"bool ok\n {line}\n")
+    types.message("p/Level")
+    assert findings(tmp_path, log) == [
+        f"p/msg/Level.msg:2:2: error: ROS 2 allows no {what} [bad-interface]"
+    ]
+
+
+@pytest.mark.parametrize("line", ["int32 class", "int32 import", "int32 a1_b2", "int32 A1_B2=3"])
+def test_a_member_may_have_any_name_that_ros_2_allows(tmp_path: Path, line: str) -> None:
+    types, log = library(tmp_path, Level_msg=f"{line}\n")
+    types.message("p/Level")
+    assert findings(tmp_path, log) == []
+
+
+@pytest.mark.parametrize("line", ["int32 ﬁ", "int32 a\u202eb", "ｉｎｔ32 a", 'int32 a"b'])
+def test_a_definition_is_written_in_ascii_but_for_its_texts(tmp_path: Path, line: str) -> None:
+    types, log = library(tmp_path, Level_msg=f"{line}\n")
+    types.message("p/Level")
+    (found,) = log.diagnostics
+    assert found.rule == "bad-interface"
+
+
+@pytest.mark.parametrize("package", ["a-b", "A", "a__b", "1a", "a b", 'a"b', "a\nb", "ﬁ"])
+def test_a_package_is_named_as_ros_2_allows_it(tmp_path: Path, package: str) -> None:
+    path = tmp_path / package / "msg" / "Level.msg"
+    path.parent.mkdir(parents=True)
+    path.write_text("int32 a\n")
+    log = DiagnosticLog()
+    InterfaceLibrary.load([tmp_path], log).message(f"{package}/msg/Level")
+    (found,) = log.diagnostics
+    assert (found.rule, found.position.file) == ("bad-interface", str(path))
+    assert found.message == f"ROS 2 allows no package called `{package}`"
+    assert found.hint == "lower-case letters, digits and single underscores"
+
+
+@pytest.mark.parametrize("name", ["level", "Le_vel", "1Level", "Le vel", "Lével"])
+def test_a_type_is_named_as_ros_2_allows_it(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "p" / "msg" / f"{name}.msg"
+    path.parent.mkdir(parents=True)
+    path.write_text("int32 a\n")
+    log = DiagnosticLog()
+    InterfaceLibrary.load([tmp_path], log).message(f"p/{name}")
+    (found,) = log.diagnostics
+    assert found.message == f"ROS 2 allows no type called `{name}`"
+
+
+def test_a_part_of_a_service_is_no_message(tmp_path: Path) -> None:
+    types, _ = library(tmp_path, Ask_srv="int32 a\n---\n")
+    with pytest.raises(KeyError, match="a message type is written like p/msg/Ask_Request"):
+        types.message("p/srv/Ask_Request")
+
+
+def test_a_default_is_made_of_whole_characters(tmp_path: Path) -> None:
+    types, log = library(tmp_path, Level_msg='string a "\\ud83d"\n')
+    types.message("p/Level")
+    assert findings(tmp_path, log) == [
+        'p/msg/Level.msg:1:1: error: `"\\ud83d"` is not a value of string [bad-interface]'
+    ]
+
+
+@pytest.mark.parametrize(
+    ("written", "value"),
+    [
+        (r'"a\"#b"  # why', 'a"#b'),
+        (r"'a\'#b'", "a'#b"),
+        (r'"a\\"  # "why"', "a\\"),
+        (r'"#"', "#"),
+    ],
+)
+def test_a_text_may_have_quotes_and_what_begins_a_comment(
+    tmp_path: Path, written: str, value: str
+) -> None:
+    types, log = library(tmp_path, Level_msg=f"string a {written}\n")
+    assert types.message("p/Level").defaults == (("a", value),)
+    assert log.diagnostics == []
