@@ -102,7 +102,36 @@ def _compiled(path: str, text: str) -> ast.Module:
             compile(text, path, "exec", dont_inherit=True)
         except (SyntaxError, ValueError, SyntaxWarning, DeprecationWarning) as error:
             raise AssertionError(f"{path} does not compile: {error!r}") from error
-    return ast.parse(text)
+    return _unrenamed(ast.parse(text))
+
+
+def _unrenamed(tree: ast.Module) -> ast.Module:
+    """``tree`` as if no field of a message were a word of Python: ``class_: int = msgspec.field(default=0,
+    name="class")`` is what the generator writes for ``class: int = 0``.
+    """
+    for node in ast.walk(tree):
+        match node:
+            case ast.AnnAssign(
+                target=ast.Name(id=attribute),
+                value=ast.Call(
+                    func=ast.Attribute(value=ast.Name(id="msgspec"), attr="field") as function,
+                    args=[],
+                    keywords=[
+                        made,
+                        ast.keyword(arg="name", value=ast.Constant(value=str() as name)),
+                    ],
+                ),
+            ) if attribute == f"{name}_":
+                factory = ast.Call(function, [], [made])
+                node.value = made.value if made.arg == "default" else factory
+    used = any(isinstance(node, ast.Name) and node.id == "msgspec" for node in ast.walk(tree))
+    if not used:
+        tree.body = [
+            node
+            for node in tree.body
+            if not (isinstance(node, ast.Import) and node.names[0].name == "msgspec")
+        ]
+    return tree
 
 
 def _check_comments(path: str, text: str) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from m2c.codegen.packaging import Packaging
 from tests.hostile.code import differences, profiles
 from tests.hostile.importing import import_all
 from tests.hostile.judging import Accepted, judge
@@ -64,9 +65,9 @@ def test_code_that_cannot_be_is_refused(old: str, new: str, why: str) -> None:
 def test_a_package_that_cannot_be_imported_is_named_with_its_system(tmp_path: Path) -> None:
     right = judge(Case(("topics",), {}))
     assert isinstance(right, Accepted)
-    files = dict(right.files["wheel"])
+    files = dict(right.files[Packaging.WHEEL])
     name = next(name for name in files if name.endswith("/node.py"))
     files[name] += "import signal.nothing\n"
-    wrong = msgspec.structs.replace(right, files={"wheel": files})
+    wrong = msgspec.structs.replace(right, files={Packaging.WHEEL: files})
     with pytest.raises(AssertionError, match=r"(?s)Case\(.*cannot be imported.*signal.nothing"):
         import_all([right, wrong], tmp_path)
