@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
@@ -37,12 +36,12 @@ def build(directories: tuple[Path, ...], output: Path) -> None:
     Example: m2c interfaces build examples/lab_tour/interfaces
     """
     from m2c.rosidl.build import SETUP_SCRIPT, InterfaceBuildError, build_interfaces
+    from m2c.terminal import fail, show
 
     try:
         built = build_interfaces([path.resolve() for path in directories], output.resolve())
     except InterfaceBuildError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        fail(*error.lines)
     how = "unchanged, taken from" if built.cached else "built into"
-    click.echo(f"{len(built.packages)} packages {how} {output}: {', '.join(built.packages)}")
-    click.echo(f"to use them in a shell: . {output / SETUP_SCRIPT}")
+    show(f"{len(built.packages)} packages {how} {output}: {', '.join(built.packages)}")
+    show(f"to use them in a shell: . {output / SETUP_SCRIPT}")

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import msgspec
 
+from m2c.printable import printable
 from moon.offline.result import CheckResult, Timeline
 from moon.recording.entries import Said
 from moon.report.observations import Channel, Shelf
-from moon.tap.render import printable
 
 VERDICTS = ("conforming", "violated", "inconclusive", "unseen")
 

@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from m2c.model.interfaces import InterfaceLibrary
+from m2c.printable import printable
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import CheckResult
 from moon.recording.entries import Said
@@ -16,7 +17,6 @@ from moon.recording.reader import RecordingError, open_recording
 from moon.report.data import as_json, timeline_data
 from moon.report.diagrams import POLICY, Figure, figures_of, read_system
 from moon.report.observations import MAX_CHANNELS, Shelf
-from moon.tap.render import printable
 from moon.verdict import Verdict
 from transports.interface import Observation
 
