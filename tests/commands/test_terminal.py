@@ -19,6 +19,7 @@ import m2c.cli
 import moon.cli
 from m2c.logs import LineFormatter, log_as_lines
 from m2c.printable import printable
+from m2c.runtime.main import log_on
 from m2c.terminal import fail, say, show
 from moon.json_lines import as_line
 from moon.monitor.report import cells, table
@@ -133,3 +134,21 @@ def test_a_row_of_the_monitors_table_is_one_line() -> None:
     status = MachineStatus(HOSTILE, "violated", (HOSTILE,), 1, 2, 1, 0, None, HOSTILE)
     assert all(cell.isprintable() for cell in cells(status))
     assert all(line.isprintable() for line in table([status]))
+
+
+class WithLog:
+    """A connection to a middleware that has a log of its own, as ROS 2 has."""
+
+    def __init__(self) -> None:
+        self.handler = logging.StreamHandler(io.StringIO())
+
+    def log_handler(self, level: int) -> logging.Handler:
+        return self.handler
+
+
+def test_what_goes_to_the_log_of_a_middleware_is_printable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    connection = WithLog()
+    log_on(connection)  # type: ignore[arg-type]  # nothing else of it is used
+    logging.getLogger("node").error("%s", HOSTILE)
+    assert connection.handler.stream.getvalue().rstrip("\n") == printable(HOSTILE)
