@@ -8,6 +8,11 @@ from typing import Any
 
 import click
 
+from m2c.printable import printable
+
+_HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())
+"""What is raised, since click 8.2, where a group without a command shows its help."""
+
 
 class LazyGroup(click.Group):
     """A group that knows its commands' names and help without importing them."""
@@ -45,6 +50,15 @@ class LazyGroup(click.Group):
 
             ctx.fail(f"No such command '{name}'; {nearest(name, self._lazy)}")
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command that was named; what click says is wrong names files, and is made printable."""
+        try:
+            return super().invoke(ctx)
+        except click.ClickException as error:
+            if not isinstance(error, _HELP):
+                vars(error)["message"] = printable(error.message)  # an attribute that is final
+            raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The table of commands in ``--help``."""

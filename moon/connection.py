@@ -15,10 +15,11 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import click
 
+from m2c.terminal import fail, say
 from transports.options import DEFAULT_ENDPOINT, transport_options
 
 if TYPE_CHECKING:
@@ -111,9 +112,11 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
         name: of the command; the node is called ``<name>_<process id>``.
         writing: what the command writes, for ``cannot write …``.
     """
+    from m2c.logs import log_as_lines
     from transports.interface import TransportError
     from transports.registry import connect
 
+    log_as_lines()
     if network.transport == "simulated":
         fail("--transport simulated: that world is in one process; listen to it there")
     try:
@@ -178,17 +181,6 @@ class Watching:
     def _asked_to_stop(self, number: int, _: FrameType | None) -> None:
         signal.signal(number, signal.SIG_DFL)  # asked twice: a reader that is stuck holds us up
         self._connection.post(self.stop)
-
-
-def say(text: str) -> None:
-    """One line on standard error, at once."""
-    print(text, file=sys.stderr, flush=True)
-
-
-def fail(message: str) -> NoReturn:
-    """End the process: it could not do what was asked."""
-    say(f"error: {message}")
-    sys.exit(2)
 
 
 def _reader_is_gone() -> bool:

@@ -36,17 +36,18 @@ def check(
     from m2c.check.reading import read_and_check
     from m2c.check.report import as_json, as_sarif, count, print_findings, summary
     from m2c.model import DiagnosticLog, Severity
+    from m2c.terminal import show
 
     log = DiagnosticLog()
     system = read_and_check(*inputs, log)
     models = len(system.nodes) + len(system.plugins) if system is not None else 0
     found = sorted(log.diagnostics, key=lambda item: (item.position, item.rule))
     if form == "json":
-        click.echo(as_json(found))
+        show(*as_json(found).splitlines())
     elif form == "sarif":
-        click.echo(as_sarif(found))
+        show(*as_sarif(found).splitlines())
     else:
         print_findings(found, sys.stdout, notes=True)
-        click.echo(summary(models, found))
+        show(summary(models, found))
     failed = count(found, Severity.ERROR) or (strict and count(found, Severity.WARNING))
     sys.exit(2 if failed else 0)

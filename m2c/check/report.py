@@ -12,6 +12,8 @@ from urllib.parse import quote
 
 from m2c.check.rules import RULES, Rule
 from m2c.model.diagnostics import Diagnostic, Severity
+from m2c.printable import printable
+from m2c.terminal import show_painted
 
 _COLOURS = {Severity.ERROR: "\x1b[31m", Severity.WARNING: "\x1b[33m", Severity.NOTE: "\x1b[36m"}
 _LEVELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.NOTE: "note"}
@@ -23,14 +25,20 @@ def print_findings(
     """A line per finding, in file order; coloured on a terminal. Notes only on request."""
     out = stream if stream is not None else sys.stderr
     colour = out.isatty()
+    lines = []
     for found in sorted(diagnostics, key=lambda item: (item.position, item.rule)):
         if found.severity is Severity.NOTE and not notes:
             continue
-        text = str(found)
-        if colour:
-            shade = _COLOURS[found.severity]
-            text = text.replace(f" {found.severity}:", f" {shade}{found.severity}:\x1b[0m", 1)
-        print(text, file=out)
+        lines.append(_line(found, colour))
+    show_painted(*lines, stream=out)
+
+
+def _line(found: Diagnostic, colour: bool) -> str:
+    where, text = printable(str(found.position)), printable(str(found))
+    if not colour:
+        return text
+    painted = f" {_COLOURS[found.severity]}{found.severity}:\x1b[0m"
+    return where + text[len(where) :].replace(f" {found.severity}:", painted, 1)
 
 
 def count(diagnostics: Sequence[Diagnostic], severity: Severity) -> int:

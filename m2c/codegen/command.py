@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NoReturn
 
 import click
 
 from m2c.inputs import Inputs, input_options
+from m2c.terminal import fail, say, show
 
 
 @click.command()
@@ -60,7 +60,7 @@ def generate(
 
     if transport not in available():
         known = ", ".join(available())
-        _fail(f"no transport `{transport}` is installed; installed: {known}")
+        fail(f"no transport `{transport}` is installed; installed: {known}")
     log = DiagnosticLog()
     system = read_and_check(*inputs, log, with_policy=False)
     print_findings(log.diagnostics)
@@ -72,24 +72,24 @@ def generate(
         files = system_files(system, packaging, made_from)
         other = _packed_otherwise(files, output, MARKS[packaging], MARKS.values())
         if other is not None:
-            _fail(
+            fail(
                 f"{other}: {output} has packages for another transport; "
                 f"give those for {transport} a folder of their own"
             )
         written, unchanged = write_files(files, output, force)
-    except (EditedFilesError, TemplateFault) as error:
-        _fail(str(error))
+    except EditedFilesError as error:
+        fail(*error.lines)
+    except TemplateFault as error:
+        fail(str(error))
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
     except OSError as error:
-        _fail(f"cannot write {error.filename}: {error.strerror}")
+        fail(f"cannot write {error.filename}: {error.strerror}")
     for path in made_from.unused():
-        click.echo(
-            f"warning: {path}: makes no file; ours are: {', '.join(made_from.names)}", err=True
-        )
+        say(f"warning: {path}: makes no file; ours are: {', '.join(made_from.names)}")
     policy = ", 1 policy" if system.policy is not None else ""
-    click.echo(
+    show(
         f"{system.name}: {counted(len(system.nodes), 'node')}{policy} in {output} "
         f"({counted(written, 'file')} written, {unchanged} unchanged)"
     )
@@ -107,8 +107,3 @@ def _packed_otherwise(
                 if path.exists():
                     return path
     return None
-
-
-def _fail(message: str) -> NoReturn:
-    click.echo(f"error: {message}", err=True)
-    sys.exit(2)

@@ -23,13 +23,14 @@ class EditedFilesError(Exception):
 
     def __init__(self, paths: list[Path]) -> None:
         self.paths = paths
-        listed = "\n".join(f"  {path}" for path in paths)
         were = "was" if len(paths) == 1 else "were"
-        super().__init__(
+        self.lines = (
             f"{counted(len(paths), 'generated file')} {were} edited by hand and would be lost; "
-            f"nothing was written:\n{listed}\n"
-            "move the changes into the model, or use --force to overwrite them"
+            "nothing was written:",
+            *(f"  {path}" for path in paths),
+            "move the changes into the model, or use --force to overwrite them",
         )
+        super().__init__("\n".join(self.lines))
 
 
 def sealed(content: str) -> str:

@@ -41,6 +41,7 @@ def draw(path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...
     from m2c.draw.bounds import TooLargeError
     from m2c.draw.reading import read
     from m2c.model import DiagnosticLog
+    from m2c.terminal import fail
 
     if output.suffix not in SUFFIXES:
         raise click.UsageError(f"{output} names no format; it ends in {', '.join(SUFFIXES)}")
@@ -52,13 +53,11 @@ def draw(path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...
     try:
         content = _drawn(drawable, output.suffix)
     except TooLargeError as error:
-        click.echo(f"error: {path}: {error}", err=True)
-        sys.exit(2)
+        fail(f"{path}: {error}")
     try:
         output.write_text(content, encoding="utf-8")
     except OSError as error:
-        click.echo(f"error: {output} cannot be written: {error.strerror}", err=True)
-        sys.exit(2)
+        fail(f"{output} cannot be written: {error.strerror}")
 
 
 def _drawn(drawable: Drawable, suffix: str) -> str:

@@ -11,6 +11,7 @@ from m2c.draw.wiring import Sort, Wiring, offer_names
 from m2c.draw.wording import Part
 from m2c.model.machine import Machine
 from m2c.policy.tree import LeafKind
+from m2c.printable import printable
 
 _COLUMNS = 46
 _LOOK = (
@@ -23,8 +24,7 @@ _STYLES = {Sort.TOPIC: "dotted", Sort.SERVICE: "solid", Sort.ACTION: "bold"}
 def machine_as_dot(machine: Machine) -> str:
     """The machine's states as nodes; those of its action threads in clusters of their own."""
     found = diagrams_of(machine)
-    lines = [f"digraph {quoted(machine.name)} {{", *_LOOK]
-    lines += [f"  label={quoted(machine.name)}; labelloc=t;"]
+    lines = _head("machine", machine.name)
     lines += _states(found[0], "s", "  ")
     for index, diagram in enumerate(found[1:], 1):
         lines += [f"  subgraph cluster{index} {{", f"    label={quoted(diagram.title)};"]
@@ -35,7 +35,7 @@ def machine_as_dot(machine: Machine) -> str:
 def wiring_as_dot(wiring: Wiring) -> str:
     """Nodes and channels; dotted: topics, thin: service calls, bold: actions."""
     names = offer_names(wiring)
-    lines = [f"digraph {quoted(wiring.name)} {{", "  rankdir=LR;", *_LOOK]
+    lines = [*_head("wiring", wiring.name), "  rankdir=LR;"]
     for index, place in enumerate(wiring.places):
         rows = [place.name, *(f"{o.sort} {names[o.channel]}" for o in place.offers)]
         style = ", style=dashed" if place.role == "outside" else ""
@@ -54,7 +54,7 @@ def wiring_as_dot(wiring: Wiring) -> str:
 
 def policy_as_dot(name: str, root: Node) -> str:
     """The tree; rounded conditions, square actions."""
-    lines = [f"digraph {quoted(name)} {{", "  rankdir=LR; ordering=out;", *_LOOK]
+    lines = [*_head("policy", name), "  rankdir=LR; ordering=out;"]
     count = 0
 
     def add(node: Node) -> str:
@@ -85,9 +85,14 @@ def quoted(*rows: str) -> str:
 
 
 def _escaped(words: str) -> str:
-    shown = "".join(c if c.isprintable() else " " for c in words)
-    # Graphviz replaces HTML entities in every string
-    return shown.replace("&", "&amp;").replace("\\", "\\\\").replace('"', '\\"')
+    # Graphviz replaces HTML entities in every string, and what follows a backslash (\N: the node's name)
+    shown = printable(words).replace("&", "&amp;")
+    return shown.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def _head(kind: str, title: str) -> list[str]:
+    """The beginning: every name in the language is ours, the models' stand in labels."""
+    return [f'digraph "{kind}" {{', *_LOOK, f"  label={quoted(title)}; labelloc=t;"]
 
 
 def _states(diagram: Diagram, prefix: str, indent: str) -> list[str]:

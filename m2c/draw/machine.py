@@ -16,6 +16,7 @@ from m2c.model.machine import Machine
 COLUMNS = 44
 """Characters of a line of code; longer ones are folded."""
 _INSIDE_COLUMNS = 46
+_TITLE_COLUMNS = 120
 _MARGIN = 18.0
 _TITLE = 30.0
 _BETWEEN = 26.0
@@ -74,11 +75,12 @@ def draw_machine(machine: Machine, prefix: str = "") -> svg.Picture:
     used: dict[str, int] = {}
     diagrams = diagrams_of(machine)
     for diagram in diagrams:
-        parts.append(svg.text(_MARGIN, top + 14, diagram.title, "head"))
+        title = svg.shortened(diagram.title, _TITLE_COLUMNS)
+        parts.append(svg.text(_MARGIN, top + 14, title, "head"))
         top += _TITLE
         shapes, area_width, area_height = _Drawing(diagram, prefix, used, top).shapes()
         parts += shapes
-        width = max(width, area_width, svg.name_width(diagram.title))
+        width = max(width, area_width, svg.name_width(title))
         top += area_height + _BETWEEN
     inside = [label for one in diagrams for state in one.states for label in state.labels]
     if any(label.phrases[0].text.startswith(AGAIN) for label in inside if label.phrases):

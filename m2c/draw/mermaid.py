@@ -15,8 +15,10 @@ from m2c.draw.wiring import Sort, Wiring, offer_names
 from m2c.draw.wording import Part
 from m2c.model.machine import Machine
 from m2c.policy.tree import LeafKind
+from m2c.printable import printable
 
 _HARMLESS = frozenset(" _,=/()+*|!?'")
+_OF_TITLES = frozenset(" _,=/()+*!?'-.:")
 _COLUMNS = 60
 _BREAK = "<br/>"
 _ARROWS = {Sort.TOPIC: "-.->", Sort.SERVICE: "-->", Sort.ACTION: "==>"}
@@ -89,7 +91,7 @@ def escaped(words: str) -> str:
         character
         if character in _HARMLESS or (character.isalnum() and character.isascii())
         else f"#{ord(character)};"
-        for character in " ".join(words.split())
+        for character in printable(" ".join(words.split()))
     )
 
 
@@ -128,8 +130,18 @@ def _rows(texts: Iterable[str]) -> str:
 
 
 def _head(title: str, kind: str) -> list[str]:
-    quoted = " ".join(title.split()).replace("\\", "\\\\").replace('"', '\\"')
-    return ["---", f'title: "{quoted}"', "---", kind]
+    return ["---", f'title: "{_yaml(title)}"', "---", kind]
+
+
+def _yaml(words: str) -> str:
+    """``words`` for a double-quoted scalar (YAML 1.2, 7.3.1), with an escape for every sign.
+
+    Mermaid looks for its directives (``%%{``) and for tags in the text, before and beside YAML's parser.
+    """
+    return "".join(
+        character if character.isalnum() or character in _OF_TITLES else f"\\U{ord(character):08x}"
+        for character in printable(" ".join(words.split()))
+    )
 
 
 def _joined(lines: Sequence[str]) -> str:

@@ -13,6 +13,8 @@ from textwrap import wrap
 
 import msgspec
 
+from m2c.printable import printable
+
 SANS, MONO = 13.0, 11.0
 """Font sizes of names and of code."""
 LINE = 14.0
@@ -107,16 +109,8 @@ def group(parts: Iterable[str], kind: str = "", name: str = "", title: str = "")
 
 
 def clean(words: str) -> str:
-    """``words`` for XML: escaped, and without what XML and terminals cannot take."""
-    shown = (
-        character
-        if unicodedata.category(character) not in ("Cc", "Cf", "Cs", "Cn", "Co")
-        else " "
-        if character in "\t\n\r"
-        else "\N{REPLACEMENT CHARACTER}"
-        for character in words
-    )
-    return escape("".join(shown), quote=False)
+    """``words`` as an element's content; what XML 1.0 has no character for (2.2) is printable then."""
+    return escape(printable(words), quote=False)
 
 
 def number(value: float) -> str:
@@ -154,12 +148,12 @@ def name_width(words: str, size: float = SANS, bold: bool = True) -> float:
 
 
 def folded(words: str, columns: int) -> list[str]:
-    """``words`` in lines of at most ``columns``; further lines are indented.
+    """``words``, printable, in lines of at most ``columns``; further lines are indented.
 
     ``is_ok: true`` stays together.
     """
     indent = " " * (len(words) - len(words.lstrip(" ")))
-    inside = " ".join(words.split()).replace(": ", ":\N{NO-BREAK SPACE}")
+    inside = printable(" ".join(words.split())).replace(": ", ":\N{NO-BREAK SPACE}")
     lines = wrap(
         inside,
         columns,
@@ -171,8 +165,9 @@ def folded(words: str, columns: int) -> list[str]:
 
 
 def shortened(words: str, columns: int) -> str:
-    """``words``, with ``…`` for what exceeds ``columns``."""
-    return words if len(words) <= columns else words[: columns - 1] + "…"
+    """``words``, printable, with ``…`` for what exceeds ``columns``."""
+    shown = printable(words)
+    return shown if len(shown) <= columns else shown[: columns - 1] + "…"
 
 
 def _round_up(value: float) -> int:

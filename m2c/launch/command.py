@@ -8,10 +8,10 @@ import signal
 import sys
 import tempfile
 from pathlib import Path
-from typing import NoReturn
 
 import click
 
+from m2c.terminal import fail
 from transports.options import DEFAULT_ENDPOINT
 
 CLOSE_TIMEOUT_S = 10.0
@@ -82,16 +82,18 @@ def run(
     )
     from m2c.launch.screen import screen_for
     from m2c.launch.system import RunningSystem, RunSettings
+    from m2c.logs import log_as_lines
     from transports.interface import TransportError
     from transports.registry import connect
     from transports.stop_signals import StopSignals
 
     if not os.path.exists(system):
-        _fail(
+        fail(
             f"{system}: no such file or folder; expected a system file, or a folder made by "
             "`m2c generate`"
         )
     changed = _parse_replacements(replacements)
+    log_as_lines()
     with tempfile.TemporaryDirectory(prefix="m2c-run-") as scratch:
         try:
             folder = system if system.is_dir() else Path(scratch) / "system"
@@ -100,7 +102,7 @@ def run(
             models = {name: path for name, path in changed.items() if path.is_file()}
             if system.is_dir() and models:
                 name, path = next(iter(models.items()))
-                _fail(
+                fail(
                     f"--replace {name}={path}: replacing by a model needs the system file as SYSTEM"
                 )
             description = select(read_description(folder), only, without)
@@ -108,7 +110,7 @@ def run(
             description = replace(description, folder, packages)
             policy = read_policy_of(description, folder)
             if ticks and policy is None:
-                _fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
+                fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
             options = _transport_options(transport, endpoint, zenoh_config, namespace)
             listen = {"listen" if name == "endpoint" else name: options[name] for name in options}
             signals = StopSignals()
@@ -129,7 +131,7 @@ def run(
                 connection.close()
                 _end_by_alarm(0)
         except (LaunchError, TransportError) as error:
-            _fail(str(error))
+            fail(str(error))
     sys.exit(code)
 
 
@@ -162,9 +164,9 @@ def _transport_options(
         if endpoint or zenoh_config is None:  # else the nodes meet where the file says
             options["endpoint"] = endpoint or DEFAULT_ENDPOINT
     elif transport == "simulated":
-        _fail("--transport simulated: that world is in one process; m2c run starts one per node")
+        fail("--transport simulated: that world is in one process; m2c run starts one per node")
     elif endpoint or zenoh_config is not None:
-        _fail(f"--transport {transport}: --endpoint and --zenoh-config are for zenoh")
+        fail(f"--transport {transport}: --endpoint and --zenoh-config are for zenoh")
     return options
 
 
@@ -173,7 +175,7 @@ def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
     for text in written:
         name, equals, path = text.partition("=")
         if not equals or not name or not os.path.exists(path):
-            _fail(f"--replace {text}: expected NODE=PATH, where PATH exists")
+            fail(f"--replace {text}: expected NODE=PATH, where PATH exists")
         found[name] = Path(path)
     return found
 
@@ -197,7 +199,7 @@ def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> None:
         for name, model in changed.items():
             index = next((i for i, node in enumerate(nodes) if node.name == name), None)
             if index is None:
-                _fail(
+                fail(
                     f"{system.name} has no node {name}; "
                     f"{nearest(name, [node.name for node in nodes])}"
                 )
@@ -215,8 +217,3 @@ def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> None:
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
-
-
-def _fail(message: str) -> NoReturn:
-    click.echo(f"error: {message}", err=True)
-    sys.exit(2)

@@ -16,6 +16,7 @@ from m2c.model.xml_writing import read_back
 from m2c.policy.normalise import child_tree
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.runner import LeafTick, TreeTick
+from m2c.printable import printable
 
 RATE_WINDOW = 20
 """Ticks over which the rate is measured."""
@@ -69,10 +70,10 @@ class TreePicture:
             ("tick ", "dim"),
             str(seen.tick.tick),
             "  ",
-            (seen.tick.status, _STYLES.get(seen.tick.status, "")),
+            (printable(seen.tick.status), _STYLES.get(seen.tick.status, "")),
             (f"  {seen.rate_hz:.1f} ticks/s" if seen.rate_hz else "", "dim"),
         )
-        tree = Tree(Text(self._main, style="bold"), guide_style="dim")
+        tree = Tree(_shown(self._main, style="bold"), guide_style="dim")
         self._add(tree, self._trees[self._main], seen)
         return Group(head, tree)
 
@@ -85,23 +86,28 @@ class TreePicture:
             return
         if element.tag == "SubTree":
             name = element.get("ID", "")
-            self._add(above.add(Text(name, style="bold")), self._trees[name], seen)
+            self._add(above.add(_shown(name, style="bold")), self._trees[name], seen)
             return
         name = element.get("name", "")
-        branch = above.add(Text(f"{element.tag} {name}".strip(), style="cyan"))
+        branch = above.add(_shown(f"{element.tag} {name}".strip(), style="cyan"))
         for child in element:
             self._add(branch, child, seen)
 
     def _leaf(self, leaf: Leaf, seen: _Seen) -> Text:
         number, last = seen.leaves.get(leaf.name, (0, None))
         if last is None:
-            return Text(leaf.name, style="dim")
+            return _shown(leaf.name, style="dim")
         now = number == seen.tick.tick
-        text = Text(leaf.name, style="" if now else "dim")
+        text = _shown(leaf.name, style="" if now else "dim")
         style = _STYLES.get(last.status, "")
-        text.append(f"  {last.status}", style=style if now else f"dim {style}")
+        text.append(f"  {printable(last.status)}", style=style if now else f"dim {style}")
         if last.duration_us:
             text.append(f"  {last.duration_us / 1000:.2f} ms", style="dim")
         if not now:
             text.append(f"  in tick {number}", style="dim")
         return text
+
+
+def _shown(words: str, style: str) -> Text:
+    """A name of the policy's: rich takes no markup from a text, but hands a terminal what is in it."""
+    return Text(printable(words), style=style)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from m2c.policy.program import Policy
 from m2c.policy.runner import TreeTick
+from m2c.printable import printable
+from m2c.terminal import show
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,7 +47,7 @@ class Lines:
 
     def line(self, text: str) -> None:
         """Show one line."""
-        print(text, file=sys.stdout, flush=True)
+        show(text)
 
     def tick(self, tick: TreeTick) -> None:
         """Show one tick of the tree, unless quiet."""
@@ -93,7 +95,9 @@ class _Picture:
         self._console = console
 
     def line(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, emoji=False, soft_wrap=True)
+        from rich.text import Text
+
+        self._console.print(Text(printable(text)), soft_wrap=True)
 
     def tick(self, tick: TreeTick) -> None:
         self._picture.show(tick)

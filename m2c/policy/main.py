@@ -22,6 +22,7 @@ from m2c.runtime.main import (
     set_up_logging,
     split_ros_arguments,
 )
+from m2c.terminal import say
 from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
@@ -66,7 +67,7 @@ def main(
     try:
         runner = PolicyRunner(connection, policy, plugins, parsed.tick_timeout)
     except PolicyError as error:
-        print(f"error: {error}", file=sys.stderr)
+        say(f"error: {error}")
         connection.close()
         sys.exit(2)
     awaited = _Awaited(parsed.wait_for)
@@ -81,14 +82,14 @@ def main(
         try:
             if missing := awaited.wait(START_TIMEOUT_S):
                 names = ", ".join(missing)
-                print(f"error: not up after {START_TIMEOUT_S:g} s: {names}", file=sys.stderr)
+                say(f"error: not up after {START_TIMEOUT_S:g} s: {names}")
                 code = 2
             elif not signals.asked:
                 code = 1  # unless it ends as it should
                 runner.run(rate, parsed.ticks or None)
                 code = 0
         except PolicyError as error:
-            print(f"error: {error}", file=sys.stderr)
+            say(f"error: {error}")
         finally:
             connection.post(connection.close)
 

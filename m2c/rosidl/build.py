@@ -34,7 +34,15 @@ _BEGUN_AGAIN = "M2C_INTERFACES_BUILT"
 
 
 class InterfaceBuildError(Exception):
-    """The packages cannot be built here; the text says what is missing and how to get it."""
+    """The packages cannot be built here; the text says what is missing and how to get it.
+
+    Attributes:
+        lines: that, and below it the last lines of what the tool wrote.
+    """
+
+    def __init__(self, message: str, written: Sequence[str] = ()) -> None:
+        self.lines = (message, *written)
+        super().__init__("\n".join(self.lines))
 
 
 class InterfaceInstall(msgspec.Struct, frozen=True):
@@ -241,5 +249,7 @@ def _run_colcon(packages: Sequence[Path], output: Path) -> None:
     except subprocess.TimeoutExpired as expired:
         raise InterfaceBuildError(f"colcon did not finish in {BUILD_TIMEOUT_S} s") from expired
     if done.returncode:
-        tail = "\n".join((done.stdout + done.stderr).splitlines()[-25:])
-        raise InterfaceBuildError(f"colcon build failed with exit code {done.returncode}:\n{tail}")
+        raise InterfaceBuildError(
+            f"colcon build failed with exit code {done.returncode}:",
+            (done.stdout + done.stderr).splitlines()[-25:],
+        )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
 import click
@@ -38,14 +37,14 @@ def build(directories: tuple[Path, ...], output: Path) -> None:
     Example: m2c interfaces build examples/lab_tour/interfaces
     """
     from m2c.rosidl.build import SETUP_SCRIPT, InterfaceBuildError, build_interfaces
+    from m2c.terminal import fail, show
 
     try:
         built = build_interfaces(
             [Path(os.path.realpath(path)) for path in directories], output.resolve()
         )
     except InterfaceBuildError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        fail(*error.lines)
     how = "unchanged, taken from" if built.cached else "built into"
-    click.echo(f"{len(built.packages)} packages {how} {output}: {', '.join(built.packages)}")
-    click.echo(f"to use them in a shell: . {output / SETUP_SCRIPT}")
+    show(f"{len(built.packages)} packages {how} {output}: {', '.join(built.packages)}")
+    show(f"to use them in a shell: . {output / SETUP_SCRIPT}")

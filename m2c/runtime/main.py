@@ -10,7 +10,9 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
+from m2c.logs import LineFormatter
 from m2c.runtime.binding import HasLog, HasParameters, NodeSettings
+from m2c.terminal import fail, say
 from transports.interface import Transport, TransportError
 from transports.options import transport_options
 from transports.registry import connect
@@ -60,8 +62,7 @@ def connect_or_exit(arguments: argparse.Namespace, ros_arguments: str) -> Transp
     try:
         return connect(arguments.transport, arguments.node_name, options)
     except TransportError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+        fail(str(error))
 
 
 def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], str]:
@@ -85,16 +86,18 @@ def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], str]:
 
 def set_up_logging(level: str) -> None:
     """One line per record on standard error, flushed at once."""
-    logging.basicConfig(
-        level=level.upper(), stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s"
-    )
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(LineFormatter("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=level.upper(), handlers=[handler])
 
 
 def log_on(connection: Transport) -> None:
     """Log where the middleware does, if it has a log of its own; else it stays where it was set up."""
     if isinstance(connection, HasLog):
         root = logging.getLogger()
-        root.handlers[:] = [connection.log_handler(root.level)]
+        handler = connection.log_handler(root.level)
+        handler.setFormatter(LineFormatter())
+        root.handlers[:] = [handler]
 
 
 def _settings(connection: Transport, call_timeout_s: float) -> NodeSettings:
@@ -138,7 +141,7 @@ def main(
     try:
         node = node_class(connection, _settings(connection, parsed.call_timeout))
     except TransportError as error:
-        print(f"error: {error}", file=sys.stderr)
+        say(f"error: {error}")
         connection.close()
         sys.exit(2)
     connection.post(node.start)

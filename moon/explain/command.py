@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from m2c.inputs import interface_folders
+from m2c.terminal import fail, show
 
 if TYPE_CHECKING:
     from m2c.model import System
@@ -41,12 +42,11 @@ def explain(
 
     Example: moon explain examples/lab_tour/skills/GoToPoiSkill.scxml
     """
-    import msgspec
-
     from m2c.model import ModelError
     from m2c.model.typing import nearest
     from moon.explain.observables import observables
     from moon.explain.report import ASSUMED, report
+    from moon.json_lines import as_line
     from moon.monitor.reading import read_checked, say_why
 
     try:
@@ -57,9 +57,7 @@ def explain(
     known = [machine.name for machine in (*system.nodes, *system.plugins)]
     for name in only:
         if name not in known:
-            message = f"error: {system.name} has no machine {name}; {nearest(name, known)}"
-            click.echo(message, err=True)
-            sys.exit(2)
+            fail(f"{system.name} has no machine {name}; {nearest(name, known)}")
     if recording is not None:
         _explain_recording(recording, system, only, as_json)
         return
@@ -70,11 +68,11 @@ def explain(
     ]
     if as_json:
         for item in found:
-            click.echo(msgspec.json.encode(item).decode())
+            show(as_line(item).decode())
         return
     for item in found:
-        click.echo("\n".join(report(item)) + "\n")
-    click.echo(ASSUMED)
+        show(*report(item), "")
+    show(ASSUMED)
 
 
 def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_json: bool) -> None:
@@ -82,13 +80,13 @@ def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_jso
     import msgspec
 
     from moon.explain.recorded import concluded, lines_of, lines_of_overview, overview
+    from moon.json_lines import as_line
     from moon.recording.reader import OWN, ROSBAG, RecordingError, open_recording
 
     try:
         recording = open_recording(path, system.library)
     except RecordingError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        fail(str(error))
     for _ in recording.entries():
         pass  # its contents take note
     chosen = [machine for machine in system.nodes if not only or machine.name in only]
@@ -103,8 +101,8 @@ def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_jso
     found = [concluded(machine, recording.contents, judged) for machine in chosen]
     if as_json:
         for item in (whole, *found):
-            click.echo(msgspec.json.encode(item).decode())
+            show(as_line(item).decode())
         return
-    click.echo("\n".join(lines_of_overview(whole)) + "\n")
+    show(*lines_of_overview(whole), "")
     for conclusion in found:
-        click.echo("\n".join(lines_of(conclusion)))
+        show(*lines_of(conclusion))

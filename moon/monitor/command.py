@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from moon.connection import Network, Watching, connected, fail, finite, network_options, say
+from m2c.terminal import fail, say
+from moon.connection import Network, Watching, connected, finite, network_options
 from moon.monitor.subject_options import SECONDS, Choice, read_or_fail, subject_options
 from moon.monitor.verdict_options import json_option, log_option
 

@@ -6,9 +6,9 @@ import os
 import time
 from collections.abc import Sequence
 
+from m2c.printable import printable
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus, Summary
 from moon.monitor.watch import UNRESPONSIVE
-from moon.tap.render import printable
 from moon.verdict import Explanation, Outcome, Verdict
 
 HEADER = ("machine", "verdict", "state", "in", "out", "lag [ms]", "last explanation")
@@ -88,9 +88,10 @@ def cells(status: MachineStatus) -> tuple[str, ...]:
     if status.violations > 1:
         verdict += f" ×{status.violations}"
     lag = "" if status.lag_ms is None else f"{status.lag_ms:.1f}"
-    last = "" if verdict == str(Outcome.CONFORMING) else printable(status.last)
+    last = "" if verdict == str(Outcome.CONFORMING) else status.last
     state = state or ("" if status.verdict == UNSEEN else "?")
-    return (status.machine, verdict, state, str(status.inputs), str(status.outputs), lag, last)
+    numbers = (str(status.inputs), str(status.outputs), lag)
+    return tuple(map(printable, (status.machine, verdict, state, *numbers, last)))
 
 
 def table(statuses: Sequence[MachineStatus]) -> list[str]:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
+from m2c.terminal import show_painted
+from moon.json_lines import as_line
 from moon.monitor.report import HEADER, cells, closing, shade, table, verdict_lines
 from moon.monitor.status import MachineStatus, Summary
 from moon.verdict import Verdict
@@ -17,8 +19,6 @@ if TYPE_CHECKING:
 
 Statuses = Callable[[], Sequence[MachineStatus]]
 """How the machines stand; it takes 20 ms, and only a table shows it."""
-
-_encode = msgspec.json.Encoder().encode
 
 
 class Screen(Protocol):
@@ -46,14 +46,14 @@ class Lines:
 
     def take(self, verdict: Verdict) -> None:
         """Show a verdict that is new."""
-        _write("\n".join(verdict_lines(verdict)))
+        show_painted(*verdict_lines(verdict))
 
     def refresh(self, statuses: Statuses) -> None:
         """Nothing is shown between verdicts."""
 
     def finish(self, summary: Summary) -> None:
         """Show the end."""
-        _write("\n".join([*table(summary.machines), *closing(summary)]))
+        show_painted(*table(summary.machines), *closing(summary))
 
     def close(self) -> None:
         """The terminal was not changed."""
@@ -104,7 +104,7 @@ class LiveTable:
         """Leave the last table standing."""
         self._draw(summary.machines)
         self.close()
-        _write("\n".join(closing(summary)))
+        show_painted(*closing(summary))
 
     def close(self) -> None:
         """Show the cursor again."""
@@ -145,11 +145,4 @@ def screen_for(as_json: bool) -> Screen:
 
 def _write_event(kind: str, content: Any) -> None:
     fields = {"event": kind, **msgspec.to_builtins(content)}
-    sys.stdout.buffer.write(_encode(fields) + b"\n")
-    sys.stdout.buffer.flush()
-
-
-def _write(text: str) -> None:
-    encoding = sys.stdout.encoding or "utf-8"
-    sys.stdout.buffer.write(text.encode(encoding, "backslashreplace") + b"\n")
-    sys.stdout.buffer.flush()
+    show_painted(as_line(fields).decode())

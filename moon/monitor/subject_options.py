@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from m2c.inputs import interface_folders
-from moon.connection import fail, finite, say
+from m2c.terminal import fail, say
+from moon.connection import finite
 
 if TYPE_CHECKING:
     from moon.monitor.subject import Monitored, Subject

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import click
 
+from m2c.printable import printable
+from m2c.terminal import say, show
+
 
 @click.command()
 @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
@@ -23,8 +26,7 @@ def main(paths: tuple[Path, ...], listed: bool) -> None:
     log = DiagnosticLog()
     system = load([_system_in(path) for path in paths], log)
     if system is None or log.has_errors:
-        for found in log.diagnostics:
-            click.echo(str(found), err=True)
+        say(*map(str, log.diagnostics))
         raise SystemExit(2)
     counts: dict[str, Counter[str]] = {}
     for machine in system.nodes:
@@ -32,7 +34,7 @@ def main(paths: tuple[Path, ...], listed: bool) -> None:
         for mutant in mutants(machine):
             found_of[mutant.operator] += 1
             if listed:
-                click.echo(f"{mutant.description} ({mutant.operator})")
+                show(f"{mutant.description} ({mutant.operator})")
     if not listed:
         _print_table(list(OPERATORS), counts)
 
@@ -45,6 +47,7 @@ def _system_in(path: Path) -> Path:
 def _print_table(operators: list[str], counts: dict[str, Counter[str]]) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None)
     table.add_column("machine", no_wrap=True)
@@ -54,7 +57,9 @@ def _print_table(operators: list[str], counts: dict[str, Counter[str]]) -> None:
     total: Counter[str] = Counter()
     for name, found in counts.items():
         total += found
-        table.add_row(name, *(str(found[item]) for item in operators), str(found.total()))
+        table.add_row(
+            Text(printable(name)), *(str(found[item]) for item in operators), str(found.total())
+        )
     table.add_row("all", *(str(total[item]) for item in operators), str(total.total()))
     Console(width=160).print(table)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from moon.connection import fail, say
+from m2c.terminal import fail, say, show_painted
 from moon.monitor.subject_options import Choice, read_or_fail, subject_options
 from moon.monitor.verdict_options import json_option, log_option
 
@@ -115,15 +115,10 @@ def _is_model(path: Path) -> bool:
 def _show(result: CheckResult, as_json: bool) -> None:
     from moon.offline.output import json_lines, lines_of
 
-    out = sys.stdout.buffer
     if as_json:
-        for line in json_lines(result):
-            out.write(line + b"\n")
+        show_painted(*(line.decode() for line in json_lines(result)))
     else:
-        encoding = sys.stdout.encoding or "utf-8"
-        for text in lines_of(result, sys.stdout.isatty()):
-            out.write(text.encode(encoding, "backslashreplace") + b"\n")
-    out.flush()
+        show_painted(*lines_of(result, sys.stdout.isatty()))
 
 
 def _write_files(

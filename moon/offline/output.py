@@ -6,10 +6,11 @@ import time
 
 import msgspec
 
+from m2c.printable import printable
+from moon.json_lines import as_line
 from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.status import Summary
 from moon.offline.result import CheckResult
-from moon.tap.render import printable
 
 
 def lines_of(result: CheckResult, colour: bool = False) -> list[str]:
@@ -42,7 +43,7 @@ def json_lines(result: CheckResult) -> list[bytes]:
         *(("verdict", said.verdict) for said in result.verdicts),
         ("summary", summary),
     ]
-    return [msgspec.json.encode({"event": name, **_fields(item)}) for name, item in events]
+    return [as_line({"event": name, **_fields(item)}) for name, item in events]
 
 
 def _fields(item: object) -> dict[str, object]:

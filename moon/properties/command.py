@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from m2c.terminal import say, show
+
 if TYPE_CHECKING:
     from moon.properties.property import Property
 
@@ -38,20 +40,19 @@ def check_properties(paths: tuple[Path, ...], as_json: bool) -> None:
                 )
             found.append(item)
     for item in found:
-        click.echo(_as_json(item) if as_json else _as_text(item))
+        show(*([_as_json(item)] if as_json else _as_text(item)))
     diagnostics = sorted(log.diagnostics, key=lambda finding: (finding.position, finding.rule))
-    for finding in diagnostics:
-        click.echo(str(finding), err=True)
+    say(*map(str, diagnostics))
     errors = sum(finding.severity == "error" for finding in diagnostics)
     if not as_json:
-        click.echo(
+        show(
             f"{len(found)} propert{'y' if len(found) == 1 else 'ies'}, "
             f"{errors} error{'s' * (errors != 1)}"
         )
     sys.exit(2 if errors else 0)
 
 
-def _as_text(item: Property) -> str:
+def _as_text(item: Property) -> list[str]:
     from moon.properties.formula import text
     from moon.properties.meaning import duration
 
@@ -64,15 +65,14 @@ def _as_text(item: Property) -> str:
     ]
     if item.text:
         lines.append(f"  operator  {item.text}")
-    return "\n".join(lines)
+    return lines
 
 
 def _as_json(item: Property) -> str:
-    import msgspec
-
+    from moon.json_lines import as_line
     from moon.properties.formula import text
 
-    return msgspec.json.encode(
+    return as_line(
         {
             "id": item.name,
             "role": item.role,

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import click
 
 from m2c.inputs import interface_folders
-from moon.connection import Network, Watching, connected, fail, finite, network_options, say
+from m2c.printable import printable
+from m2c.terminal import fail, say
+from moon.connection import Network, Watching, connected, finite, network_options
 
 if TYPE_CHECKING:
     from moon.recording.definitions import Definitions
@@ -135,12 +137,12 @@ class _Line:
         rate = (count - before) / max(seconds - before_s, 1e-3)
         self._before = (seconds, count)
         text = f"{seconds:.0f} s  {count:,} observations ({rate:,.0f}/s)  {self._size()}"
-        print(f"\r\x1b[2K{text}", end="", file=sys.stderr, flush=True)
+        _write_over(text)
 
     def finish(self, seconds: float) -> None:
         """The end."""
         if self._live:
-            print("\r\x1b[2K", end="", file=sys.stderr)
+            _write_over("")
         count = self._writer.observations
         say(
             f"recorded {count:,} observation{'s' * (count != 1)} in {seconds:.1f} s to "
@@ -149,6 +151,12 @@ class _Line:
 
     def _size(self) -> str:
         return size_text(self._writer.bytes_written)
+
+
+def _write_over(text: str) -> None:
+    """Put ``text`` in the place of the line that the cursor is in."""
+    sys.stderr.write(f"\r\x1b[2K{printable(text)}")
+    sys.stderr.flush()
 
 
 def size_text(count: int) -> str:

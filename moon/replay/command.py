@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from moon.connection import Network, Watching, connected, fail, network_options, say
+from m2c.terminal import fail, say
+from moon.connection import Network, Watching, connected, network_options
 from moon.tap.selection import GlobError, check
 
 if TYPE_CHECKING:
@@ -188,6 +188,5 @@ def _who_is_there(
         conductor.spin(until=lambda: bool(given_up) or up.issuperset(without))
         if not up.issuperset(without):
             missing = [name for name in without if name not in up]
-            say(f"error: {', '.join(missing)} did not come up within {WAIT_S:.0f} s")
-            sys.exit(2)
+            fail(f"{', '.join(missing)} did not come up within {WAIT_S:.0f} s")
     return frozenset(up & nodes)

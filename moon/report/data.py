@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import msgspec
+from markupsafe import Markup
 
+from m2c.printable import printable
+from moon.json_lines import as_line
 from moon.offline.result import CheckResult, Timeline
 from moon.recording.entries import Said
 from moon.report.observations import Channel, Shelf
-from moon.tap.render import printable
 
 VERDICTS = ("conforming", "violated", "inconclusive", "unseen")
 
@@ -88,16 +90,16 @@ def timeline_data(result: CheckResult, shelf: Shelf, violations: Sequence[Said])
     )
 
 
-def as_json(data: TimelineData) -> str:
-    """``data`` for a ``<script type="application/json">``.
+def as_json(data: TimelineData) -> Markup:
+    """``data`` for a ``<script type="application/json">``, in which it stands as it is.
 
-    Nothing in it can end the element or open a comment (HTML, section 13.1.2.3): every ``<`` is
-    written as an escape, as are the two line ends that JSON has and JavaScript had not.
+    Nothing in it can end the element or open a comment (HTML, section 13.1.2.3): what HTML gives a
+    meaning is written as an escape, as is what cannot be printed.
     """
-    text = msgspec.json.encode(data).decode()
-    for character in "<\N{LINE SEPARATOR}\N{PARAGRAPH SEPARATOR}":
+    text = as_line(data).decode()
+    for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")
-    return text
+    return Markup(text)
 
 
 def _mark(said: Said, start: int, row: int) -> Mark:

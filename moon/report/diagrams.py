@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
+from markupsafe import Markup
 
-from m2c.draw import draw_machine, draw_policy, inline, leaf_keys, transition_keys, tree_of
+from m2c.draw import Picture, draw_machine, draw_policy, inline, leaf_keys, transition_keys, tree_of
 from m2c.draw.bounds import TooLargeError
 from m2c.model import DiagnosticLog, System, load
 
@@ -26,7 +27,7 @@ class Figure(msgspec.Struct, frozen=True):
 
     name: str
     prefix: str
-    svg: str
+    svg: Markup
     keys: dict[str, str]
 
     def marked(self, places: Iterable[str]) -> list[str]:
@@ -56,7 +57,7 @@ def figures_of(system: System | None, wanted: Iterable[str]) -> dict[str, Figure
         if machine.name in names and machine.name not in found:
             prefix = f"d{len(found)}-"
             try:
-                svg = inline(draw_machine(machine, prefix), machine.name, prefix)
+                svg = _element(draw_machine(machine, prefix), machine.name, prefix)
             except TooLargeError:
                 continue
             found[machine.name] = Figure(machine.name, prefix, svg, transition_keys(machine))
@@ -89,9 +90,16 @@ def _policy(system: System, prefix: str) -> Figure | None:
         tree = tree_of(file)
     except TooLargeError:
         return None
-    return Figure(
-        POLICY, prefix, inline(draw_policy(tree, prefix), POLICY, prefix), leaf_keys(tree)
-    )
+    svg = _element(draw_policy(tree, prefix), POLICY, prefix)
+    return Figure(POLICY, prefix, svg, leaf_keys(tree))
+
+
+def _element(picture: Picture, title: str, prefix: str) -> Markup:
+    """``picture`` for a page, in which it stands as it is.
+
+    It is markup, of our own drawer, which escapes every text of a model (``m2c.draw.svg.clean``).
+    """
+    return Markup(inline(picture, title, prefix))
 
 
 def _short(place: str) -> str:

@@ -12,7 +12,8 @@ from collections.abc import Iterable, Sequence
 
 import msgspec
 
-from moon.tap.render import compact, printable
+from m2c.printable import printable
+from moon.tap.render import compact
 from transports.interface import Observation, ObservationKind
 
 MAX_SHOWN = 150_000

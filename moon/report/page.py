@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import time
+from base64 import b64encode
 from collections.abc import Iterable, Sequence
-from html import escape
+from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
+
+import msgspec
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
 
 from m2c.model.interfaces import InterfaceLibrary
+from m2c.printable import printable
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import CheckResult
 from moon.recording.entries import Said
@@ -16,18 +23,13 @@ from moon.recording.reader import RecordingError, open_recording
 from moon.report.data import as_json, timeline_data
 from moon.report.diagrams import POLICY, Figure, figures_of, read_system
 from moon.report.observations import MAX_CHANNELS, Shelf
-from moon.tap.render import printable
-from moon.verdict import Verdict
+from moon.verdict import Explanation
 from transports.interface import Observation
 
 MAX_VIOLATIONS = 2_000
 """So many violations are told, the first; nobody reads more, and each has its place in the page."""
 
 _SIGNS = {"conforming": "✓", "violated": "✗", "inconclusive": "?", "unseen": "–"}
-_POLICY_RULES = (
-    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
-)
-"""The browser holds the page to it: nothing is loaded, from anywhere."""
 
 
 def write_report(result: CheckResult, path: Path) -> None:
@@ -67,6 +69,43 @@ def _take_observations(
     return []
 
 
+class _Row(msgspec.Struct, frozen=True):
+    """A machine or property in the table of verdicts."""
+
+    name: str
+    is_property: bool
+    kind: str
+    sign: str
+    verdict: str
+    state: str
+    numbers: tuple[str, ...]
+    last: str
+
+
+class _Told(msgspec.Struct, frozen=True):
+    """A violation.
+
+    Attributes:
+        name: of who violated what.
+        at: when, from the start.
+        brief: what is told of it in the list.
+        clock: when, as date and time of day.
+        reason: the verdict's, where it says more than the explanation; else "".
+        why: the explanation, as titles with what stands under them; None without one.
+        figure: the id of its diagram; "" without one.
+        keys: of the diagram's parts that it is about.
+    """
+
+    name: str
+    at: str
+    brief: str
+    clock: str
+    reason: str
+    why: list[tuple[str, Sequence[str]]] | None
+    figure: str
+    keys: str
+
+
 def _page(
     result: CheckResult,
     violations: Sequence[Said],
@@ -74,26 +113,68 @@ def _page(
     figures: dict[str, Figure],
     missing: Sequence[str],
 ) -> str:
-    name = Path(result.recording.path).resolve().name
+    facts = result.recording
     data = timeline_data(result, shelf, violations)
-    parts = [
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_RULES}">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{_text(name)}: {_text(_conclusion(result))}</title>",
-        f"<style>\n{_file('report.css')}</style>",
-        "<noscript><style>[hidden]{display:block!important}</style></noscript>\n</head>\n<body>",
-        *_head(result, name),
-        *_remarks(result, shelf, missing),
-        *_table(result.machines),
-        *_timeline(shelf),
-        *_violations(result, violations, figures, data.start_ms),
-        f'<script type="application/json" id="data">{as_json(data)}</script>',
-        f"<script>\n{_file('timeline.js')}</script>",
-        f"<script>\n{_file('report.js')}</script>",
-        "</body>\n</html>\n",
-    ]
-    return "\n".join(parts)
+    used: dict[str, Figure] = {}
+    told = [_told(said, figures, used, data.start_ms) for said in violations]
+    style, bare = _file("report.css"), Markup("[hidden]{display:block!important}")
+    scripts = [_file("timeline.js"), _file("report.js")]
+    return _template().render(
+        security_policy=_security_policy(scripts, [style, bare]),
+        style=style,
+        style_without_scripts=bare,
+        scripts=scripts,
+        name=Path(facts.path).resolve().name,
+        conclusion=_conclusion(result),
+        kind="bad" if result.violations else "good",
+        sign=_SIGNS["violated" if result.violations else "conforming"],
+        about=_about(result),
+        path=facts.path,
+        against=[*result.models, *result.properties],
+        remarks=_remarks(result, shelf, missing),
+        rows=[_row(status) for status in result.machines],
+        anything_heard=shelf.shown > 0,
+        violations=told,
+        figures=[{"id": f"{figure.prefix}figure", "svg": figure.svg} for figure in used.values()],
+        data=as_json(data),
+    )
+
+
+def _template() -> Template:
+    """The page's template. A text that it is given is made printable and escaped, wherever it stands.
+
+    Only :class:`markupsafe.Markup` is left as it is: our own files and policy, the timeline's
+    JSON, the diagrams.
+    """
+    environment = Environment(
+        loader=PackageLoader("moon.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_printable_text,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template("report.html.j2")
+
+
+def _printable_text(value: Any) -> Any:
+    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+def _security_policy(scripts: Iterable[str], styles: Iterable[str]) -> Markup:
+    """What the browser holds the page to (W3C Content Security Policy Level 3).
+
+    Nothing is loaded from anywhere, and of what stands in the page only our own runs, named by its digest.
+    """
+    return Markup(
+        "default-src 'none'; base-uri 'none'; form-action 'none'; "
+        f"script-src {' '.join(map(_digest, scripts))}; style-src {' '.join(map(_digest, styles))}"
+    )
+
+
+def _digest(text: str) -> str:
+    return f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
 
 
 def _conclusion(result: CheckResult) -> str:
@@ -103,26 +184,16 @@ def _conclusion(result: CheckResult) -> str:
     return "nothing is violated"
 
 
-def _head(result: CheckResult, name: str) -> list[str]:
+def _about(result: CheckResult) -> list[str]:
     facts = result.recording
-    kind = "bad" if result.violations else "good"
-    sign = _SIGNS["violated" if result.violations else "conforming"]
-    about = [
+    about = (
         f"{facts.observations:,} observations",
         f"{facts.seconds:,.1f} s",
         f"from {_clock(facts.first_ns)}" if facts.first_ns else "",
         facts.form,
         f"checked in {result.seconds:.1f} s" if result.seconds else "",
-    ]
-    against = ", ".join([*result.models, *result.properties])
-    return [
-        "<header>",
-        f'<p class="conclusion {kind}"><span aria-hidden="true">{sign}</span> {_conclusion(result)}</p>',
-        f"<h1>{_text(name)}</h1>",
-        f"<p>{_text(' · '.join(item for item in about if item))}</p>",
-        f'<p class="quiet">{_text(facts.path)}{" against " if against else ""}{_text(against)}</p>',
-        "</header>",
-    ]
+    )
+    return [item for item in about if item]
 
 
 def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[str]:
@@ -149,125 +220,44 @@ def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[
     told = len(result.violated)
     if told > MAX_VIOLATIONS:
         notes.append(f"of {told:,} violations the first {MAX_VIOLATIONS:,} are told")
-    if not notes:
-        return []
-    items = "".join(f"<li>{_text(note)}</li>" for note in dict.fromkeys(notes))
-    return [f'<section class="remarks"><h2>To be borne in mind</h2><ul>{items}</ul></section>']
+    return list(dict.fromkeys(notes))
 
 
-def _table(machines: Sequence[MachineStatus]) -> list[str]:
-    if not machines:
-        return []
-    head = "".join(
-        f"<th{kind}>{title}</th>"
-        for title, kind in (
-            *(("machine or property", ""), ("verdict", ""), ("state", "")),
-            *((title, ' class="number"') for title in ("in", "out", "violations")),
-            ("last explanation", ""),
-        )
-    )
-    rows = [_row(status) for status in machines]
-    return [
-        '<section><h2>Verdicts</h2><div class="wide">',
-        f"<table><thead><tr>{head}</tr></thead><tbody>",
-        *rows,
-        "</tbody></table></div></section>",
-    ]
-
-
-def _row(status: MachineStatus) -> str:
+def _row(status: MachineStatus) -> _Row:
     word = status.verdict.split(" ", maxsplit=1)[0]
     kind = word if word in _SIGNS else "unseen"
-    state = " or ".join(status.states)
-    last = "" if word == "conforming" else status.last
-    about = ' <span class="quiet">property</span>' if status.kind == PROPERTY else ""
     numbers = (status.inputs, status.outputs, status.violations)
-    return (
-        f'<tr class="{kind}"><th scope="row">{_text(status.machine)}{about}</th>'
-        f'<td><span class="sign" aria-hidden="true">{_SIGNS[kind]}</span> {_text(status.verdict)}</td>'
-        f"<td>{_text(state)}</td>"
-        f"{''.join(f'<td class=number>{value:,}</td>' for value in numbers)}"
-        f'<td class="last">{_text(last)}</td></tr>'
+    return _Row(
+        status.machine,
+        status.kind == PROPERTY,
+        kind,
+        _SIGNS[kind],
+        status.verdict,
+        " or ".join(status.states),
+        tuple(f"{number:,}" for number in numbers),
+        "" if word == "conforming" else status.last,
     )
 
 
-def _timeline(shelf: Shelf) -> list[str]:
-    empty = "" if shelf.shown else '<p class="quiet">Nothing was heard.</p>'
-    help_text = (
-        "Wheel or <kbd>+</kbd> <kbd>−</kbd>: zoom · drag or <kbd>←</kbd> <kbd>→</kbd>: move · "
-        "<kbd>0</kbd>: everything · <kbd>n</kbd> <kbd>p</kbd>: next and previous violation"
+def _told(
+    said: Said, figures: dict[str, Figure], used: dict[str, Figure], start_ms: float
+) -> _Told:
+    """What is told of a violation; its diagram is added to ``used``."""
+    verdict, why = said.verdict, said.verdict.explanation
+    figure, keys = _figure(said, figures)
+    if figure is not None:
+        used[figure.name] = figure
+    is_property = verdict.kind == PROPERTY
+    return _Told(
+        verdict.node,
+        f"+{max(said.received_ns / 1e6 - start_ms, 0) / 1e3:,.3f} s",
+        why.observed if why is not None and not is_property else verdict.reason,
+        _clock(verdict.stamp_ns),
+        verdict.reason if why is None or is_property else "",
+        _why(why, "written" if is_property else "model") if why is not None else None,
+        f"{figure.prefix}figure" if figure is not None else "",
+        " ".join(figure.prefix + key for key in keys) if figure is not None else "",
     )
-    buttons = "".join(
-        f'<button type="button" data-do="{do}" title="{title}">{sign}</button>'
-        for do, title, sign in (
-            ("in", "zoom in", "+"),
-            ("out", "zoom out", "−"),
-            ("all", "show everything", "⤢"),
-            ("previous", "previous violation", "‹ ✗"),
-            ("next", "next violation", "✗ ›"),
-        )
-    )
-    legend = (
-        '<span><i class="key m"></i>message</span><span><i class="key q"></i>request</span>'
-        '<span><i class="key r"></i>response</span><span><i class="key x"></i>failed call</span>'
-        '<span><i class="key v"></i>violation</span><span><i class="key u"></i>inconclusive</span>'
-    )
-    return [
-        f'<section id="timeline"><h2>Timeline</h2>{empty}',
-        f'<div class="tools">{buttons}<output id="range"></output></div>',
-        '<div id="scroller"><canvas id="canvas" tabindex="0" role="application" '
-        'aria-label="Timeline of machines and channels"></canvas></div>',
-        f'<p class="legend">{legend}</p><p class="quiet help">{help_text}</p>',
-        '<div id="tip" role="status" hidden></div></section>',
-    ]
-
-
-def _violations(
-    result: CheckResult, violations: Sequence[Said], figures: dict[str, Figure], start_ms: float
-) -> list[str]:
-    if not violations:
-        return []
-    used: dict[str, Figure] = {}
-    items: list[str] = []
-    articles: list[str] = []
-    for number, said in enumerate(violations):
-        verdict = said.verdict
-        figure, keys = _figure(said, figures)
-        if figure is not None:
-            used[figure.name] = figure
-        at = f"+{max(said.received_ns / 1e6 - start_ms, 0) / 1e3:,.3f} s"
-        name = verdict.node
-        why = verdict.explanation
-        brief = why.observed if why is not None and verdict.kind != PROPERTY else verdict.reason
-        items.append(
-            f'<li><button type="button" class="violation" data-violation="{number}" '
-            f'aria-pressed="false"><b>{_text(name)}</b> <time>{at}</time> '
-            f"<span>{_text(brief)}</span></button></li>"
-        )
-        shown = (
-            f' data-figure="{figure.prefix}figure" data-keys="'
-            f'{" ".join(figure.prefix + key for key in keys)}"'
-            if figure is not None
-            else ""
-        )
-        articles.append(
-            f'<article id="violation-{number}"{shown} hidden>'
-            f"<h3>{_text(name)} <time>{_clock(verdict.stamp_ns)}</time></h3>"
-            f"{_why(verdict)}</article>"
-        )
-    drawings = [
-        f'<figure id="{figure.prefix}figure" hidden><div class="wide">{figure.svg}</div></figure>'
-        for figure in used.values()
-    ]
-    return [
-        '<section id="violations"><h2>Violations</h2><div class="beside"><div class="told">',
-        f'<ol class="list">{"".join(items)}</ol>',
-        *articles,
-        '</div><div class="drawn"><p class="quiet" id="no-figure">A violation that is clicked is '
-        "explained here, beside the diagram of its model.</p>",
-        *drawings,
-        "</div></div></section>",
-    ]
 
 
 def _figure(said: Said, figures: dict[str, Figure]) -> tuple[Figure | None, list[str]]:
@@ -280,29 +270,17 @@ def _figure(said: Said, figures: dict[str, Figure]) -> tuple[Figure | None, list
     return figure, figure.marked(places) if figure is not None else []
 
 
-def _why(verdict: Verdict) -> str:
-    """The explanation; the reason is told where it says more than that."""
-    why = verdict.explanation
-    if why is None:
-        return f"<p>{_text(verdict.reason)}</p>"
-    told = f"<p>{_text(verdict.reason)}</p>" if verdict.kind == PROPERTY else ""
+def _why(why: Explanation, where: str) -> list[tuple[str, Sequence[str]]]:
+    """The explanation; ``where`` is the title of the places in models."""
     evidence = [f"{_clock(item.stamp_ns, with_date=False)}  {item.text}" for item in why.evidence]
     pairs: Iterable[tuple[str, Sequence[str]]] = (
         ("expected", why.expected),
         ("observed", [why.observed] if why.observed else []),
         ("in state", why.states),
         ("after", evidence),
-        ("written" if verdict.kind == PROPERTY else "model", why.places),
+        (where, why.places),
     )
-    return (
-        f"{told}<dl>"
-        + "".join(
-            f"<dt>{title}</dt>" + "".join(f"<dd>{_text(text)}</dd>" for text in texts)
-            for title, texts in pairs
-            if texts
-        )
-        + "</dl>"
-    )
+    return [(title, texts) for title, texts in pairs if texts]
 
 
 def _clock(stamp_ns: int, with_date: bool = True) -> str:
@@ -312,9 +290,6 @@ def _clock(stamp_ns: int, with_date: bool = True) -> str:
     return f"{moment}.{stamp_ns % 10**9 // 1000:06d}{' UTC' if with_date else ''}"
 
 
-def _text(words: str) -> str:
-    return escape(printable(words))
-
-
-def _file(name: str) -> str:
-    return (files("moon.report") / name).read_text(encoding="utf-8")
+def _file(name: str) -> Markup:
+    """A file of ours, which stands in the page as it is."""
+    return Markup((files("moon.report") / name).read_text(encoding="utf-8"))

@@ -6,8 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-import msgspec
-
+from moon.json_lines import as_line
 from moon.verdict import Verdict
 
 
@@ -32,7 +31,7 @@ class VerdictFile:
 
     def take(self, verdict: Verdict) -> None:
         """Write ``verdict``."""
-        self._write(msgspec.json.encode(verdict) + b"\n")
+        self._write(as_line(verdict) + b"\n")
 
     def close(self) -> None:
         """Close the file; idempotent."""

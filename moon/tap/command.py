@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from moon.connection import Network, Watching, connected, finite, network_options, say
+from m2c.terminal import say
+from moon.connection import Network, Watching, connected, finite, network_options
 from moon.tap.selection import KINDS, GlobError, Selection
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from m2c.printable import printable
 from moon.tap.action_parts import essence, goal_id
 from moon.tap.stream import Line, nobody_answered
 
@@ -71,13 +72,6 @@ def compact(data: Any) -> str:
         if len(text) > MAX_DATA:
             return text[: MAX_DATA - 1] + "…"
     return text
-
-
-def printable(text: str) -> str:
-    """``text`` on one line and harmless to a terminal: what cannot be printed is escaped."""
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def _fields(fields: dict[Any, Any], depth: int) -> Iterator[str]:

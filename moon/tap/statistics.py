@@ -6,8 +6,8 @@ from collections import deque
 
 import msgspec
 
+from m2c.printable import printable
 from moon.tap.action_parts import label
-from moon.tap.render import printable
 from moon.tap.stream import Line
 
 WINDOW = 1024

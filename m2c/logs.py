@@ -1,0 +1,42 @@
+"""What is logged, as lines that are safe to show: a record is one line, whatever a message put in it."""
+
+from __future__ import annotations
+
+import logging
+from types import TracebackType
+from typing import TypeAlias
+
+from m2c.printable import printable
+
+_Fault: TypeAlias = (
+    tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
+)
+
+
+class LineFormatter(logging.Formatter):
+    """Makes a record's message printable, and each line of a traceback, which is set in by two blanks."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        """The record's own line."""
+        return printable(super().formatMessage(record))
+
+    def formatException(self, ei: _Fault) -> str:
+        """The traceback's lines."""
+        return _set_in(super().formatException(ei))
+
+    def formatStack(self, stack_info: str) -> str:
+        """The stack's lines."""
+        return _set_in(super().formatStack(stack_info))
+
+
+def log_as_lines() -> None:
+    """Have what this process logs made printable where nobody sets up something else for it.
+
+    Warnings and what is worse go to standard error then (:data:`logging.lastResort`).
+    """
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(LineFormatter())
+
+
+def _set_in(text: str) -> str:
+    return "\n".join(f"  {printable(line)}" for line in text.split("\n"))

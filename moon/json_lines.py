@@ -1,0 +1,28 @@
+"""JSON for pipes, an object a line, that a terminal may show as well."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+
+def as_line(value: Any, encode: Callable[[Any], bytes] = msgspec.json.encode) -> bytes:
+    """``value`` as one line of JSON (RFC 8259), without its end.
+
+    JSON itself escapes only what is below U+0020. Here every character that cannot be printed is an
+    escape (RFC 8259 section 7), which every reader takes for the same text.
+
+    Args:
+        value: what ``encode`` takes.
+        encode: of an encoder that knows more types than msgspec's.
+    """
+    try:
+        line = encode(value)
+    except UnicodeEncodeError:  # lone surrogates: of a file's name that is no UTF-8 (PEP 383)
+        return json.dumps(msgspec.to_builtins(value), separators=(",", ":")).encode()
+    if line.isascii() and b"\x7f" not in line:
+        return line
+    return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in line.decode()).encode()
