@@ -41,7 +41,8 @@ class OnTerminal:
         self._ours, theirs = pty.openpty()
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 60, 250, 0, 0))
         environment = {**os.environ, "TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8"}
-        environment.pop("NO_COLOR", None)
+        for name in ("NO_COLOR", "COLUMNS", "LINES"):  # the terminal's own size counts
+            environment.pop(name, None)
         self.process = subprocess.Popen(
             [str(BIN / str(command[0])), *map(str, command[1:])],
             stdin=theirs, stdout=theirs, stderr=theirs, env=environment, cwd=cwd,
