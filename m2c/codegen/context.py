@@ -22,6 +22,7 @@ class MachineContext:
         is_thread: the machine executes the goals of an action server.
         constants: variables that no statement assigns.
         raises: whether internal events can occur.
+        output_ports: type of each output port of the behaviour tree.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class MachineContext:
         for state in machine.states:
             self.state_names[state.name] = constant(state.name, self.state_names.values())
         self._ports = {port.key: port.type for port in machine.ports if not port.output}
+        self.output_ports = {port.key: port.type for port in machine.ports if port.output}
 
     @property
     def state_class(self) -> str:

@@ -46,8 +46,10 @@ def _broken(line: str) -> list[str]:
         return [f"{margin}{head} = (", f"{margin}{INDENT}{value}", f"{margin})"]
     opening = text.find("(")
     closing = text.rfind(")")
-    if opening < 1 or closing < opening:
-        return [line]
+    if opening < 1 or '"' in text[:opening] or _partner(text, opening) != closing:
+        return [line]  # not one call: too long, and right
+    if text[opening - 1] == " " and not text[:opening].endswith(" in "):
+        return [line]  # brackets around a part: a comma in them would make a tuple
     inner = text[opening + 1 : closing]
     arguments = _split(inner)
     depth = len(margin) // len(INDENT)
@@ -58,6 +60,27 @@ def _broken(line: str) -> list[str]:
     if len(broken) == 1:
         return broken
     return [broken[0], *(piece for item in broken[1:-1] for piece in _broken(item)), broken[-1]]
+
+
+def _partner(text: str, opening: int) -> int:
+    """Where the bracket at ``opening`` is closed; -1 if that cannot be told without a parser."""
+    depth = 0
+    quote = ""
+    for index in range(opening, len(text)):
+        letter = text[index]
+        if letter == "\\":
+            return -1
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        elif letter in "([{":
+            depth += 1
+        elif letter in ")]}":
+            depth -= 1
+            if depth == 0:
+                return index
+    return -1
 
 
 def _split(text: str) -> list[str]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from m2c.codegen.context import MachineContext
 from m2c.codegen.expressions import ExpressionCompiler, attribute_of_field, quoted
-from m2c.codegen.interfaces import zero_text
 from m2c.codegen.layout import INDENT, call, indent
 from m2c.codegen.names import attribute
 from m2c.model.datatypes import ANY, Array, DataType, Primitive, Structure
@@ -79,16 +78,21 @@ class StatementWriter:
                     return [
                         f"{holder}.{attribute_of_field(name)} = {compiler.value(value, wanted)}"
                     ]
-                new = compiler.value(value, _static(location, self._context.variables))
+                arguments = [holder, quoted(name)]
+                arguments.append(compiler.value(value, _static(location, self._context.variables)))
+                if isinstance(owner, Array) and name == "length":
+                    arguments += _growth(owner, compiler)
+                    if owner.fixed:
+                        arguments.append(f"least={owner.length}")
                 compiler.may_fail = True
-                return call("ecmascript.set_member", [holder, f'"{name}"', new], 0)
+                return call("ecmascript.set_member", arguments, 0)
             case Index(object=inner, index=index):
                 owner = _static(inner, self._context.variables)
                 element = owner.element if isinstance(owner, Array) else ANY
                 arguments = [compiler.value(inner), compiler.value(index)]
                 arguments.append(compiler.value(value, element))
-                if element != ANY:
-                    arguments.append(f"fill={zero_text(element, self._context.class_of)}")
+                if isinstance(owner, Array):
+                    arguments += _growth(owner, compiler)
                 compiler.may_fail = True
                 return call("ecmascript.set_element", arguments, 0)
         raise AssertionError(location)
@@ -120,11 +124,7 @@ class StatementWriter:
     def _log(self, label: str, value: Expression | None, compiler: ExpressionCompiler) -> list[str]:
         if value is None:
             return [f'self._outputs.log({quoted(label)}, "")']
-        text = compiler.value(value)
-        kind = _static(value, self._context.variables)
-        if kind != Primitive("string") or _indexed(value):
-            text = f"ecmascript.to_string({text})"
-        return call("self._outputs.log", [quoted(label), text], 0)
+        return call("self._outputs.log", [quoted(label), compiler.text(value)], 0)
 
     def _emit(self, emit: Emit, compiler: ExpressionCompiler) -> list[str]:
         port = self._context.names.output(emit.kind, emit.interface)
@@ -138,7 +138,8 @@ class StatementWriter:
                 case "child":
                     arguments.append(self._child(emit.interface))
                 case "value":
-                    arguments.append(compiler.value(emit.fields[0].value))
+                    kind = self._context.output_ports.get(emit.interface)
+                    arguments.append(compiler.value(emit.fields[0].value, kind))
                 case "thread_id" if emit.kind is OutputKind.THREAD_FREE:
                     arguments.append("self.thread_id" if self._context.is_thread else "0")
                 case "thread_id":
@@ -176,7 +177,9 @@ class StatementWriter:
         return f"{self._context.class_of[kind.name]}({', '.join(arguments)})"
 
     def _raise(self, statement: Raise, compiler: ExpressionCompiler) -> list[str]:
-        fields = [f'"{field.name}": {compiler.value(field.value)}' for field in statement.fields]
+        fields = [
+            f'"{field.name}": {compiler.value(field.value, ANY)}' for field in statement.fields
+        ]
         data = f"{{{', '.join(fields)}}}" if fields else "None"
         if not statement.external:
             return [f'self._internal.append(("{statement.event}", {data}))']
@@ -189,6 +192,12 @@ class StatementWriter:
             return repr(float(value.value))
         compiler.may_fail = True
         return f"seconds({compiler.value(value)})"
+
+
+def _growth(owner: Array, compiler: ExpressionCompiler) -> list[str]:
+    """What new elements of an array are, and how many it may have."""
+    arguments = [] if owner.element == ANY else [f"fill={compiler.zero(owner.element)}"]
+    return arguments if owner.length is None else [*arguments, f"most={owner.length}"]
 
 
 def _static(node: Expression, variables: dict[str, DataType]) -> DataType:
