@@ -48,7 +48,7 @@ def _broken(line: str) -> list[str]:
     closing = text.rfind(")")
     if opening < 1 or '"' in text[:opening] or _partner(text, opening) != closing:
         return [line]  # not one call: too long, and right
-    if text[opening - 1] == " " and not text[:opening].endswith(" in "):
+    if not (text[opening - 1].isidentifier() or text[:opening].endswith(" in ")):
         return [line]  # brackets around a part: a comma in them would make a tuple
     inner = text[opening + 1 : closing]
     arguments = _split(inner)

@@ -168,8 +168,10 @@ class Writer:
         choice = self._draw.random()
         kinds = [self._one(["int", "float"]) for _ in "ab"]
         left, right = (self.expression(kind, depth) for kind in kinds)
+        if choice < 0.5:
+            return f"({left} {self._one(['+', '-', '*', '/', '%'])} {right})"
         if choice < 0.6:
-            return f"({left} {self._one(['+', '-', '*', '/', '%', '**'])} {right})"
+            return f"((0 + {left}) ** {right})"  # -a ** b is a syntax error
         if choice < 0.8:
             name = self._one(["sqrt", "exp", "log", "sin", "cbrt", "abs", "log2", "tan", "acos"])
             return f"Math.{name}({left})"
