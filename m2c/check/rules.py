@@ -64,7 +64,9 @@ _ERRORS = {
     "event-data-not-available": "event data is read where no event brings it",
     "unknown-field": "a field that the message type does not have",
     "type-mismatch": "types that do not go together",
-    "out-of-range": "a number that its type cannot hold, or more elements than fit",
+    "out-of-range": "a number that its type cannot hold, an element that an array does not have, or a wrong "
+    "number of them",
+    "bad-initial-value": "an initial value that its variable cannot hold, or that may fail",
     # interface definitions
     "unknown-type": "a type that no definition gives",
     "bad-interface": "an interface definition that cannot be read",

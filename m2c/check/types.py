@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
+from m2c.model.certainty import Certainty, Fit
 from m2c.model.datatypes import ANY, INT64, STRING, DataType, Structure, describe, is_integer
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.expressions import Variable
+from m2c.model.initial import initial_value, is_settled
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,
+    Data,
     Emit,
     EventKind,
     Field,
@@ -25,6 +29,7 @@ from m2c.model.machine import (
 from m2c.model.scopes import event_parts, output_data_type
 from m2c.model.typing import Scope, check_expression, nearest
 from m2c.model.vocabulary import OUTPUTS, STATUSES
+from m2c.runtime.conversion import ExecutionError
 
 _TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
 _LOOKUP = {
@@ -40,8 +45,8 @@ _LOOKUP = {
 def check_types(machine: Machine, library: InterfaceLibrary, log: DiagnosticLog) -> bool:
     """Report every type fault of ``machine``; False if an interface type is unknown.
 
-    Rules: ``unknown-type``, those of :func:`m2c.model.typing.check_expression`, and the warning
-    ``unset-output-field``.
+    Rules: ``unknown-type``, ``bad-initial-value``, those of
+    :func:`m2c.model.typing.check_expression`, and the warning ``unset-output-field``.
     """
     known = True
     for interface in machine.interfaces:
@@ -71,16 +76,38 @@ class _TypeCheck:
 
     def run(self) -> None:
         known: dict[str, DataType] = {}
+        values: dict[str, Any] = {}
         for data in self._machine.data:
             scope = Scope(known, {}, self._ports)
             expected = data.type if data.declared else None
+            before = len(self._log.diagnostics)
             check_expression(data.initial, scope, expected, "data", self._log)
+            if len(self._log.diagnostics) == before:
+                self._initial(data, scope, values)
             known[data.name] = data.type
         for state in self._machine.states:
             self._block(state.on_entry, self._scope({}))
             self._block(state.on_exit, self._scope({}))
             for transition in state.transitions:
                 self._transition(transition)
+
+    def _initial(self, data: Data, scope: Scope, values: dict[str, Any]) -> None:
+        """An initial value is computed here, or cannot fail: no block is there that could end."""
+        if is_settled(data.initial, values):
+            try:
+                values[data.name] = initial_value(data, values)
+            except ExecutionError as error:
+                hint = f"a value of type {describe(data.type)} is needed"
+                what = f"`{data.name}` cannot begin with this: {error}"
+                self._log.error("bad-initial-value", data.initial.position, "data", what, hint)
+            return
+        certainty = Certainty(scope)
+        if certainty.fit(data.initial, data.type) is Fit.MAY_FAIL or certainty.may_throw(
+            data.initial
+        ):
+            hint = "assign it in <onentry> of the initial state"
+            what = f"the initial value of `{data.name}` may be none of type {describe(data.type)}"
+            self._log.error("bad-initial-value", data.initial.position, "data", what, hint)
 
     def _scope(self, event: Mapping[str, DataType]) -> Scope:
         variables = self._variables

@@ -22,6 +22,7 @@ class MachineContext:
         class_name: the machine's class.
         is_thread: the machine executes the goals of an action server.
         constants: variables that no statement assigns.
+        output_ports: type of each output port of the behaviour tree.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class MachineContext:
             taken = self._state_names.values()
             self._state_names[state.name] = constant(state.name, taken)
         self._ports = {port.key: port.type for port in machine.ports if not port.output}
+        self.output_ports = {port.key: port.type for port in machine.ports if port.output}
 
     def attribute(self, variable: str) -> Source:
         """The attribute that holds a variable of the datamodel."""

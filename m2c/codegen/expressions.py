@@ -7,10 +7,23 @@ from collections.abc import Mapping
 
 import msgspec
 
+from m2c.codegen.interfaces import zero_text
 from m2c.codegen.names import field_attribute
 from m2c.codegen.source import quoted
-from m2c.model.datatypes import ANY, BOOL, STRING, Array, DataType, Primitive, Structure, is_integer
-from m2c.model.datatypes import is_number as is_number_type
+from m2c.model.certainty import Certain, Certainty, Fit, is_float, is_native
+from m2c.model.datatypes import (
+    ANY,
+    BOOL,
+    FLOAT64,
+    INTEGER_RANGES,
+    STRING,
+    Array,
+    DataType,
+    Primitive,
+    Structure,
+    is_integer,
+    is_number,
+)
 from m2c.model.expressions import (
     ArrayLiteral,
     Binary,
@@ -27,10 +40,10 @@ from m2c.model.expressions import (
     PortInput,
     Unary,
     Variable,
-    children,
 )
-from m2c.model.typing import Scope, type_of
+from m2c.model.typing import Scope, constant_value, type_of
 from m2c.model.vocabulary import STATUSES
+from m2c.runtime.conversion import to_float32
 
 _FUNCTIONS = {
     "+": "add",
@@ -42,8 +55,25 @@ _FUNCTIONS = {
     "==": "equals",
     "===": "strict_equals",
 }
+_FLOAT32 = Primitive("float32")
+_CONVERSIONS = {
+    **{name: f"to_{name}" for name in INTEGER_RANGES},
+    **{"byte": "to_uint8", "char": "to_uint8", "bool": "to_flag", "string": "to_text"},
+    **{"float32": "to_float32", "float64": "to_float64", "number": "to_untyped_number"},
+}
+"""The function that converts to each primitive type."""
 _ATOM, _UNARY, _COMPARE = 100, 80, 40
-_PRECEDENCE = {"**": 90, "*": 70, "+": 60, "-": 60, "or": 10, "and": 20, "not": 30, "if": 5}
+_PRECEDENCE = {
+    "**": 90,
+    "*": 70,
+    "%": 70,
+    "+": 60,
+    "-": 60,
+    "or": 10,
+    "and": 20,
+    "not": 30,
+    "if": 5,
+}
 
 EVENT_NAMES = {
     "goal_id": "goal_id",
@@ -82,6 +112,7 @@ class ExpressionCompiler:
     ) -> None:
         self._scope = scope
         self._attributes = attributes
+        self._certainty = Certainty(scope)
         self._class_of = class_of
         self._data_name = data_name
         self.may_fail = False
@@ -89,53 +120,106 @@ class ExpressionCompiler:
     # -- entry points -------------------------------------------------------------------------
 
     def value(self, node: Expression, target: DataType | None = None) -> str:
-        """Python source of ``node`` as a value for a place of type ``target``."""
-        kind = self._static(node)
-        text = self._compile(node, target).text
-        if target is None or target == ANY:
-            return text
-        if is_integer(target):
-            if is_integer(kind) and not text.startswith("ecmascript."):
-                return text
-            return self._runtime("integer", text, fails=True)
-        if isinstance(target, Primitive) and target.name.startswith("float"):
-            if isinstance(node, Literal) and isinstance(node.value, int):
-                return repr(float(node.value))
-            if isinstance(kind, Primitive) and kind.name.startswith("float"):
-                return text
-            return (
-                f"float({text})"
-                if is_integer(kind)
-                else f"float({self._runtime('to_number', text)})"
-            )
-        if isinstance(target, Array | Structure) and isinstance(
-            node, Variable | Member | Index | EventData
-        ):
-            return f"copy.deepcopy({text})"
-        return text
+        """Python source of ``node`` as a value for a place of type ``target``.
+
+        It is converted where the static types do not show that it is of that type already (see
+        docs/decisions/0024-assignments-convert-to-the-declared-type.md). None: it goes to no place.
+        """
+        return (self._compile(node) if target is None else self._converted(node, target)).text
+
+    def text(self, node: Expression) -> str:
+        """Python source of the text of ``node``, for a log."""
+        code = self._compile(node).text
+        return code if self._certain(node).kind == STRING else self._runtime("to_string", code)
 
     def condition(self, node: Expression, operand_of: str = "") -> str:
         """Python source of ``node`` as a condition, or as an operand of ``and`` (or another operator)."""
         return self._truth(node).within(_PRECEDENCE[operand_of] if operand_of else 0)
 
     def _truth(self, node: Expression) -> Code:
-        if self._static(node) == BOOL:
+        if self._certain(node).kind == BOOL:
             return self._compile(node)
         return Code(self._runtime("truthy", self._compile(node).text))
 
     # -- types --------------------------------------------------------------------------------
 
-    def _static(self, node: Expression) -> DataType:
-        """The static type, or ANY where an element out of range could make it undefined."""
-        if _has_element(node):
-            return ANY
-        if isinstance(node, Variable) and node.name not in self._scope.variables:
-            return STRING if node.name in STATUSES else ANY
-        return type_of(node, self._scope)
+    def _certain(self, node: Expression) -> Certain:
+        return self._certainty.of(node)
 
     def _runtime(self, function: str, *arguments: str, fails: bool = False) -> str:
         self.may_fail = self.may_fail or fails
         return f"ecmascript.{function}({', '.join(arguments)})"
+
+    def _converted(self, node: Expression, target: DataType) -> Code:
+        match node:
+            case Conditional(test=test, then=then, otherwise=otherwise):
+                return self._choice(
+                    test, self._converted(then, target), self._converted(otherwise, target)
+                )
+            case ArrayLiteral(elements=elements) if isinstance(target, Array):
+                return self._array(elements, target)
+            case ObjectLiteral(entries=entries) if isinstance(target, Structure) and target.name:
+                return self._message(entries, target)
+        constant = self._constant(node, target)
+        if constant is not None:
+            return constant
+        fit = self._certainty.fit(node, target)
+        code = self._compile(node)
+        if fit is not Fit.AS_IS:
+            return self._conversion(code.text, node, target, fit)
+        literal = isinstance(node, ArrayLiteral | ObjectLiteral)
+        if isinstance(self._certain(node).kind, Array | Structure) and not literal:
+            return Code(f"copy.deepcopy({code.text})")
+        return code
+
+    def _constant(self, node: Expression, target: DataType) -> Code | None:
+        """A literal for a floating-point place, written as one."""
+        value = constant_value(node)
+        if value is None or target not in (FLOAT64, _FLOAT32):
+            return None
+        if value == 0 and not isinstance(node, Literal):
+            return None  # -0
+        number = float(value)
+        held = to_float32(number) == number or math.isnan(number)
+        return _literal(number) if target == FLOAT64 or held else None
+
+    def _conversion(self, text: str, node: Expression, target: DataType, fit: Fit) -> Code:
+        if fit is Fit.CONVERTED and target == FLOAT64 and is_integer(self._certain(node).kind):
+            return Code(f"float({text})")
+        fails = fit is Fit.MAY_FAIL
+        match target:
+            case Primitive(name):
+                return Code(self._runtime(_CONVERSIONS.get(name, "to_untyped"), text, fails=fails))
+            case Array(element, length, fixed):
+                arguments = [text, self._element_conversion(element)]
+                if length is not None:
+                    arguments += [str(length), str(length)] if fixed else [str(length)]
+                return Code(self._runtime("to_array", *arguments, fails=fails))
+            case Structure(name) if name:
+                return Code(self._runtime("to_message", text, self._class_of[name], fails=fails))
+            case _:
+                return Code(self._runtime("to_object", text, fails=fails))
+
+    def _element_conversion(self, element: DataType) -> str:
+        """What converts one element of an array."""
+        if isinstance(element, Primitive):
+            return f"ecmascript.{_CONVERSIONS.get(element.name, 'to_untyped')}"
+        item = Literal(value=None)
+        return f"lambda item: {self._conversion('item', item, element, Fit.MAY_FAIL).text}"
+
+    def _array(self, elements: tuple[Expression, ...], target: Array) -> Code:
+        """An array literal; an empty one for an array of fixed length is its zero value."""
+        most, least = target.length, (target.length or 0) if target.fixed else 0
+        if not elements and least:
+            return Code(self.zero(target))
+        text = f"[{', '.join(self._converted(item, target.element).text for item in elements)}]"
+        if least <= len(elements) <= (len(elements) if most is None else most):
+            return Code(text)
+        return self._conversion(text, Literal(value=None), target, Fit.MAY_FAIL)
+
+    def zero(self, kind: DataType) -> str:
+        """Python source of the zero value of ``kind``, as ROS 2 initialises a field."""
+        return zero_text(kind, self._class_of)
 
     # -- nodes --------------------------------------------------------------------------------
 
@@ -155,11 +239,8 @@ class ExpressionCompiler:
                 return Code(f"self._ports[{quoted(key)}]")
             case Member():
                 return self._member(node)
-            case Index(object=inner, index=index):
-                text = self._runtime(
-                    "element", self._compile(inner).text, self._compile(index).text, fails=True
-                )
-                return Code(text)
+            case Index():
+                return self._index(node)
             case Unary():
                 return self._unary(node)
             case Binary():
@@ -167,36 +248,49 @@ class ExpressionCompiler:
             case Logical():
                 return self._logical(node)
             case Conditional(test=test, then=then, otherwise=otherwise):
-                level = _PRECEDENCE["if"]
-                chosen = self._compile(then, target).within(level + 1)
-                text = f"{chosen} if {self._truth(test).within(level + 1)} else "
-                return Code(text + self._compile(otherwise, target).within(level), level)
+                return self._choice(test, self._compile(then), self._compile(otherwise))
             case MathCall():
                 return self._math(node)
             case MathConstant(name=name):
                 return Code(f"ecmascript.CONSTANTS[{quoted(name)}]")
             case ArrayLiteral(elements=elements):
-                inner_type = target.element if isinstance(target, Array) else None
-                return Code(f"[{', '.join(self.value(item, inner_type) for item in elements)}]")
+                return Code(f"[{', '.join(self.value(item, ANY) for item in elements)}]")
             case ObjectLiteral(entries=entries):
-                return self._object(entries, target)
+                items = [f"{quoted(key)}: {self.value(value, ANY)}" for key, value in entries]
+                return Code(f"{{{', '.join(items)}}}")
+
+    def _choice(self, test: Expression, then: Code, otherwise: Code) -> Code:
+        level = _PRECEDENCE["if"]
+        condition = self._truth(test).within(level + 1)
+        text = f"{then.within(level + 1)} if {condition} else {otherwise.within(level)}"
+        return Code(text, level)
 
     def _member(self, node: Member) -> Code:
-        kind = self._static(node.object)
+        declared = type_of(node.object, self._scope)
+        if isinstance(declared, Structure) and declared.field(node.name) is None:
+            for name, _, value in declared.constants:
+                if name == node.name:
+                    return _literal(value)
+        kind = self._certain(node.object).kind
         inner = self._compile(node.object).within(_ATOM)
         if node.name == "length" and (isinstance(kind, Array) or kind == STRING):
             return Code(f"len({inner})")
-        if isinstance(kind, Structure) and kind.name:
-            if kind.field(node.name) is None:
-                for name, _, value in kind.constants:
-                    if name == node.name:
-                        return _literal(value)
+        if isinstance(kind, Structure) and kind.name and kind.field(node.name) is not None:
             return Code(f"{inner}.{field_attribute(node.name)}")
-        return Code(self._runtime("member", inner, quoted(node.name), fails=True))
+        fails = not isinstance(kind, Structure)
+        return Code(self._runtime("member", inner, quoted(node.name), fails=fails))
+
+    def _index(self, node: Index) -> Code:
+        """An element: by Python's own indexing where the index is known to be in range."""
+        inner, index = self._compile(node.object), self._compile(node.index)
+        if self._certain(node).kind != ANY:
+            return Code(f"{inner.within(_ATOM)}[{index.text}]")
+        kind = self._certain(node.object).kind
+        fails = not (isinstance(kind, Array | Structure) or kind == STRING)
+        return Code(self._runtime("element", inner.text, index.text, fails=fails))
 
     def _unary(self, node: Unary) -> Code:
         operand = self._compile(node.operand)
-        kind = self._static(node.operand)
         match node.operator:
             case "!":
                 level = _PRECEDENCE["not"]
@@ -204,21 +298,20 @@ class ExpressionCompiler:
             case "typeof":
                 return Code(self._runtime("type_name", operand.text))
             case "-":
-                literal = isinstance(node.operand, Literal) and node.operand.value != 0
-                if literal or (isinstance(kind, Primitive) and kind.name.startswith("float")):
+                if is_integer(self._certain(node).kind) or is_float(self._certain(node.operand)):
                     return Code(f"-{operand.within(_UNARY)}", _UNARY)
                 return Code(self._runtime("negate", operand.text))
             case "+":
-                if is_number_type(kind):
+                if is_number(self._certain(node.operand).kind):
                     return operand
                 return Code(self._runtime("to_number", operand.text))
 
     def _binary(self, node: Binary) -> Code:
-        left, right = self._static(node.left), self._static(node.right)
+        left, right = self._certain(node.left), self._certain(node.right)
         first, second = self._compile(node.left), self._compile(node.right)
         operator = node.operator
-        numbers = is_number_type(left) and is_number_type(right)
-        alike = numbers or (left == right and left in (BOOL, STRING))
+        numbers = is_number(left.kind) and is_number(right.kind)
+        alike = numbers or (left.kind == right.kind and left.kind in (BOOL, STRING))
         if operator in ("==", "===", "!=", "!=="):
             return self._equality(node, first, second, alike)
         if operator in ("<", "<=", ">", ">="):
@@ -227,13 +320,8 @@ class ExpressionCompiler:
                 return Code(text, _COMPARE)
             pair = (first.text, second.text) if operator[0] == "<" else (second.text, first.text)
             return Code(self._runtime("less_or_equal" if "=" in operator else "less", *pair))
-        integers = is_integer(left) and is_integer(right)
-        native = (
-            (operator in ("+", "-") and numbers)
-            or (operator == "+" and left == right == STRING)
-            or (operator == "*" and integers and _never_zero(node))
-        )
-        if native:
+        texts = operator == "+" and left.kind == right.kind == STRING
+        if texts or is_native(operator, left, right):
             level = _PRECEDENCE[operator]
             return Code(f"{first.within(level)} {operator} {second.within(level + 1)}", level)
         return Code(self._runtime(_FUNCTIONS[operator], first.text, second.text))
@@ -258,11 +346,11 @@ class ExpressionCompiler:
     def _logical(self, node: Logical) -> Code:
         word = "and" if node.operator == "&&" else "or"
         level = _PRECEDENCE[word]
-        left, right = self._static(node.left), self._static(node.right)
+        left, right = self._certain(node.left).kind, self._certain(node.right).kind
         if left == BOOL or (left == right == STRING):
             first = self._compile(node.left).within(level)
             return Code(f"{first} {word} {self._compile(node.right).within(level + 1)}", level)
-        first = self._compile(node.left).text
+        first = self._compile(node.left).within(_PRECEDENCE["if"] + 1)
         test = self._runtime("truthy", first)
         second = self._compile(node.right).within(_PRECEDENCE["if"] + 1)
         chosen = (second, first) if word == "and" else (first, second)
@@ -271,24 +359,19 @@ class ExpressionCompiler:
     def _math(self, node: MathCall) -> Code:
         if node.function == "random":
             return Code("self._random()")
-        if all(is_integer(self._static(argument)) for argument in node.arguments):
-            texts = [self._compile(argument).text for argument in node.arguments]
-            if node.function in ("max", "min") and len(texts) > 1:
-                return Code(f"{node.function}({', '.join(texts)})")
-            if node.function == "abs" and len(texts) == 1:
-                return Code(f"abs({texts[0]})")
-        arguments = ", ".join(self._compile(argument).text for argument in node.arguments)
-        return Code(f"ecmascript.MATH[{quoted(node.function)}]({arguments})")
+        arguments = [self._compile(argument).text for argument in node.arguments]
+        if all(is_integer(self._certain(argument).kind) for argument in node.arguments):
+            many = node.function in ("max", "min") and len(arguments) > 1
+            if many or (node.function == "abs" and len(arguments) == 1):
+                return Code(f"{node.function}({', '.join(arguments)})")
+        return Code(f"ecmascript.MATH[{quoted(node.function)}]({', '.join(arguments)})")
 
-    def _object(self, entries: tuple[tuple[str, Expression], ...], target: DataType | None) -> Code:
-        if isinstance(target, Structure) and target.name:
-            fields = [
-                f"{field_attribute(key)}={self.value(value, target.field(key))}"
-                for key, value in entries
-            ]
-            return Code(f"{self._class_of[target.name]}({', '.join(fields)})")
-        items = [f"{quoted(key)}: {self._compile(value).text}" for key, value in entries]
-        return Code(f"{{{', '.join(items)}}}")
+    def _message(self, entries: tuple[tuple[str, Expression], ...], target: Structure) -> Code:
+        fields = [
+            f"{field_attribute(key)}={self.value(value, target.field(key))}"
+            for key, value in entries
+        ]
+        return Code(f"{self._class_of[target.name]}({', '.join(fields)})")
 
 
 _TRUE, _FALSE = Literal(value=True), Literal(value=False)
@@ -296,18 +379,6 @@ _TRUE, _FALSE = Literal(value=True), Literal(value=False)
 
 def _is_bool(node: Expression) -> bool:
     return isinstance(node, Literal) and isinstance(node.value, bool)
-
-
-def _never_zero(node: Binary) -> bool:
-    """Whether a product cannot be ECMAScript's -0: one side is a positive literal."""
-    return any(
-        isinstance(side, Literal) and isinstance(side.value, int) and side.value > 0
-        for side in (node.left, node.right)
-    )
-
-
-def _has_element(node: Expression) -> bool:
-    return isinstance(node, Index) or any(_has_element(child) for child in children(node))
 
 
 def _literal(value: bool | int | float | str | None) -> Code:

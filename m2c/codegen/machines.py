@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence, Set
 from m2c.codegen import program
 from m2c.codegen.context import MachineContext
 from m2c.codegen.expressions import ExpressionCompiler
-from m2c.codegen.interfaces import zero_text
 from m2c.codegen.ports import Port
 from m2c.codegen.source import Source, name, quoted
 from m2c.codegen.statements import StatementLowering, call
@@ -95,7 +94,7 @@ class _MachineLowering:
         for data in self._machine.data:
             value = compiler.value(data.initial, data.type)
             if isinstance(data.initial, ObjectLiteral) and not data.initial.entries:
-                value = zero_text(data.type, self._context.class_of)
+                value = compiler.zero(data.type)
             yield program.Variable(
                 data.name,
                 self._context.attribute(data.name),

@@ -8,10 +8,9 @@ from pathlib import Path
 from m2c.codegen import program
 from m2c.codegen.context import MachineContext
 from m2c.codegen.expressions import ExpressionCompiler
-from m2c.codegen.interfaces import zero_text
 from m2c.codegen.names import field_attribute
 from m2c.codegen.source import Source, quoted
-from m2c.model.datatypes import ANY, STRING, Array, DataType, Primitive, Structure
+from m2c.model.datatypes import ANY, Array, DataType, Primitive, Structure
 from m2c.model.diagnostics import Position
 from m2c.model.expressions import EventData, Expression, Index, Literal, Member, Variable, children
 from m2c.model.machine import Assign, Cancel, Emit, Field, If, Log, OutputKind, Raise, Statement
@@ -116,16 +115,21 @@ class StatementLowering:
                 if isinstance(owner, Structure) and owner.name and not _indexed(inner):
                     new = compiler.value(value, owner.field(name) or ANY)
                     return program.Assign(Source(f"{holder}.{field_attribute(name)}"), Source(new))
-                new = compiler.value(value, _static(location, variables))
+                arguments = [holder, quoted(name)]
+                arguments.append(compiler.value(value, _static(location, variables)))
+                if isinstance(owner, Array) and name == "length":
+                    arguments += _growth(owner, compiler)
+                    if owner.fixed:
+                        arguments.append(f"least={owner.length}")
                 compiler.may_fail = True
-                return call("ecmascript.set_member", holder, quoted(name), new)
+                return call("ecmascript.set_member", *arguments)
             case Index(object=inner, index=index):
                 owner = _static(inner, variables)
                 element = owner.element if isinstance(owner, Array) else ANY
                 arguments = [compiler.value(inner), compiler.value(index)]
                 arguments.append(compiler.value(value, element))
-                if element != ANY:
-                    arguments.append(f"fill={zero_text(element, self._context.class_of)}")
+                if isinstance(owner, Array):
+                    arguments += _growth(owner, compiler)
                 compiler.may_fail = True
                 return call("ecmascript.set_element", *arguments)
         raise AssertionError(location)
@@ -147,18 +151,18 @@ class StatementLowering:
     ) -> program.Statement:
         if value is None:
             return self.sent("log", quoted(label), quoted(""))
-        text = compiler.value(value)
-        if _static(value, self._context.variables) != STRING or _indexed(value):
-            text = f"ecmascript.to_string({text})"
-        return self.sent("log", quoted(label), text)
+        return self.sent("log", quoted(label), compiler.text(value))
 
     def _emit(self, emit: Emit, compiler: ExpressionCompiler) -> program.Statement:
         port = self._context.names.output(emit.kind, emit.interface)
         arguments: list[str] = []
         for name, _ in port.parameters:
             match name:
-                case "status" | "value":
+                case "status":
                     arguments.append(compiler.value(emit.fields[0].value))
+                case "value":
+                    kind = self._context.output_ports.get(emit.interface)
+                    arguments.append(compiler.value(emit.fields[0].value, kind))
                 case "key":
                     arguments.append(quoted(emit.interface))
                 case "child":
@@ -197,7 +201,8 @@ class StatementLowering:
 
     def _raise(self, statement: Raise, compiler: ExpressionCompiler) -> program.Statement:
         fields = [
-            f"{quoted(field.name)}: {compiler.value(field.value)}" for field in statement.fields
+            f"{quoted(field.name)}: {compiler.value(field.value, ANY)}"
+            for field in statement.fields
         ]
         data = f"{{{', '.join(fields)}}}" if fields else "None"
         if not statement.external:
@@ -210,6 +215,12 @@ class StatementLowering:
             return repr(float(value.value))
         compiler.may_fail = True
         return f"seconds({compiler.value(value)})"
+
+
+def _growth(owner: Array, compiler: ExpressionCompiler) -> list[str]:
+    """What new elements of an array are, and how many it may have."""
+    arguments = [] if owner.element == ANY else [f"fill={compiler.zero(owner.element)}"]
+    return arguments if owner.length is None else [*arguments, f"most={owner.length}"]
 
 
 def _static(node: Expression, variables: dict[str, DataType]) -> DataType:

@@ -28,6 +28,7 @@ from m2c.model.expressions import (
     Unary,
     Variable,
 )
+from m2c.runtime.conversion import to_double, to_string
 
 MAX_LENGTH = 4096
 """Characters in one expression; the longest published one has 120."""
@@ -62,6 +63,7 @@ _BT_STATUSES = ("SUCCESS", "FAILURE", "RUNNING")
 _LARGEST_INTEGER = 2**64
 """Literals beyond what an integer of ROS holds are numbers in floating point."""
 
+_DIGITS = re.compile(r"[1-9][0-9]*\Z")
 _SIMPLE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _SIMPLE_INTEGER = re.compile(r"-?(0|[1-9][0-9]{0,14})\Z")
 _RESERVED = {
@@ -227,23 +229,30 @@ class _Converter:
         big = isinstance(value, int | float) and node.raw.endswith("n")  # 1n; no hex digit is an n
         if node.regex is not None or big:
             raise self._unsupported(node)
+        if _DIGITS.match(node.raw):
+            value = int(node.raw)  # esprima rounds it to a double: 2**63 - 1 would not fit int64
         # esprima gives every whole number as an int, 1e300 with its 301 digits
         if isinstance(value, int) and not isinstance(value, bool) and abs(value) > _LARGEST_INTEGER:
-            value = float(value)
+            value = to_double(value)
         if isinstance(value, str):
-            value = self._characters(value, node)
+            value = self._well_formed(node, value)
         return Literal(value=value, position=self._at(node))
 
-    def _characters(self, units: str, node: Any) -> str:
-        r"""The characters of a string: esprima gives ``\ud83d\ude00``, one character, as two."""
+    def _well_formed(self, node: Any, text: str) -> str:
+        """``text`` with surrogate pairs joined; half a pair, and NUL, no message can carry."""
         try:
-            return units.encode("utf-16", "surrogatepass").decode("utf-16")
-        except UnicodeDecodeError as error:
+            joined = text.encode("utf-16", "surrogatepass").decode("utf-16")
+        except UnicodeDecodeError:
             raise self._unsupported(
                 node,
                 "half a surrogate pair is no character",
                 "write the character itself, or both halves",
-            ) from error
+            ) from None
+        if "\0" in joined:
+            raise self._unsupported(
+                node, "the character NUL in a text", "strings of ROS 2 end at NUL: leave it out"
+            )
+        return joined
 
     def _Identifier(self, node: Any) -> Expression:
         name = node.name
@@ -365,7 +374,7 @@ class _Converter:
             if item.type != "Property" or item.computed or item.method or item.kind != "init":
                 raise self._unsupported(item if item.range else node)
             named = item.key.type == "Identifier"
-            key = item.key.name if named else self._characters(str(item.key.value), item.key)
+            key = item.key.name if named else self._well_formed(item.key, to_string(item.key.value))
             entries.append((key, self.convert(item.value)))
         return ObjectLiteral(entries=tuple(entries), position=self._at(node))
 

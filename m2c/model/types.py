@@ -9,6 +9,7 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.typing import nearest
 from m2c.model.xml import Element
+from m2c.runtime.conversion import MAX_LENGTH
 
 _ARRAY = re.compile(r"(.+?)\[(?:(<=)?(\d{1,9}))?\]\Z")
 _PRIMITIVES = {*INTEGER_RANGES, *FLOATS, "bool", "string"}
@@ -30,7 +31,10 @@ def _parse(text: str, library: InterfaceLibrary) -> DataType | str:
         element = _parse(match[1], library)
         if isinstance(element, str):
             return element
-        return Array(element, int(match[3]) if match[3] else None, bool(match[3]) and not match[2])
+        length = int(match[3]) if match[3] else None
+        if length is not None and length > MAX_LENGTH:
+            return f"an array has at most {MAX_LENGTH} elements"
+        return Array(element, length, bool(match[3]) and not match[2])
     if text in _PRIMITIVES:
         return Primitive(text)
     if "/" in text or "::" in text:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from typing import Any
 
 import msgspec
 
@@ -26,6 +28,7 @@ from m2c.model.datatypes import (
     is_number,
 )
 from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.evaluate import evaluate
 from m2c.model.expressions import (
     ArrayLiteral,
     Binary,
@@ -42,7 +45,9 @@ from m2c.model.expressions import (
     PortInput,
     Unary,
     Variable,
+    children,
 )
+from m2c.runtime.conversion import ExecutionError, to_string
 
 INTEGRAL_MATH = frozenset({"floor", "ceil", "round", "trunc", "sign"})
 """``Math`` functions whose result is a whole number."""
@@ -88,9 +93,10 @@ def check_expression(
         log: where faults go: ``undeclared-variable``, ``unknown-field``, ``type-mismatch``,
             ``out-of-range``, ``event-data-not-available``.
     """
-    kind = _Typer(scope, log, element).type_of(expression, expected)
+    typer = _Typer(scope, log, element)
+    kind = typer.type_of(expression, expected)
     if expected is not None:
-        _check_fits(expression, kind, expected, element, log)
+        typer.check_fits(expression, expected)
     return kind
 
 
@@ -103,7 +109,11 @@ def assignable(value: DataType, target: DataType) -> bool:
     if is_number(target):
         return is_number(value)
     if isinstance(target, Array):
-        return isinstance(value, Array) and assignable(value.element, target.element)
+        return (
+            isinstance(value, Array)
+            and _lengths_meet(value, target)
+            and assignable(value.element, target.element)
+        )
     if isinstance(target, Structure):
         if not isinstance(value, Structure):
             return False
@@ -114,6 +124,17 @@ def assignable(value: DataType, target: DataType) -> bool:
             for name, kind in value.fields
         )
     return value == target
+
+
+def _lengths_meet(value: Array, target: Array) -> bool:
+    """Whether some length is one that both arrays can have."""
+    if value.fixed and target.fixed:
+        return value.length == target.length
+    if value.fixed and value.length is not None and target.length is not None:
+        return value.length <= target.length
+    if target.fixed and target.length is not None and value.length is not None:
+        return target.length <= value.length
+    return True
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -144,34 +165,27 @@ def constant_value(expression: Expression) -> int | float | None:
             return None
 
 
-def _check_fits(
-    expression: Expression, kind: DataType, expected: DataType, element: str, log: DiagnosticLog
-) -> None:
-    value = constant_value(expression)
-    if value is not None and is_integer(expected) and isinstance(expected, Primitive):
-        low, high = INTEGER_RANGES[expected.name]
-        if isinstance(value, int) or value.is_integer():
-            if not low <= value <= high:
-                log.error(
-                    "out-of-range",
-                    expression.position,
-                    element,
-                    f"{value} does not fit {expected.name}",
-                    f"{expected.name} holds {low} to {high}",
-                )
-            return
-    if assignable(kind, expected):
-        return
-    hint = f"a value of type {describe(expected)} is needed"
-    if is_integer(expected) and is_number(kind):
-        hint = "use Math.floor, Math.round or Math.trunc to make it whole"
-    log.error(
-        "type-mismatch",
-        expression.position,
-        element,
-        f"a value of type {describe(kind)} where {describe(expected)} is declared",
-        hint,
-    )
+def _computed(expression: Expression) -> tuple[bool, Any]:
+    """The value of ``expression``, if it depends on nothing: (True, value), else (False, None)."""
+    match expression:
+        case Variable() | EventData() | PortInput() | MathCall(function="random"):
+            return False, None
+        case ArrayLiteral() | ObjectLiteral():
+            return False, None  # checked element by element
+    if not all(_is_constant(child) for child in children(expression)):
+        return False, None
+    try:
+        return True, evaluate(expression, {}, {})
+    except ExecutionError:
+        return True, None
+
+
+def _is_constant(expression: Expression) -> bool:
+    match expression:
+        case Variable() | EventData() | PortInput() | MathCall(function="random"):
+            return False
+        case _:
+            return all(_is_constant(child) for child in children(expression))
 
 
 class _Typer:
@@ -185,6 +199,54 @@ class _Typer:
     def _error(self, rule: str, node: Expression, message: str, hint: str = "") -> None:
         if self._log is not None:
             self._log.error(rule, node.position, self._element, message, hint)
+
+    def check_fits(self, node: Expression, expected: DataType) -> None:
+        """Report what of ``node`` cannot be in a place of type ``expected``."""
+        match node:
+            case Conditional(then=then, otherwise=otherwise):
+                self.check_fits(then, expected)
+                self.check_fits(otherwise, expected)
+                return
+            case Logical(operator=operator, left=left, right=right):
+                kind = type_of(left, self._scope)
+                # undefined is never what `||` gives, nor an object what `&&` gives of its left side
+                kept = kind != NULL if operator == "||" else not isinstance(kind, Array | Structure)
+                if kept:
+                    self.check_fits(left, expected)
+                self.check_fits(right, expected)
+                return
+        known, value = _computed(node)
+        is_settled = known and isinstance(expected, Primitive) and is_integer(expected)
+        if is_settled and self._check_integer(node, value, expected):
+            return
+        silent = _Typer(self._scope, None, "")
+        kind = silent.type_of(node, expected)  # an index out of range was reported as such
+        if assignable(kind, expected):
+            return
+        hint = f"a value of type {describe(expected)} is needed"
+        if is_integer(expected) and is_number(kind):
+            hint = "use Math.floor, Math.round or Math.trunc to make it whole"
+        what = f"a value of type {describe(kind)} where {describe(expected)} is declared"
+        self._error("type-mismatch", node, what, hint)
+
+    def _check_integer(self, node: Expression, value: Any, expected: DataType) -> bool:
+        """Whether ``value`` is a number of which all is said: a whole one, or one that is none."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        low, high = INTEGER_RANGES[describe(expected)]
+        if isinstance(value, float) and not value.is_integer():
+            if math.isfinite(value):
+                return False
+            hint = f"{describe(expected)} holds {low} to {high}"
+            self._error("out-of-range", node, f"this is {to_string(value)}", hint)
+            return True
+        if not low <= value <= high:
+            what, hint = (
+                f"{value} does not fit {describe(expected)}",
+                f"{describe(expected)} holds {low} to {high}",
+            )
+            self._error("out-of-range", node, what, hint)
+        return True
 
     def type_of(self, node: Expression, expected: DataType | None = None) -> DataType:
         match node:
@@ -209,7 +271,9 @@ class _Typer:
             case Member(object=inner, name=name):
                 return self._member(node, self.type_of(inner), name)
             case Index(object=inner, index=index):
-                return self._index(node, self.type_of(inner), self.type_of(index))
+                kind, position = self.type_of(inner), self.type_of(index)
+                self._check_index(inner, kind, index)
+                return self._index(node, kind, position)
             case Unary(operator=operator, operand=operand):
                 return self._unary(node, operator, self.type_of(operand))
             case Binary():
@@ -275,6 +339,20 @@ class _Typer:
             self._error("type-mismatch", node, f"a value of type {describe(kind)} has no elements")
         return ANY
 
+    def _check_index(self, inner: Expression, kind: DataType, index: Expression) -> None:
+        """Report an index that is written out and never in range."""
+        known, value = _computed(index)
+        is_number_ = isinstance(value, int | float) and not isinstance(value, bool)
+        if not isinstance(kind, Array) or not known or not is_number_:
+            return
+        length = len(inner.elements) if isinstance(inner, ArrayLiteral) else kind.length
+        most = math.inf if length is None else length
+        if not 0 <= value < most or value != math.floor(value):
+            size = "an array" if length is None else f"an array of {length}"
+            hint = "elements are numbered from 0"
+            what = f"{size} has no element {to_string(value)}"
+            self._error("out-of-range", index, what, hint)
+
     def _unary(self, node: Expression, operator: str, kind: DataType) -> DataType:
         if operator == "!":
             return BOOL
@@ -337,17 +415,26 @@ class _Typer:
         inner = expected.element if isinstance(expected, Array) else None
         kinds = [self.type_of(element, inner) for element in elements]
         if inner is not None and self._log is not None:
-            for element, kind in zip(elements, kinds, strict=True):
-                _check_fits(element, kind, inner, self._element, self._log)
-            length = expected.length if isinstance(expected, Array) else None
-            if length is not None and len(elements) > length:
-                self._error("out-of-range", node, f"{len(elements)} elements, at most {length} fit")
+            for element in elements:
+                self.check_fits(element, inner)
+            self._check_length(node, len(elements), expected)
         if inner is not None:
             return Array(inner)
         common: DataType | None = kinds[0] if kinds else ANY
         for kind in kinds[1:]:
             common = _common(common, kind) if common is not None else None
         return Array(common or ANY)
+
+    def _check_length(self, node: Expression, count: int, expected: DataType | None) -> None:
+        """Report an array literal that is too long, or too short for a fixed length; ``[]`` is all zero."""
+        if not isinstance(expected, Array) or expected.length is None:
+            return
+        if count > expected.length:
+            self._error("out-of-range", node, f"{count} elements, at most {expected.length} fit")
+        elif expected.fixed and 0 < count < expected.length:
+            hint = "give all of them, or none: `[]` is an array of zeros"
+            what = f"{count} elements, {expected.length} are needed"
+            self._error("out-of-range", node, what, hint)
 
     def _object(
         self,
@@ -368,7 +455,7 @@ class _Typer:
                 )
             kind = self.type_of(value, inner)
             if inner is not None and self._log is not None:
-                _check_fits(value, kind, inner, self._element, self._log)
+                self.check_fits(value, inner)
             fields.append((key, kind))
         return wanted if wanted is not None else Structure("", tuple(fields))
 

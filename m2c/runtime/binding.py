@@ -74,12 +74,12 @@ class Binding:
         self._state = state
         self._delays: dict[str, Timer] = {}
         self._sends: dict[str, list[Timer]] = {}
-        self._faults: set[tuple[str, str]] = set()
+        self._faults: set[str] = set()
         self.log = logging.getLogger(name)
 
     def publisher(self, topic: Topic) -> Publisher:
-        """A publisher of ``topic``."""
-        return self._transport.publisher(topic)
+        """A publisher of ``topic``; a message that the transport refuses is a fault of the model."""
+        return PublisherPort(self._transport.publisher(topic), topic.name, self.fault)
 
     def subscribe(self, topic: Topic, handler: Callable[[Any], object]) -> None:
         """Hand every message of ``topic`` to ``handler``."""
@@ -94,7 +94,7 @@ class Binding:
 
     def server(self, service: Service, handler: Callable[[Any], bool] | None) -> ServerPort:
         """Serve ``service``; ``handler`` says whether the active state takes the request."""
-        port = ServerPort(service.name, self.log, self._state)
+        port = ServerPort(service.name, self.log, self._state, self.fault)
         guarded = self._guard(handler) if handler is not None else None
         self._transport.serve(service, lambda request: port.handle(request, guarded))
         return port
@@ -114,6 +114,7 @@ class Binding:
             self._guard(error) if error is not None else None,
             self.log,
             self._state,
+            self.fault,
         )
 
     def action_server(
@@ -148,6 +149,7 @@ class Binding:
                 },
             ),
             self.log,
+            self.fault,
         )
 
     def post(self, handler: Callable[[], object]) -> None:
@@ -193,10 +195,16 @@ class Binding:
         self.log.info("%s%s", f"{label}: " if label else "", text)
 
     def fault(self, place: str, text: str) -> None:
-        """What could not be evaluated at ``place`` of the model (``Model.scxml:18:5``); said once."""
-        if (place, text) not in self._faults:
-            self._faults.add((place, text))
-            self.log.error("error.execution at %s: %s", place, text)
+        """Report a fault of the model (SCXML's ``error.execution``), the first time it occurs at a place.
+
+        Args:
+            place: the element whose block could not be executed, as ``Model.scxml:18:5``.
+            text: what could not be done.
+        """
+        if place in self._faults:
+            return
+        self._faults.add(place)
+        self.log.error("%s: %s (said once; the machine goes on)", place, text)
 
     def _guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
         """A fault of the model ends its macrostep, not the node."""
@@ -211,16 +219,42 @@ class Binding:
         return guarded
 
 
+class PublisherPort:
+    """A publisher. What the transport cannot carry (a string longer than its bound) is reported once."""
+
+    def __init__(
+        self, publisher: Publisher, channel: str, fault: Callable[[str, str], None]
+    ) -> None:
+        self._publisher = publisher
+        self._channel = channel
+        self._fault = fault
+
+    def publish(self, message: Message) -> None:
+        """Publish ``message``."""
+        try:
+            self._publisher.publish(message)
+        except TransportError as error:
+            self._fault(self._channel, str(error))
+
+
 class ServerPort:
     """The requests of one service that wait for an answer.
 
-    A response answers the request being processed, else the oldest unanswered one.
+    A response answers the request being processed, else the oldest unanswered one. One that the transport
+    cannot carry is reported, and its request stays unanswered.
     """
 
-    def __init__(self, channel: str, log: logging.Logger, state: Callable[[], str]) -> None:
+    def __init__(
+        self,
+        channel: str,
+        log: logging.Logger,
+        state: Callable[[], str],
+        fault: Callable[[str, str], None],
+    ) -> None:
         self._channel = channel
         self._log = log
         self._state = state
+        self._fault = fault
         self._waiting: deque[Request] = deque()
         self._current: Request | None = None
 
@@ -244,7 +278,10 @@ class ServerPort:
         if self._current is not None and self._current in self._waiting:
             request = self._current
         self._waiting.remove(request)
-        request.respond(response)
+        try:
+            request.respond(response)
+        except TransportError as error:
+            self._fault(self._channel, str(error))
 
 
 class ClientPort:
@@ -259,6 +296,7 @@ class ClientPort:
         error: Callable[[], bool] | None,
         log: logging.Logger,
         state: Callable[[], str],
+        fault: Callable[[str, str], None],
     ) -> None:
         self._client = client
         self._channel = channel
@@ -267,10 +305,14 @@ class ClientPort:
         self._error = error
         self._log = log
         self._state = state
+        self._fault = fault
 
     def call(self, request: Message) -> None:
         """Send ``request`` and go on; the response is an event."""
-        self._client.call(request, self._done, self._timeout_s)
+        try:
+            self._client.call(request, self._done, self._timeout_s)
+        except TransportError as error:
+            self._fault(self._channel, str(error))
 
     def _done(self, result: CallResult) -> None:
         if result.outcome is CallOutcome.RESPONSE:
@@ -389,12 +431,14 @@ class ActionClientPort:
         timeout_s: float,
         handlers: GoalHandlers,
         log: logging.Logger,
+        fault: Callable[[str, str], None],
     ) -> None:
         self._client = client
         self._channel = channel
         self._timeout_s = timeout_s
         self._handlers = handlers
         self._log = log
+        self._fault = fault
         self._ids: dict[int, str] = {}
         self._last = 0
 
@@ -441,7 +485,10 @@ class ActionClientPort:
             result=result,
             failed=failed,
         )
-        self._ids[number] = self._client.send_goal(goal, events, self._timeout_s)
+        try:
+            self._ids[number] = self._client.send_goal(goal, events, self._timeout_s)
+        except TransportError as error:
+            self._fault(self._channel, str(error))
 
     def send_cancel(self, goal_id: int | None) -> None:
         """Ask to cancel the goal; None: the last one sent."""

@@ -7,163 +7,129 @@ where the static types do not already settle the meaning.
 
 from __future__ import annotations
 
+import copy
+import functools
 import math
 import random as _random
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
-MAX_SAFE_INTEGER = 2**53
-"""Beyond it an ECMAScript number is a double that no longer holds every integer."""
+import msgspec
+
+from m2c.runtime.conversion import (
+    MAX_LENGTH,
+    MAX_SAFE_INTEGER,
+    ExecutionError,
+    check_length,
+    to_array,
+    to_double,
+    to_flag,
+    to_float32,
+    to_float64,
+    to_int8,
+    to_int16,
+    to_int32,
+    to_int64,
+    to_message,
+    to_number,
+    to_object,
+    to_string,
+    to_text,
+    to_uint8,
+    to_uint16,
+    to_uint32,
+    to_uint64,
+    to_untyped,
+    to_untyped_number,
+    truthy,
+    type_name,
+)
+
+__all__ = [
+    "CONSTANTS",
+    "MATH",
+    "MAX_LENGTH",
+    "MAX_SAFE_INTEGER",
+    "ExecutionError",
+    "add",
+    "divide",
+    "element",
+    "equals",
+    "is_object",
+    "less",
+    "less_or_equal",
+    "member",
+    "multiply",
+    "negate",
+    "power",
+    "remainder",
+    "set_element",
+    "set_member",
+    "strict_equals",
+    "subtract",
+    "to_array",
+    "to_flag",
+    "to_float32",
+    "to_float64",
+    "to_int8",
+    "to_int16",
+    "to_int32",
+    "to_int64",
+    "to_message",
+    "to_number",
+    "to_object",
+    "to_string",
+    "to_text",
+    "to_uint8",
+    "to_uint16",
+    "to_uint32",
+    "to_uint64",
+    "to_untyped",
+    "to_untyped_number",
+    "truthy",
+    "type_name",
+]
+"""What generated code calls, conversions included; the operators stand here."""
+
 
 _ARRAY_INDEX = re.compile(r"(0|[1-9][0-9]{0,9})\Z")
 
 
-class ExecutionError(Exception):
-    """An expression that ECMAScript would not evaluate either; SCXML's ``error.execution``."""
+_NUMERIC = frozenset({int, float})
 
 
-def to_string(value: Any) -> str:
-    """ECMA-262 7.1.17 ToString; numbers as in 6.1.6.1.20."""
-    match value:
-        case str():
-            return value
-        case None:
-            return "undefined"
-        case bool():
-            return "true" if value else "false"
-        case int():
-            return str(value) if abs(value) <= MAX_SAFE_INTEGER else _float_text(float(value))
-        case float():
-            return _float_text(value)
-        case list():
-            return ",".join("" if item is None else to_string(item) for item in value)
-        case _:
-            return "[object Object]"
-
-
-def _float_text(value: float) -> str:
-    if math.isnan(value):
-        return "NaN"
-    if math.isinf(value):
-        return "Infinity" if value > 0 else "-Infinity"
-    if value == 0:
-        return "0"
-    sign = "-" if value < 0 else ""
-    mantissa, _, exponent = f"{abs(value)!r}".partition("e")
-    whole, _, fraction = mantissa.partition(".")
-    fraction = "" if fraction == "0" else fraction
-    digits = (whole + fraction).lstrip("0")
-    point = len(whole) + int(exponent or 0)
-    if whole == "0":
-        point -= 1 + len(fraction) - len(fraction.lstrip("0"))
-    digits = digits.rstrip("0") or "0"
-    count = len(digits)
-    if count <= point <= 21:
-        return sign + digits + "0" * (point - count)
-    if 0 < point <= 21:
-        return f"{sign}{digits[:point]}.{digits[point:]}"
-    if -6 < point <= 0:
-        return f"{sign}0.{'0' * -point}{digits}"
-    power = point - 1
-    tail = f".{digits[1:]}" if count > 1 else ""
-    return f"{sign}{digits[0]}{tail}e{'+' if power >= 0 else '-'}{abs(power)}"
-
-
-def to_number(value: Any) -> int | float:
-    """ECMA-262 7.1.4 ToNumber; ``undefined`` is NaN."""
-    match value:
-        case bool():
-            return int(value)
-        case int():
-            return value if abs(value) <= MAX_SAFE_INTEGER else float(value)
-        case float():
-            return value
-        case None:
-            return math.nan
-        case str():
-            return _number_of_text(value.strip())
-        case list():
-            return to_number(to_string(value))
-        case _:
-            return math.nan
-
-
-def _number_of_text(text: str) -> int | float:
-    if not text:
-        return 0
-    for prefix, base in (("0x", 16), ("0o", 8), ("0b", 2)):
-        if text.lower().startswith(prefix):
-            try:
-                return int(text[2:], base) if "_" not in text else math.nan
-            except ValueError:
-                return math.nan
-    if text.lstrip("+-") == "Infinity" and len(text) <= 9:
-        return -math.inf if text[0] == "-" else math.inf
-    if any(letter not in "0123456789.eE+-" for letter in text):
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        return math.nan
-    return int(value) if value.is_integer() and abs(value) <= MAX_SAFE_INTEGER else value
-
-
-def truthy(value: Any) -> bool:
-    """ECMA-262 7.1.2 ToBoolean: 0, NaN, "", null and undefined are false; all objects are true."""
-    if isinstance(value, bool):
-        return value
-    if value is None:
-        return False
-    if isinstance(value, int | float):
-        return value != 0 and value == value  # noqa: PLR0124 - NaN differs from itself
-    if isinstance(value, str):
-        return value != ""
-    return True
-
-
-def type_name(value: Any) -> str:
-    """``typeof`` (ECMA-262 13.5.3)."""
-    match value:
-        case None:
-            return "undefined"
-        case bool():
-            return "boolean"
-        case int() | float():
-            return "number"
-        case str():
-            return "string"
-        case _:
-            return "object"
+def is_object(value: Any) -> bool:
+    """Whether ``value`` is an array, an object or a message (ECMA-262 6.1.7)."""
+    return value is not None and not isinstance(value, str | bool | int | float)
 
 
 def add(left: Any, right: Any) -> Any:
     """``+``: concatenation if either side is a string or an object, else a sum."""
-    if isinstance(left, str | list | dict) or isinstance(right, str | list | dict):
-        return to_string(left) + to_string(right)
-    return to_number(left) + to_number(right)
+    if left.__class__ not in _NUMERIC or right.__class__ not in _NUMERIC:
+        left, right = _primitive(left), _primitive(right)
+        if isinstance(left, str) or isinstance(right, str):
+            return to_string(left) + to_string(right)
+    return to_double(to_double(left) + to_double(right))
 
 
 def subtract(left: Any, right: Any) -> int | float:
     """``-`` of operands of any type."""
-    return to_number(left) - to_number(right)
+    return to_double(to_double(left) - to_double(right))
 
 
 def multiply(left: Any, right: Any) -> int | float:
     """``*`` of operands of any type."""
-    return _product(to_number(left), to_number(right))
-
-
-def _product(left: int | float, right: int | float) -> int | float:
-    product = left * right
-    if isinstance(product, int) and product == 0 and (left < 0 or right < 0):
+    first, second = to_double(left), to_double(right)
+    product = first * second
+    if product == 0 and isinstance(product, int) and (first < 0 or second < 0):
         return -0.0  # integers have one zero; floats keep its sign themselves
-    return product
+    return to_double(product)
 
 
 def divide(left: Any, right: Any) -> float:
     """``/``: x/0 is an infinity, 0/0 is NaN."""
-    dividend, divisor = to_number(left), to_number(right)
+    dividend, divisor = to_double(left), to_double(right)
     if divisor == 0:
         if dividend == 0 or dividend != dividend:  # noqa: PLR0124
             return math.nan
@@ -173,7 +139,7 @@ def divide(left: Any, right: Any) -> float:
 
 def remainder(left: Any, right: Any) -> int | float:
     """``%``: the sign is the dividend's."""
-    dividend, divisor = to_number(left), to_number(right)
+    dividend, divisor = to_double(left), to_double(right)
     if isinstance(dividend, int) and isinstance(divisor, int) and divisor:
         rest = abs(dividend) % abs(divisor)
         if dividend < 0:
@@ -184,9 +150,9 @@ def remainder(left: Any, right: Any) -> int | float:
     return math.fmod(dividend, divisor)
 
 
-def power(left: Any, right: Any) -> int | float:
+def power(left: Any, right: Any) -> float:
     """``**`` (ECMA-262 6.1.6.1.3)."""
-    base, exponent = to_number(left), to_number(right)
+    base, exponent = to_double(left), to_double(right)
     if math.isnan(exponent) or (abs(base) == 1 and math.isinf(exponent)):
         return math.nan
     try:
@@ -209,19 +175,15 @@ def negate(value: Any) -> int | float:
 
 def equals(left: Any, right: Any) -> bool:
     """``==`` (ECMA-262 7.2.13 IsLooselyEqual)."""
+    if isinstance(left, int | float) and isinstance(right, int | float):
+        return bool(left == right)
     if left is None or right is None:
         return left is right
-    if isinstance(left, list | dict) and isinstance(right, list | dict):
+    if is_object(left) and is_object(right):
         return left is right
+    left, right = _primitive(left), _primitive(right)
     if isinstance(left, str) and isinstance(right, str):
         return left == right
-    if isinstance(left, list | dict) and isinstance(right, str):
-        return to_string(left) == right
-    if isinstance(right, list | dict) and isinstance(left, str):
-        return left == to_string(right)
-    comparable = (bool, int, float, str, list, dict)
-    if not isinstance(left, comparable) or not isinstance(right, comparable):
-        return left is right
     return bool(to_number(left) == to_number(right))
 
 
@@ -236,23 +198,45 @@ def strict_equals(left: Any, right: Any) -> bool:
 
 def less(left: Any, right: Any) -> bool:
     """``<`` (ECMA-262 7.2.12): strings by code unit, all else as numbers."""
+    if isinstance(left, int | float) and isinstance(right, int | float):
+        return bool(left < right)
     left, right = _primitive(left), _primitive(right)
     if isinstance(left, str) and isinstance(right, str):
-        return left.encode("utf-16-be") < right.encode("utf-16-be")
+        return _units(left) < _units(right)
     return bool(to_number(left) < to_number(right))
+
+
+def _units(text: str) -> bytes:
+    """The UTF-16 code units of ``text``, in an order in which bytes compare as they do."""
+    return text.encode("utf-16-be", "surrogatepass")
 
 
 def _primitive(value: Any) -> Any:
     """ECMA-262 7.1.1 ToPrimitive: objects as their text."""
-    return to_string(value) if isinstance(value, list | dict) else value
+    return to_string(value) if is_object(value) else value
 
 
 def less_or_equal(left: Any, right: Any) -> bool:
     """``<=``; false if either side is NaN."""
+    if isinstance(left, int | float) and isinstance(right, int | float):
+        return bool(left <= right)
     left, right = _primitive(left), _primitive(right)
     if isinstance(left, str) and isinstance(right, str):
-        return left.encode("utf-16-be") <= right.encode("utf-16-be")
+        return _units(left) <= _units(right)
     return bool(to_number(left) <= to_number(right))
+
+
+def _attribute(value: Any, name: str) -> str | None:
+    """The attribute of a message that holds its field ``name``; None if there is no such field."""
+    if not isinstance(value, msgspec.Struct):
+        return None
+    return _attributes(type(value)).get(name)
+
+
+@functools.lru_cache(maxsize=1024)
+def _attributes(message: type[msgspec.Struct]) -> dict[str, str]:
+    """The attribute of each field: another than its name where that is a word of Python."""
+    return dict(zip(message.__struct_encode_fields__, message.__struct_fields__, strict=True))
 
 
 def member(value: Any, name: str) -> Any:
@@ -267,7 +251,8 @@ def member(value: Any, name: str) -> Any:
         return len(value)
     if isinstance(value, dict):
         return value.get(name)
-    return getattr(value, name, None)
+    attribute = _attribute(value, name)
+    return None if attribute is None else getattr(value, attribute)
 
 
 def element(value: Any, index: Any) -> Any:
@@ -289,68 +274,82 @@ def element(value: Any, index: Any) -> Any:
     return member(value, to_string(index))
 
 
-def set_member(value: Any, name: str, new: Any) -> None:
+def set_member(
+    value: Any,
+    name: str,
+    new: Any,
+    fill: Any = None,
+    most: int | None = None,
+    least: int = 0,
+) -> None:
     """``value.name = new``; ``length`` of an array truncates or extends it.
 
+    Args:
+        value: the object, message or array.
+        name: the field.
+        new: what goes there, converted to the field's type.
+        fill: the zero value of an array's elements, for those that ``length`` adds.
+        most: elements that the array may have; None: ``MAX_LENGTH``.
+        least: elements that it must have.
+
     Raises:
-        ExecutionError: ``value`` is undefined or takes no such field.
+        ExecutionError: ``value`` is undefined or takes no such field, or the length is none or not allowed.
     """
     if isinstance(value, list) and name == "length":
         length = to_number(new)
-        if length < 0 or length != math.floor(length) or length > MAX_LENGTH:
+        if not (0 <= length <= MAX_LENGTH and length == math.floor(length)):
             raise ExecutionError(f"invalid array length {to_string(new)}")
+        check_length(int(length), most, least)
         del value[int(length) :]
-        value.extend([None] * (int(length) - len(value)))
-    elif isinstance(value, dict):
+        _extend(value, int(length), fill)
+        return
+    if isinstance(value, dict):
         value[name] = new
-    else:
-        try:
-            setattr(value, name, new)
-        except AttributeError as error:
-            raise ExecutionError(f"cannot set `{name}` of {type_name(value)}") from error
+        return
+    attribute = _attribute(value, name)
+    if attribute is None:
+        raise ExecutionError(f"cannot set `{name}` of {type_name(value)}")
+    setattr(value, attribute, new)
 
 
-MAX_LENGTH = 1_000_000
-"""Longest array a model may make: a runaway index is a fault, not a reason to fill the memory."""
+def _extend(value: list[Any], length: int, fill: Any) -> None:
+    """Append ``fill``, a new one each time, until there are ``length`` elements."""
+    value.extend(copy.deepcopy(fill) for _ in range(length - len(value)))
 
 
-def set_element(value: Any, index: Any, new: Any, fill: Any = None) -> None:
+def set_element(
+    value: Any, index: Any, new: Any, fill: Any = None, most: int | None = None
+) -> None:
     """``value[index] = new``; at or past the end the array grows, with ``fill`` in between.
 
+    Args:
+        value: the array, or an object.
+        index: the place.
+        new: what goes there, converted to the element's type.
+        fill: the zero value of the elements, for those in between.
+        most: elements that the array may have; None: ``MAX_LENGTH``.
+
     Raises:
-        ExecutionError: not an array, or not a valid index.
+        ExecutionError: neither an array nor an object, or not a valid index.
     """
     if isinstance(value, dict):
         value[to_string(index)] = new
         return
-    number = to_number(index)
-    if not isinstance(value, list) or number != number or number != math.floor(number):  # noqa: PLR0124
+    number = to_double(index)
+    if not isinstance(value, list) or not math.isfinite(number) or number != math.floor(number):
         raise ExecutionError(f"cannot set element {to_string(index)} of {type_name(value)}")
     position = int(number)
-    if not 0 <= position < MAX_LENGTH:
-        raise ExecutionError(f"index {position} is out of range")
+    if not 0 <= position < (MAX_LENGTH if most is None else most):
+        raise ExecutionError(f"index {to_string(number)} is out of range")
     if position >= len(value):
-        value.extend([fill] * (position - len(value) + 1))
+        _extend(value, position + 1, fill)
     value[position] = new
-
-
-def integer(value: Any) -> Any:
-    """A number for an integer location: a whole float becomes an int.
-
-    Raises:
-        ExecutionError: the number is not whole.
-    """
-    if isinstance(value, float):
-        if not value.is_integer():
-            raise ExecutionError(f"{to_string(value)} is not a whole number")
-        return int(value)
-    return value
 
 
 def _guarded(function: Callable[[float], float]) -> Callable[[Any], float]:
     def call(value: Any) -> float:
         try:
-            return function(float(to_number(value)))
+            return function(float(to_double(value)))
         except ValueError:
             return math.nan
         except OverflowError:
@@ -362,14 +361,18 @@ def _guarded(function: Callable[[float], float]) -> Callable[[Any], float]:
 def _rounding(function: Callable[[float], int]) -> Callable[[Any], int | float]:
     def call(value: Any) -> int | float:
         number = to_number(value)
-        if isinstance(number, int):
-            return number
-        if not math.isfinite(number):
-            return number
+        if isinstance(number, int) or not abs(number) < MAX_SAFE_INTEGER:
+            return number  # whole, or not finite
         rounded = function(number)
         return -0.0 if rounded == 0 and math.copysign(1, number) < 0 else rounded
 
     return call
+
+
+def _nearest(number: float) -> int:
+    """ECMA-262 21.3.2.28 Math.round: halves upwards; ``number + 0.5`` would itself be rounded."""
+    below = math.floor(number)
+    return below + 1 if number - below >= 0.5 else below
 
 
 def _logarithm(function: Callable[[float], float]) -> Callable[[Any], float]:
@@ -382,11 +385,10 @@ def _extreme(pick: Callable[..., Any], empty: float) -> Callable[..., int | floa
         numbers = [to_number(value) for value in values]
         if any(number != number for number in numbers):  # noqa: PLR0124
             return math.nan
-        zeros = [number for number in numbers if number == 0]
         result: int | float = pick(numbers, default=empty)
-        if result == 0 and zeros:
-            signs = [math.copysign(1.0, zero) for zero in zeros]
-            return -0.0 if pick(signs) < 0 else 0
+        if result == 0:  # -0 is less than 0, which Python's comparison does not tell
+            zeros = [number for number in numbers if number == 0]
+            return cast("int | float", pick(zeros, key=lambda zero: math.copysign(1.0, zero)))
         return result
 
     return call
@@ -402,11 +404,11 @@ def _sign(value: Any) -> int | float:
 
 
 def _hypot(*values: Any) -> float:
-    return math.hypot(*(float(to_number(value)) for value in values))
+    return math.hypot(*(float(to_double(value)) for value in values))
 
 
 def _atan2(left: Any, right: Any) -> float:
-    return math.atan2(to_number(left), to_number(right))
+    return math.atan2(to_double(left), to_double(right))
 
 
 MATH: dict[str, Callable[..., Any]] = {
@@ -428,7 +430,7 @@ MATH: dict[str, Callable[..., Any]] = {
     "min": _extreme(min, math.inf),
     "pow": power,
     "random": _random.random,
-    "round": _rounding(lambda number: math.floor(number + 0.5)),
+    "round": _rounding(_nearest),
     "sign": _sign,
     "sin": _guarded(math.sin),
     "sqrt": _guarded(math.sqrt),

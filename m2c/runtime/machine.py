@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from m2c.model.durations import parse_duration
-from m2c.runtime.ecmascript import ExecutionError, to_string
+from m2c.runtime.conversion import ExecutionError, to_double, to_string
+
+MAX_DELAY_S = 2**63 // 10**9
+"""Timers count nanoseconds in 64 bits: 292 years."""
 
 
 class EndlessLoopError(Exception):
@@ -26,12 +29,14 @@ def seconds(value: Any) -> float:
     """Seconds of a ``delayexpr``: a time such as ``'5s'``, or a number of milliseconds.
 
     Raises:
-        ExecutionError: it is neither.
+        ExecutionError: it is neither, or longer than ``MAX_DELAY_S``.
     """
+    parsed: float | None
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return value / 1000
-    parsed = parse_duration(to_string(value))
-    if parsed is None:
+        parsed = to_double(value) / 1000
+    else:
+        parsed = parse_duration(to_string(value))
+    if parsed is None or not parsed <= MAX_DELAY_S:
         raise ExecutionError(f"`{to_string(value)}` is not a time such as 5s or 200ms")
     return parsed
 

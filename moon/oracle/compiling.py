@@ -6,8 +6,7 @@ import copy
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from m2c.model.datatypes import Array, DataType, Structure
-from m2c.model.durations import parse_duration
+from m2c.model.datatypes import ANY, INT64, Array, DataType, Structure
 from m2c.model.expressions import Expression, Index, Literal, Member, Variable
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -25,9 +24,11 @@ from m2c.model.machine import (
 )
 from m2c.model.scopes import event_parts, output_data_type
 from m2c.model.typing import Scope, type_of
+from m2c.model.values import zero
 from m2c.model.walk import root_of
 from m2c.runtime import ecmascript
-from moon.oracle.expressions import Closures, zero
+from m2c.runtime.machine import seconds
+from moon.oracle.expressions import Closures
 from moon.oracle.step import Action, Delayed, Output, StateProgram, Step, TransitionProgram, holds
 from moon.oracle.unknowns import Unknown, anything
 
@@ -87,7 +88,8 @@ class Compiler:
         return program
 
     def _closures(self, parts: Mapping[str, DataType]) -> Closures:
-        return Closures(self._variables, Scope(self._types, parts), self._symbolic)
+        ports = {port.key: port.type for port in self._machine.ports if not port.output}
+        return Closures(self._variables, Scope(self._types, parts, ports), self._symbolic)
 
     def _transition(self, transition: Transition) -> TransitionProgram:
         event = transition.event
@@ -180,8 +182,10 @@ class Compiler:
         assert isinstance(location, Member | Index)
         holder = closures.value(location.object)
         index = None if isinstance(location, Member) else closures.value(location.index)
-        fill_type = type_of(location.object, Scope(self._types))
-        fill = zero(fill_type.element) if isinstance(fill_type, Array) else None
+        owner = type_of(location.object, Scope(self._types))
+        fill = zero(owner.element) if isinstance(owner, Array) else None
+        most = owner.length if isinstance(owner, Array) else None
+        least = most or 0 if isinstance(owner, Array) and owner.fixed else 0
 
         def assign_part(step: Step) -> None:
             made = new(step)
@@ -193,22 +197,23 @@ class Compiler:
             if target.__class__ is Unknown:
                 return
             if isinstance(location, Member):
-                ecmascript.set_member(target, location.name, made)
+                ecmascript.set_member(target, location.name, made, fill, most, least)
                 return
             assert index is not None
             place = index(step)
             if place.__class__ is Unknown:
                 step.data[root] = anything()
                 return
-            ecmascript.set_element(target, place, made, fill=copy.deepcopy(fill))
+            ecmascript.set_element(target, place, made, fill, most)
 
         return assign_part
 
     def _emit(self, emit: Emit, closures: Closures) -> Action:
         structure = output_data_type(emit.kind, emit.interface, self._owner, self._library)
-        write = _message_writer(structure, emit, closures)
-        goal = None if emit.goal_id is None else closures.value(emit.goal_id)
-        thread = None if emit.thread_id is None else closures.value(emit.thread_id)
+        ports = {port.key: port.type for port in self._machine.ports if port.output}
+        write = _message_writer(structure, emit, closures, ports.get(emit.interface))
+        goal = None if emit.goal_id is None else closures.value(emit.goal_id, INT64)
+        thread = None if emit.thread_id is None else closures.value(emit.thread_id, INT64)
         kind, interface, position = emit.kind, emit.interface, emit.position
 
         def run(step: Step) -> None:
@@ -227,7 +232,7 @@ class Compiler:
         return run
 
     def _raise(self, statement: Raise, closures: Closures) -> Action:
-        fields = [(field.name, closures.value(field.value)) for field in statement.fields]
+        fields = [(field.name, closures.value(field.value, ANY)) for field in statement.fields]
         name = statement.event
 
         def data(step: Step) -> Any:
@@ -243,24 +248,24 @@ class Compiler:
         identifier = statement.id
 
         def send(step: Step) -> None:
-            seconds = fixed
-            if seconds is None and delay is not None:
-                seconds = _seconds(delay(step))
+            delay_s = fixed
+            if delay_s is None and delay is not None:
+                delay_s = _seconds(delay(step))
             step.scheduled.append(
-                Delayed((EventKind.INTERNAL, name), seconds, data(step), identifier)
+                Delayed((EventKind.INTERNAL, name), delay_s, data(step), identifier)
             )
 
         return send
 
 
 def _message_writer(
-    structure: Structure | None, emit: Emit, closures: Closures
+    structure: Structure | None, emit: Emit, closures: Closures, port: DataType | None
 ) -> Callable[[Step], Any]:
     """A closure that makes the message of an output, with zero values where no field is set."""
     if structure is None:
         if not emit.fields:
             return lambda step: None
-        values = [(field.name, closures.value(field.value)) for field in emit.fields]
+        values = [(field.name, closures.value(field.value, port)) for field in emit.fields]
         return lambda step: {name: value(step) for name, value in values}
     template = zero(structure)
     nested = any(not isinstance(item, bool | int | float | str) for item in template.values())
@@ -300,11 +305,4 @@ def _evaluate_only(value: Callable[[Step], Any], step: Step) -> None:
 
 def _seconds(value: Any) -> Any:
     """Seconds of a ``delayexpr`` (see ``m2c.runtime.machine.seconds``)."""
-    if value.__class__ is Unknown:
-        return value
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return value / 1000
-    parsed = parse_duration(ecmascript.to_string(value))
-    if parsed is None:
-        raise ecmascript.ExecutionError(f"`{ecmascript.to_string(value)}` is not a time")
-    return parsed
+    return value if value.__class__ is Unknown else seconds(value)

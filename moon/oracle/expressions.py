@@ -7,10 +7,12 @@ are known, and one that also takes :class:`~moon.oracle.unknowns.Unknown` values
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
+from m2c.model.certainty import Certainty, Fit
+from m2c.model.datatypes import ANY, Array, DataType, Structure
 from m2c.model.evaluate import OPERATORS
 from m2c.model.expressions import (
     ArrayLiteral,
@@ -30,8 +32,10 @@ from m2c.model.expressions import (
     Variable,
 )
 from m2c.model.typing import Scope, type_of
+from m2c.model.values import converter, zero
 from m2c.model.vocabulary import STATUSES
 from m2c.runtime import ecmascript
+from m2c.runtime.conversion import check_length
 from moon.oracle import unknowns
 from moon.oracle.unknowns import Unknown
 
@@ -58,15 +62,66 @@ class Closures:
     def __init__(self, variables: Mapping[str, int], scope: Scope, symbolic: bool) -> None:
         self._variables = variables
         self._scope = scope
+        self._certainty = Certainty(scope)
         self._symbolic = symbolic
 
     def value(self, node: Expression, target: DataType | None = None) -> Evaluate:
-        """A closure for ``node`` as a value for a place of type ``target``."""
+        """A closure for ``node`` as a value for a place of type ``target``, converted to that type."""
+        match node:
+            case Conditional(test=test, then=then, otherwise=otherwise) if target is not None:
+                chosen = self.condition(test)
+                first, second = self.value(then, target), self.value(otherwise, target)
+                return lambda step: first(step) if chosen(step) else second(step)
+            case ArrayLiteral(elements=elements) if isinstance(target, Array):
+                return self._array(elements, target)
+            case ObjectLiteral(entries=entries) if isinstance(target, Structure) and target.name:
+                return self._message(entries, target)
         evaluate = self._compile(node)
-        convert = None if target is None else coercion(target)
-        if convert is None:
+        if target is None:
             return evaluate
-        return lambda step: convert(evaluate(step))
+        fit = self._certainty.fit(node, target)
+        if fit is Fit.AS_IS:
+            return evaluate
+        convert = converter(target)
+        if not self._symbolic:
+            return lambda step: convert(evaluate(step))
+        lenient = converter(target, unknowns.tolerant)
+        fails = fit is Fit.MAY_FAIL
+
+        def converted(step: Step) -> Any:
+            value = evaluate(step)
+            if not unknowns.is_unknown(value):
+                return convert(value)
+            if fails and not unknowns.is_whole(value, target) and not step.either():
+                raise ecmascript.ExecutionError("a value that is not known may not fit")
+            return lenient(value)
+
+        return converted
+
+    def _array(self, elements: tuple[Expression, ...], target: Array) -> Evaluate:
+        if not elements and target.fixed:
+            return lambda step: zero(target)
+        items = [self.value(element, target.element) for element in elements]
+        least = (target.length or 0) if target.fixed else 0
+
+        def make(step: Step) -> list[Any]:
+            made = [item(step) for item in items]
+            check_length(len(made), target.length, least)
+            return made
+
+        return make
+
+    def _message(self, entries: tuple[tuple[str, Expression], ...], target: Structure) -> Evaluate:
+        template = zero(target)
+        pairs = [(key, self.value(value, target.field(key))) for key, value in entries]
+
+        def make(step: Step) -> dict[str, Any]:
+            made: dict[str, Any] = copy.deepcopy(template)
+            for key, value in pairs:
+                made[key] = value(step)
+            return made
+
+        return make
 
     def condition(self, node: Expression) -> Callable[[Step], bool]:
         """A closure for ``node`` as a condition."""
@@ -145,10 +200,10 @@ class Closures:
                 constant = ecmascript.CONSTANTS[name]
                 return lambda step: constant
             case ArrayLiteral(elements=elements):
-                items = [self._compile(element) for element in elements]
+                items = [self.value(element, ANY) for element in elements]
                 return lambda step: [item(step) for item in items]
             case ObjectLiteral(entries=entries):
-                pairs = [(key, self._compile(value)) for key, value in entries]
+                pairs = [(key, self.value(value, ANY)) for key, value in entries]
                 return lambda step: {key: value(step) for key, value in pairs}
 
     def _member(self, inner: Expression, name: str) -> Evaluate:
@@ -245,83 +300,3 @@ def _element(value: Any, index: Any) -> Any:
     if value.__class__ is Unknown or index.__class__ is Unknown:
         return unknowns.anything()
     return ecmascript.element(value, index)
-
-
-# --- values of a type ------------------------------------------------------------------------------
-
-
-def zero(kind: DataType) -> Any:
-    """The zero value of ``kind`` as plain data (ROS 2's initial value of a field)."""
-    match kind:
-        case Primitive("bool"):
-            return False
-        case Primitive("string"):
-            return ""
-        case Primitive() if is_integer(kind):
-            return 0
-        case Primitive(name) if name in ("any", "null"):
-            return None
-        case Primitive():
-            return 0.0
-        case Structure():
-            declared = dict(kind.defaults)
-            return {
-                name: _plain(declared[name]) if name in declared else zero(inner)
-                for name, inner in kind.fields
-            }
-        case Array(element, length, True):
-            return [zero(element) for _ in range(length or 0)]
-        case Array():
-            return []
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def coercion(kind: DataType) -> Callable[[Any], Any] | None:
-    """What a value becomes in a place of type ``kind``; None if it stays as it is."""
-    match kind:
-        case Primitive() if is_integer(kind):
-            return _to_integer
-        case Primitive("float32") | Primitive("float64"):
-            return _to_float
-        case Structure() if kind.name:
-            return _structured(kind)
-        case Array(element, _, _):
-            convert = coercion(element)
-            if convert is None:
-                return None
-            return lambda value: (
-                [convert(item) for item in value] if isinstance(value, list) else value
-            )
-        case _:
-            return None
-
-
-def _to_integer(value: Any) -> Any:
-    if value.__class__ is int:
-        return value
-    if value.__class__ is Unknown:
-        return value
-    return ecmascript.integer(value)
-
-
-def _to_float(value: Any) -> Any:
-    return value if value.__class__ is Unknown else float(ecmascript.to_number(value))
-
-
-def _structured(kind: Structure) -> Callable[[Any], Any]:
-    conversions = {name: coercion(inner) for name, inner in kind.fields}
-    template = zero(kind)
-
-    def convert(value: Any) -> Any:
-        if not isinstance(value, dict):
-            return value
-        made = dict(template)
-        for name, item in value.items():
-            inner = conversions.get(name)
-            made[name] = item if inner is None else inner(item)
-        return made
-
-    return convert

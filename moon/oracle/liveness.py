@@ -6,36 +6,44 @@ hypotheses: the oracle leaves its assignments out (live variable analysis over t
 
 from __future__ import annotations
 
-from m2c.model.datatypes import is_integer
-from m2c.model.expressions import (
-    Binary,
-    Conditional,
-    EventData,
-    Expression,
-    Literal,
-    Member,
-    Unary,
-    Variable,
-    children,
-)
-from m2c.model.machine import Assign, Emit, If, Machine, Raise
-from m2c.model.typing import Scope, type_of
-from m2c.model.walk import root_of, statements_of, variables_of
+from collections.abc import Iterator, Mapping
+
+from m2c.model.certainty import Certainty, Fit
+from m2c.model.datatypes import DataType
+from m2c.model.expressions import Expression, Variable
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import Assign, Emit, If, Log, Machine, Raise, Statement
+from m2c.model.scopes import event_parts
+from m2c.model.typing import Scope
+from m2c.model.walk import flat, root_of, variables_of
 
 
-def live_variables(machine: Machine) -> frozenset[str]:
-    """Variables on which conditions, outputs, events and delays depend, directly or not."""
+def live_variables(
+    machine: Machine, library: InterfaceLibrary, owner: Machine | None = None
+) -> frozenset[str]:
+    """Variables on which conditions, outputs, events and delays depend, directly or not.
+
+    Args:
+        machine: the model, or an action thread.
+        library: its message types.
+        owner: the machine that declares the interfaces (differs for an action thread).
+    """
     live = {
         name
         for state in machine.states
         for transition in state.transitions
         for name in variables_of(transition.cond)
     }
+    types = {data.name: data.type for data in machine.data}
+    ports = {port.key: port.type for port in machine.ports if not port.output}
     assigns: list[Assign] = []
-    for statement in statements_of(machine):
+    for statement, parts in _statements(machine, library, owner or machine):
+        certainty = Certainty(Scope(types, parts, ports))
         match statement:
-            case Assign():
+            case Assign(location=location, value=value):
                 assigns.append(statement)
+                if not _cannot_fail(location, value, types, certainty):
+                    live.add(root_of(location))  # what fails ends its block, which is seen
             case Emit(fields=fields, goal_id=goal, thread_id=thread):
                 live.update(v for field in fields for v in variables_of(field.value))
                 live.update((*variables_of(goal), *variables_of(thread)))
@@ -46,12 +54,10 @@ def live_variables(machine: Machine) -> frozenset[str]:
                 live.update(variables_of(delay))
             case If(branches=branches):
                 live.update(v for test, _ in branches for v in variables_of(test))
+            case Log(value=value) if value is not None and certainty.may_throw(value):
+                live.update(variables_of(value))
             case _:
                 pass
-    scope = Scope({data.name: data.type for data in machine.data})
-    for assign in assigns:
-        if not _cannot_fail(assign, scope):  # what fails ends its block, which is seen
-            live.add(root_of(assign.location))
     while True:
         grown = set(live)
         for assign in assigns:
@@ -62,40 +68,25 @@ def live_variables(machine: Machine) -> frozenset[str]:
         live = grown
 
 
-def _cannot_fail(assign: Assign, scope: Scope) -> bool:
-    if not isinstance(assign.location, Variable):
+def _statements(
+    machine: Machine, library: InterfaceLibrary, owner: Machine
+) -> Iterator[tuple[Statement, Mapping[str, DataType]]]:
+    """Every statement with the parts of the event that it can read."""
+    for state in machine.states:
+        for transition in state.transitions:
+            parts = event_parts(transition.event, owner, library)
+            for block in (transition.body, *(target.body for target in transition.targets)):
+                yield from ((statement, parts) for statement in flat(block))
+        for block in (state.on_entry, state.on_exit):
+            yield from ((statement, {}) for statement in flat(block))
+
+
+def _cannot_fail(
+    location: Expression, value: Expression, types: Mapping[str, DataType], certainty: Certainty
+) -> bool:
+    if not isinstance(location, Variable):
         return False
-    target = scope.variables.get(assign.location.name)
-    if target is None or not _is_simple(assign.value, scope):
+    target = types.get(location.name)
+    if target is None or certainty.may_throw(value):
         return False
-    return not is_integer(target) or _is_whole(assign.value, scope)
-
-
-def _is_simple(expression: Expression, scope: Scope) -> bool:
-    """Whether evaluating ``expression`` cannot throw."""
-    match expression:
-        case Literal():
-            return True
-        case Variable(name=name):
-            return name in scope.variables
-        case Member(object=EventData(part="data")):
-            return True
-        case Unary() | Binary() | Conditional():
-            return all(_is_simple(child, scope) for child in children(expression))
-        case _:
-            return False
-
-
-def _is_whole(expression: Expression, scope: Scope) -> bool:
-    """Whether an integer location takes ``expression`` for sure."""
-    match expression:
-        case Member(object=EventData(part="data")):
-            return True  # an integer field, or ``m2c check`` would have said so
-        case Binary(operator="/"):
-            return False
-        case Binary(left=left, right=right):
-            return _is_whole(left, scope) and _is_whole(right, scope)
-        case Conditional(then=then, otherwise=otherwise):
-            return _is_whole(then, scope) and _is_whole(otherwise, scope)
-        case _:
-            return is_integer(type_of(expression, scope))
+    return certainty.fit(value, target) is not Fit.MAY_FAIL

@@ -7,7 +7,7 @@ from typing import Any
 
 from m2c.model.datatypes import Structure
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
-from moon.oracle.expressions import zero
+from m2c.model.values import zero
 from moon.oracle.facts import Fact, Role
 from transports.interface import Observation, ObservationKind
 

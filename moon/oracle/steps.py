@@ -16,9 +16,10 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Assign, EventKind, Machine
 from m2c.model.scopes import event_parts
 from m2c.model.typing import Scope
+from m2c.model.values import zero
 from m2c.model.walk import root_of, statements_of
 from moon.oracle.compiling import Compiler
-from moon.oracle.expressions import Closures, zero
+from moon.oracle.expressions import Closures
 from moon.oracle.liveness import live_variables
 from moon.oracle.step import Delayed, EventKey, StateProgram, Step, TransitionProgram, holds
 from moon.oracle.unknowns import anything
@@ -58,7 +59,7 @@ class MachineProgram:
         self.names = [data.name for data in machine.data]
         self._indices = {state.name: index for index, state in enumerate(machine.states)}
         self.initial = self._indices[machine.initial]
-        self.live = live_variables(machine)
+        self.live = live_variables(machine, library, self._owner)
         """Variables that make a difference to what is seen; others are left as they begin."""
         self._exact = self._compiled(symbolic=False)
         self.states = self._exact
@@ -95,7 +96,8 @@ class MachineProgram:
         """The datamodel before the first step."""
         made: list[Any] = []
         step = Step(self.initial, (), None, {}, [])
-        closures = Closures(self.variables, Scope(self._types), True)
+        ports = {port.key: port.type for port in self.machine.ports if not port.output}
+        closures = Closures(self.variables, Scope(self._types, {}, ports), True)
         for data in self.machine.data:
             if isinstance(data.initial, ObjectLiteral) and not data.initial.entries:
                 value = zero(data.type)

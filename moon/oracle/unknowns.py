@@ -11,7 +11,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from m2c.model.datatypes import INTEGER_RANGES, DataType, Primitive
 from m2c.runtime import ecmascript
+from m2c.runtime.conversion import Convert, to_float32
 
 
 class Unknown:
@@ -67,6 +69,33 @@ def is_unknown(value: Any) -> bool:
     if isinstance(value, dict):
         return any(is_unknown(item) for item in value.values())
     return False
+
+
+def is_whole(value: Any, target: DataType) -> bool:
+    """Whether ``value`` goes to a place of type ``target`` for sure: a whole number, into an integer."""
+    is_integer = isinstance(target, Primitive) and target.name in INTEGER_RANGES
+    return is_integer and isinstance(value, Unknown) and value.integer and not value.anything
+
+
+def tolerant(kind: DataType, convert: Convert) -> Convert:
+    """``convert``, the conversion to ``kind``, for values that may be unknown."""
+    return lambda value: _in_place(value, kind) if value.__class__ is Unknown else convert(value)
+
+
+def _in_place(value: Unknown, kind: DataType) -> Unknown:
+    """What is known of ``value`` once a place of type ``kind`` has taken it."""
+    match kind:
+        case Primitive(name) if name in INTEGER_RANGES:
+            low, high = INTEGER_RANGES[name]
+            if value.anything or not (low <= value.low and value.high <= high):
+                return Unknown(low, high, integer=True)  # it may have wrapped
+            if value.integer:
+                return value
+            return Unknown(math.ceil(value.low), math.floor(value.high), integer=True)
+        case Primitive("float32") if not value.anything:
+            return Unknown(to_float32(value.low), to_float32(value.high))
+        case _:
+            return value
 
 
 def _bounds(value: Any) -> tuple[float, float, bool] | None:
@@ -191,6 +220,8 @@ def narrowed(value: Unknown, operator: str, bound: float, holds: bool) -> Unknow
     if not holds:
         operator = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}[operator]
     low, high = value.low, value.high
+    if not math.isfinite(bound):
+        return value  # nothing is learnt from a comparison with an infinity
     if operator in ("<", "<="):
         most = math.ceil(bound) - 1 if value.integer and operator == "<" else bound
         high = min(high, most)

@@ -220,6 +220,10 @@ RULE_EXAMPLES: dict[str, Example] = {
     ),
     "type-mismatch": log("level == 'low'"),
     "out-of-range": data("int8", "300"),
+    "bad-initial-value": model(
+        '<datamodel><data id="levels" type="int8[]" expr="[1, 2]"/>'
+        f'<data id="n" type="int8" expr="levels[2]"/></datamodel>{STATE}'
+    ),
     "unknown-type": data("intt8", "0"),
     "bad-interface": definition("Level", "int32\n"),
     "recursive-type": definition("Level", "Level below\n"),

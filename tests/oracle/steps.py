@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import DataType, Primitive, is_integer
+from m2c.model.datatypes import DataType
 from m2c.model.evaluate import evaluate
 from m2c.model.expressions import (
     ArrayLiteral,
@@ -45,6 +45,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
+from m2c.model.values import convert
 from m2c.runtime import ecmascript
 
 MAX_STEPS = 1000
@@ -400,9 +401,7 @@ class _Macrostep:
             return False
 
     def _converted(self, value: Any, kind: DataType) -> Any:
-        if isinstance(kind, Primitive) and is_integer(kind):
-            return ecmascript.integer(value)
-        return copy.deepcopy(value)
+        return convert(value, kind)
 
 
 def _is_internal(name: str, transition: Transition) -> bool:

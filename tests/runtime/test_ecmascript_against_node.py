@@ -14,9 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from m2c.model import DiagnosticLog, Position
+from m2c.model.datatypes import Primitive
 from m2c.model.ecmascript import parse_expression
 from m2c.model.evaluate import evaluate
-from m2c.runtime.ecmascript import ExecutionError
+from m2c.model.values import convert
+from m2c.runtime.conversion import ExecutionError
 
 SERVER = """
 const lines = require('readline').createInterface({input: process.stdin});
@@ -125,6 +127,8 @@ ATOMS = st.one_of(
     st.sampled_from(
         ["0.1", "1e21", "1e-7", "'x'", "'7'", "''", "true", "false", "undefined", "[]"]
     ),
+    st.sampled_from(["1e308", "-0", "NaN", "Infinity", "5e-324", "'-0'", "'0x-1'", "'\\ufeff7'"]),
+    st.sampled_from(["9007199254740991", "4294967296", "0.49999999999999994", "-2147483648"]),
 )
 
 
@@ -180,6 +184,29 @@ CORNERS = [
     "Math.PI", "-zero", "zero * -1", "'' + [1, [2, 3]]", "1 < 2 < 3", "3 > 2 > 1", "+'0x1f'", "+' 12 '", "+'1_0'",
     "undefined + 1", "none[0] == undefined", "Infinity - Infinity", "'' + Infinity", "NaN != NaN",
 ]  # fmt: skip
+
+
+ARRAYS = {
+    **{f"int{bits}": f"Int{bits}Array" for bits in (8, 16, 32)},
+    **{f"uint{bits}": f"Uint{bits}Array" for bits in (8, 16, 32)},
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+@settings(max_examples=300, deadline=None)
+@given(number=st.one_of(st.integers(-(2**53), 2**53), st.integers(-(10**30), 10**30).map(float)))
+def test_a_whole_number_in_an_integer_is_what_node_s_typed_arrays_say(
+    node: Node, name: str, number: float
+) -> None:
+    reference = node.evaluate(f"{ARRAYS[name]}.of({number})[0]")
+    assert convert(number, Primitive(name)) == int(reference["n"])
+
+
+@settings(max_examples=300, deadline=None)
+@given(number=st.floats(allow_nan=False, allow_infinity=False))
+def test_a_number_in_a_float32_is_what_node_s_fround_says(node: Node, number: float) -> None:
+    reference = node.evaluate(f"Math.fround({number!r})")
+    assert convert(number, Primitive("float32")) == float(reference["n"])
 
 
 @pytest.mark.parametrize("text", CORNERS)

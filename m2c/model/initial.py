@@ -1,0 +1,47 @@
+"""The values that a machine's variables begin with."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from m2c.model.datatypes import Array
+from m2c.model.evaluate import evaluate
+from m2c.model.expressions import (
+    ArrayLiteral,
+    EventData,
+    Expression,
+    MathCall,
+    PortInput,
+    Variable,
+    children,
+)
+from m2c.model.machine import Data
+from m2c.model.values import convert, zero
+
+
+def is_settled(expression: Expression, known: Collection[str]) -> bool:
+    """Whether ``expression`` has one value, given those of the variables ``known``."""
+    match expression:
+        case Variable(name=name):
+            return name in known
+        case EventData() | PortInput() | MathCall(function="random"):
+            return False
+        case _:
+            return all(is_settled(child, known) for child in children(expression))
+
+
+def initial_value(data: Data, values: Mapping[str, Any]) -> Any:
+    """What ``data`` begins with, as plain data.
+
+    Args:
+        data: a variable whose initial value is settled.
+        values: of the variables before it.
+
+    Raises:
+        ExecutionError: it cannot be evaluated, or does not fit the variable's type.
+    """
+    is_empty = isinstance(data.initial, ArrayLiteral) and not data.initial.elements
+    if is_empty and isinstance(data.type, Array):
+        return zero(data.type)
+    return convert(evaluate(data.initial, values, {}), data.type)
