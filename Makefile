@@ -94,6 +94,7 @@ soak: $(VENV)/.installed compiled
 	$(BIN)/python -m tests.properties.soak --pairs 100000 --seconds 600
 	$(BIN)/python examples/lab_tour/faults/run.py --nominal 1800 --busy 2
 	$(BIN)/python -m tests.hostile.soak 20000
+	$(BIN)/python -m tests.codegen.limits --models 20000 --seed $$(date +%s)
 	$(BIN)/python -m tests.transports.ros2_soak 20
 
 clean:

@@ -42,10 +42,8 @@ def generate(
     launch description. The output is the same, byte for byte, each time; a file that somebody has
     edited is not overwritten.
 
-    With --templates DIR, a template of yours takes the place of ours with its name, or extends it, as
-    node.py.j2 with one line of a header does:
-    {% extends "m2c/node.py.j2" %}{% block header %}# Copyright ...{% endblock %}
-    What a template may rely on: docs/templates.md.
+    With --templates DIR, a template of yours takes the place of ours with its name, or extends it:
+    DIR/header.j2 with one line of a comment is a header in every file (docs/templates.md).
 
     Example: m2c generate examples/lab_tour/system.xml -o generated
     """
