@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-_RUFF = (sys.executable, "-m", "ruff")
+from ruff import find_ruff_bin
+
 _SETTINGS = (
     *("--isolated", "--no-cache", "--quiet", "--force-exclude", "--line-length", "100"),
     *("--target-version", "py311", "--config", "exclude=[]"),
@@ -57,7 +57,7 @@ def formatted(files: Mapping[str, str]) -> dict[str, str]:
         for step in _STEPS:
             # within the folder: where ruff runs, what it finds there counts as the project's own
             ran = subprocess.run(
-                [*_RUFF, *step, "."], cwd=folder, capture_output=True, text=True, check=False
+                [find_ruff_bin(), *step, "."], cwd=folder, capture_output=True, text=True, check=False
             )
             if ran.returncode:
                 of = re.search(r"\b([0-9]+)/", ran.stderr)
