@@ -57,7 +57,11 @@ def formatted(files: Mapping[str, str]) -> dict[str, str]:
         for step in _STEPS:
             # within the folder: where ruff runs, what it finds there counts as the project's own
             ran = subprocess.run(
-                [find_ruff_bin(), *step, "."], cwd=folder, capture_output=True, text=True, check=False
+                [find_ruff_bin(), *step, "."],
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                check=False,
             )
             if ran.returncode:
                 of = re.search(r"\b([0-9]+)/", ran.stderr)

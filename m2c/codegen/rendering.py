@@ -19,10 +19,15 @@ from markupsafe import Markup
 
 from m2c.codegen.program import CONTEXT_VERSION
 from m2c.codegen.source import FILTERS, PlainTextError, Source
+from m2c.model.file_size import size_of
+from m2c.model.paths import entries_below
 
 ENDING = ".j2"
 OURS = "m2c/"
 """``{% extends "m2c/node.py.j2" %}``: our template, where a user's own has the same name."""
+
+_MAX_BYTES = 1024 * 1024
+"""Ours have at most 8 kB."""
 
 _MARK_AS_PRINTABLE = ("e", "escape", "forceescape", "safe", "tojson", "urlize", "xmlattr")
 """Jinja's own filters whose results it prints as they are: right for HTML only, or for nothing."""
@@ -57,7 +62,7 @@ class Templates:
         self._own = _own_templates(folder) if folder is not None else frozenset()
         loaders: list[jinja2.BaseLoader] = [ours, jinja2.PrefixLoader({OURS.rstrip("/"): ours})]
         if folder is not None:
-            loaders.insert(0, jinja2.FileSystemLoader(folder))
+            loaders.insert(0, jinja2.FunctionLoader(self._text))
         self._environment = ImmutableSandboxedEnvironment(
             loader=jinja2.ChoiceLoader(loaders),
             undefined=jinja2.StrictUndefined,
@@ -72,6 +77,17 @@ class Templates:
         for name in _MARK_AS_PRINTABLE:
             del self._environment.filters[name]
         self._environment.globals["context_version"] = CONTEXT_VERSION
+
+    def _text(self, template: str) -> tuple[str, str, Callable[[], bool]] | None:
+        """The text of a template of the user's, its path, and whether it is still that (Jinja's loader)."""
+        if template not in self._own:
+            return None
+        assert self._folder is not None
+        path = self._folder / template
+        size = size_of(path)
+        if size > _MAX_BYTES:
+            raise ValueError(f"the template has {size} bytes; {_MAX_BYTES} are allowed")
+        return path.read_text(encoding="utf-8"), str(path), lambda: True
 
     def render(self, template: str, model: str, **context: object) -> str:
         """The text that ``template`` makes.
@@ -93,8 +109,8 @@ class Templates:
             what = f"there is no template `{error.name}`; ours are: {', '.join(self.names)}"
             raise self._fault(template, _line(error)[1], model, what) from error
         except OSError as error:
-            what = f"cannot be read: {error.strerror}"
-            raise self._fault(str(error.filename), 0, model, what) from error
+            what = f"cannot be read: {error.strerror or error}"
+            raise self._fault(str(error.filename or template), 0, model, what) from error
         except RecursionError as error:
             raise self._fault(
                 template, 0, model, "is nested too deep, or includes itself"
@@ -130,8 +146,14 @@ def our_templates() -> Templates:
 
 
 def _own_templates(folder: Path) -> frozenset[str]:
+    try:
+        found = entries_below(folder)
+    except OSError as error:
+        raise TemplateFault(
+            f"{folder}: no folder of templates: {error.strerror or error}"
+        ) from error
     return frozenset(
-        path.relative_to(folder).as_posix() for path in folder.rglob(f"*{ENDING}") if path.is_file()
+        path.relative_to(folder).as_posix() for path in found if path.name.endswith(ENDING)
     )
 
 

@@ -159,25 +159,39 @@ def test_a_template_that_is_no_text_is_one_line(tmp_path: Path) -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_a_template_that_is_a_loop_of_links_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "templates").mkdir()
-    loop = tmp_path / "templates" / "node.py.j2"
-    loop.symlink_to(loop)
+@pytest.mark.parametrize("what", ["loop", "device", "pipe", "folder", "large"])
+def test_a_template_that_is_no_file_to_be_read_is_one_line(what: str, tmp_path: Path) -> None:
+    path = tmp_path / "templates" / "node.py.j2"
+    path.parent.mkdir()
+    match what:
+        case "loop":
+            path.symlink_to(path)
+        case "device":
+            path.symlink_to("/dev/zero")
+        case "pipe":
+            os.mkfifo(path)
+        case "folder":
+            path.mkdir()
+        case "large":
+            path.write_text("x" * (1024 * 1024 + 1))
     done = run(tmp_path)
-    assert done.exit_code in (0, 2)
-    assert "Traceback" not in done.output
-    assert done.exception is None or isinstance(done.exception, SystemExit)
+    assert done.exit_code == 2
+    assert done.stderr.count("\n") == 1
+    assert "node.py.j2: for `BatteryLevelSkill`" in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("made", ["file", "nothing"])
+@pytest.mark.parametrize("made", ["file", "nothing", "everything"])
 def test_a_folder_of_templates_that_is_none_is_one_error(made: str, tmp_path: Path) -> None:
-    place = tmp_path / "templates"
+    place = Path("/") if made == "everything" else tmp_path / "templates"
     if made == "file":
         place.write_text("")
     arguments = [str(MODEL), "-o", str(tmp_path / "out"), "--templates", str(place)]
     done = CliRunner().invoke(generate, arguments)
     assert done.exit_code == 2
-    assert "--templates" in done.stderr
+    assert (
+        "--templates" if made != "everything" else "error: /: no folder of templates"
+    ) in done.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -124,6 +124,9 @@ def _check_code(case: Case, packaging: Packaging, files: Mapping[str, str]) -> N
             assert not missing, f"{role}: lost texts {missing!r}"
 
 
+_ATTRIBUTES = ("channel", "event", "label", "name", "port")
+"""Kinds of slots whose whole text is an attribute's value."""
+
 _SLOT_TEXT = re.compile(r"(/?)(zq\d+)")
 
 
@@ -139,7 +142,7 @@ def _expected_texts(case: Case, twin: Profile) -> Iterator[str]:
         if kinds[slot] == "variable":  # an identifier, which may be written in quotes, too
             continue
         text = case.text(slot)
-        if kinds[slot] == "label":  # the reader takes blanks around an attribute away
+        if kinds[slot] in _ATTRIBUTES:  # the reader takes blanks around them away
             text = text.strip()
             if not text:
                 continue
