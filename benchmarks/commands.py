@@ -49,7 +49,9 @@ def per_model(rounds: int) -> Row:
             theirs.append(time.perf_counter() - began)
     mine, peer = statistics.median(ours) * 1e3, statistics.median(theirs) * 1e3
     print(f"{'templates of a node':<26}{mine:6.2f} ms  {mine / peer:5.1f} x compiling the result")
-    return slower("filling in the templates of a node", mine, "ms", "CPython compiling the result", peer)
+    return slower(
+        "filling in the templates of a node", mine, "ms", "CPython compiling the result", peer
+    )
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ import msgspec
 
 from m2c.codegen.interfaces import zero_text
 from m2c.codegen.names import field_attribute
-from m2c.codegen.source import quoted
+from m2c.codegen.source import py, quoted
 from m2c.model.certainty import Certain, Certainty, Fit, is_float, is_native
 from m2c.model.datatypes import (
     ANY,
@@ -382,9 +382,5 @@ def _is_bool(node: Expression) -> bool:
 
 
 def _literal(value: bool | int | float | str | None) -> Code:
-    if isinstance(value, str):
-        return Code(quoted(value))
-    if isinstance(value, float) and not math.isfinite(value):
-        return Code(f'float("{value}")')
-    negative = isinstance(value, int | float) and not isinstance(value, bool) and value < 0
-    return Code(repr(value), _UNARY if negative else _ATOM)
+    negative = isinstance(value, int | float) and value < 0
+    return Code(str(py(value)), _UNARY if negative else _ATOM)

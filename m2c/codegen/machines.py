@@ -236,7 +236,8 @@ class _MachineLowering:
         compiler = self._context.compiler(parts, data_name)
         tests: list[str] = []
         if transition.event is not None and transition.event.kind in _BY_NAME:
-            tests += _event_test(transition.event, self._sent_names())
+            test = _event_test(transition.event, self._sent_names())
+            tests += [test] if test else []
         if transition.cond is not None:
             within = "and" if tests else ""
             tests.append(self._statements.condition(transition.cond, compiler, within))
@@ -263,9 +264,9 @@ class _MachineLowering:
         branches = []
         for target, arrival in zip(transition.targets, arrivals, strict=True):
             bound += target.probability or 0.0
-            last = target is transition.targets[-1]
-            test = None if last else Source(f"draw < {round(bound, 12)!r}")
+            test = Source(f"draw < {round(bound, 12)!r}")
             branches.append(program.Branch(test, tuple(arrival)))
+        branches[-1] = program.Branch(None, branches[-1].body)
         return [*taken, program.Choice(tuple(branches))]
 
     def _arrive(
@@ -299,18 +300,15 @@ def _delays(state: State) -> list[Transition]:
     return [item for item in state.transitions if item.after_s is not None]
 
 
-def _event_test(event: Event, names: Set[str]) -> list[str]:
-    """The condition under which one of the events ``names`` is ``event``; none where each of them is."""
+def _event_test(event: Event, names: Set[str]) -> str:
+    """The condition under which one of the events ``names`` is ``event``; "" where each of them is."""
     if event.kind is EventKind.AFTER:
-        return [f"delay == {quoted(event.name)}"]
-    if event.name == "*":
-        return ["True"]
+        return f"delay == {quoted(event.name)}"
     prefix = event.name.removesuffix("*").removesuffix(".")
+    if not prefix:
+        return ""
     longer = any(other.startswith(f"{prefix}.") for other in names)
-    test = (
-        f"matches(name, {quoted(prefix)})" if longer or not prefix else f"name == {quoted(prefix)}"
-    )
-    return [test]
+    return f"matches(name, {quoted(prefix)})" if longer else f"name == {quoted(prefix)}"
 
 
 def _without_last_done(body: tuple[program.Statement, ...]) -> tuple[program.Statement, ...]:

@@ -193,15 +193,3 @@ def plugin_modules(plugins: Iterable[Machine]) -> dict[str, str]:
     for plugin in plugins:
         found[plugin.name] = distinct(snake(plugin.name), found.values())
     return found
-
-
-__all__ = [
-    "LAUNCH_FORMAT",
-    "Draft",
-    "node_modules",
-    "node_package",
-    "node_texts",
-    "plugin_modules",
-    "system_files",
-    "type_names",
-]

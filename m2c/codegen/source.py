@@ -8,18 +8,16 @@ or a name. So no model text becomes code, whatever a template does.
 from __future__ import annotations
 
 import json
-import re
-import unicodedata
+import math
 from typing import Any, Self
 
 from markupsafe import Markup
 
-_UNPRINTED = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
-"""Unicode's general categories of what a reader does not see: controls, formats, surrogates, separators."""
-_XML_FORBIDDEN = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
+from m2c.model.xml_writing import writable
+from m2c.printable import printable
 
 _SHOWN = 60
+"""Characters of a text that a message repeats."""
 
 
 class PlainTextError(TypeError):
@@ -79,6 +77,8 @@ def py(value: object) -> Source:
     """
     if isinstance(value, str):
         return Source(quoted(str(value)))
+    if isinstance(value, float) and not math.isfinite(value):
+        return Source(f'float("{value}")')
     if value is None or isinstance(value, bool | int | float):
         return Source(repr(value))
     raise TypeError(f"{type(value).__name__} is no literal")
@@ -86,17 +86,7 @@ def py(value: object) -> Source:
 
 def doc(text: str) -> Source:
     """``text`` within a doc string: on one line, nothing ends the string, nothing is invisible."""
-    return Source("".join(_shown(letter) for letter in text))
-
-
-def _shown(letter: str) -> str:
-    if letter == "\\":
-        return "\\\\"
-    if letter == '"':
-        return '\\"'
-    if unicodedata.category(letter) in _UNPRINTED:
-        return repr(letter)[1:-1].replace("\\", "\\\\")
-    return letter
+    return Source(printable(str(text)).replace("\\", "\\\\").replace('"', '\\"'))
 
 
 def toml(text: str) -> Source:
@@ -106,7 +96,7 @@ def toml(text: str) -> Source:
 
 def xml(text: str) -> Source:
     """``text`` as character data or an attribute's value of XML 1.0; what XML forbids becomes U+FFFD."""
-    return Source(Markup.escape(_XML_FORBIDDEN.sub("\ufffd", str(text))))
+    return Source(Markup.escape(writable(str(text))))
 
 
 FILTERS = {"py": py, "doc": doc, "toml": toml, "xml": xml, "name": name}

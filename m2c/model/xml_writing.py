@@ -23,8 +23,8 @@ def element(tag: str, attributes: Mapping[str, str], text: str = "") -> etree._E
 
     In values and text, U+FFFD (�) stands for each character that XML does not have.
     """
-    made = etree.Element(tag, {name: _visible(value) for name, value in attributes.items()})
-    made.text = _visible(text) or None
+    made = etree.Element(tag, {name: writable(value) for name, value in attributes.items()})
+    made.text = writable(text) or None
     return made
 
 
@@ -52,5 +52,6 @@ def read_back(text: str) -> etree._Element:
     return etree.fromstring(text.encode(), hardened_parser())
 
 
-def _visible(text: str) -> str:
+def writable(text: str) -> str:
+    """``text`` with U+FFFD for each character that XML 1.0 forbids (2.2, Char)."""
     return _FORBIDDEN.sub("�", text)
