@@ -7,18 +7,15 @@ from collections.abc import Iterator
 from m2c.model.evaluate import evaluate
 from m2c.model.expressions import (
     Conditional,
-    EventData,
     Expression,
     Index,
     Logical,
-    MathCall,
     Member,
-    PortInput,
     Unary,
-    Variable,
     children,
 )
 from m2c.model.machine import Event, EventKind, If, Machine, State, Statement, Target, Transition
+from m2c.model.typing import is_constant
 from m2c.runtime.ecmascript import ExecutionError, truthy
 
 
@@ -34,7 +31,7 @@ def truth(cond: Expression | None) -> bool | None:
     """
     if cond is None:
         return True
-    if _is_constant(cond):
+    if is_constant(cond):
         try:
             return truthy(evaluate(cond, {}, {}))
         except ExecutionError:
@@ -155,14 +152,6 @@ def _covering(event: Event | None) -> Iterator[Event | None]:
         for count in range(len(tokens) - 1, 0, -1):
             yield Event(EventKind.INTERNAL, ".".join(tokens[:count]))
         yield Event(EventKind.INTERNAL, "")
-
-
-def _is_constant(expression: Expression) -> bool:
-    match expression:
-        case Variable() | EventData() | PortInput() | MathCall(function="random"):
-            return False
-        case _:
-            return all(_is_constant(child) for child in children(expression))
 
 
 def _may_fail(expression: Expression) -> bool:

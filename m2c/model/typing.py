@@ -172,7 +172,7 @@ def _computed(expression: Expression) -> tuple[bool, Any]:
             return False, None
         case ArrayLiteral() | ObjectLiteral():
             return False, None  # checked element by element
-    if not all(_is_constant(child) for child in children(expression)):
+    if not all(is_constant(child) for child in children(expression)):
         return False, None
     try:
         return True, evaluate(expression, {}, {})
@@ -180,12 +180,13 @@ def _computed(expression: Expression) -> tuple[bool, Any]:
         return True, None
 
 
-def _is_constant(expression: Expression) -> bool:
+def is_constant(expression: Expression) -> bool:
+    """Whether no data, event or chance can change the value of ``expression``."""
     match expression:
         case Variable() | EventData() | PortInput() | MathCall(function="random"):
             return False
         case _:
-            return all(_is_constant(child) for child in children(expression))
+            return all(is_constant(child) for child in children(expression))
 
 
 class _Typer:

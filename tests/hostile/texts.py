@@ -330,7 +330,7 @@ def _is_file(text: str) -> bool:
     return (
         _is_name(text)
         and "/" not in text
-        and text not in (".", "..")
+        and text not in (".", "..", MARK)  # a file called MARK is what a payload would make
         and len(text.encode("utf-8", "surrogatepass")) <= 200
     )
 
