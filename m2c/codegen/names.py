@@ -137,7 +137,13 @@ def _needs_another(name: str) -> bool:
 
 
 def field_attribute(name: str) -> str:
-    """The attribute of a message class that holds field ``name``."""
+    """The attribute of a message class that holds field ``name``.
+
+    Raises:
+        ValueError: it is no name as interface definitions have them (their reader refuses others).
+    """
+    if not (name.isascii() and name.isidentifier()):
+        raise ValueError(f"{name!r} is no name of a field")
     return f"{name}_" if name in _FIELDS else name
 
 
