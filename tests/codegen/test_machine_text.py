@@ -63,6 +63,18 @@ def test_a_machine_that_waits_for_no_internal_event_has_no_queue_of_them(tmp_pat
     assert [item[:2] for item in made.outputs.sent] == [("fault", "model.scxml:9:9")]
 
 
+def test_a_machine_and_a_message_of_one_name_have_classes_of_their_own(tmp_path: Path) -> None:
+    text = """<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Level" initial="a">
+      <ros_topic_subscriber topic="/level" type="lab/Level"/>
+      <state id="a"><ros_topic_callback name="/level" target="b"/></state><state id="b"/>
+    </scxml>"""
+    made = Generated(tmp_path, text, INTERFACES)
+    assert type(made.it).__name__ == "Level"
+    assert made.interfaces.LabLevel.__type_name__ == "lab/msg/Level"
+    made.it.on_level_message(made.interfaces.LabLevel())
+    assert made.it.state.value == "b"
+
+
 def test_a_machine_that_waits_for_error_execution_gets_it(tmp_path: Path) -> None:
     data = '<data id="values" type="int32[]" expr="[]"/>'
     fails = """<ros_topic_callback name="/level">

@@ -278,6 +278,8 @@ def is_xml(text: str) -> bool:
 def _is_name(text: str) -> bool:
     return (
         0 < len(text) <= 255
+        # beside a node of that name std_msgs/String has a class of another name than in the twin
+        and re.sub(r"[^0-9a-z]", "", text.lower()) != "string"
         and text == text.strip()
         and not any(unicodedata.category(letter) in _UNSEEN for letter in text)
     )
