@@ -18,11 +18,17 @@ from m2c.model.walk import events_of, expressions_of, statements_of
 
 
 def machine_program(context: MachineContext) -> program.MachineProgram:
-    """The facts of one machine (or of one that executes goals)."""
-    lowering = _MachineLowering(context, takes_internal=True)
-    found = lowering.facts()
-    if lowering.raises() or ("fault" in found.sends and lowering.waits_for_events):
-        return found
+    """The facts of one machine (or of one that executes goals).
+
+    It has a queue of internal events if it raises some, or waits for ``error.execution`` and may fail.
+    """
+    statements = statements_of(context.machine)
+    raises = any(isinstance(item, Raise) and not item.external for item in statements)
+    waits = any(event.kind is EventKind.INTERNAL for event in events_of(context.machine))
+    if raises or waits:
+        found = _MachineLowering(context, takes_internal=True).facts()
+        if raises or "fault" in found.sends:
+            return found
     return _MachineLowering(context, takes_internal=False).facts()
 
 
@@ -35,16 +41,6 @@ class _MachineLowering:
         self._takes_internal = takes_internal
         self._statements = StatementLowering(context)
         self._events = events_of(context.machine)
-
-    def raises(self) -> bool:
-        """Whether some statement raises an internal event."""
-        found = statements_of(self._machine)
-        return any(isinstance(item, Raise) and not item.external for item in found)
-
-    @property
-    def waits_for_events(self) -> bool:
-        """Whether a transition waits for an event by name, ``error.execution`` for instance."""
-        return any(event.kind is EventKind.INTERNAL for event in self._events)
 
     def facts(self) -> program.MachineProgram:
         """All of it."""

@@ -61,13 +61,12 @@ class _NodeFacts:
         structures = needed_structures(_structures(machine, library))
         self._class_of = class_names(structures, taken)
         self._messages = message_classes(structures, self._class_of)
-        self._machines = tuple(
-            machine_program(
-                MachineContext(owner, library, self._names, self._class_of, made, index > 0)
-            )
+        contexts = [
+            MachineContext(owner, library, self._names, self._class_of, made, index > 0)
             for index, (owner, made) in enumerate(zip(self._owners, self._classes, strict=True))
-        )
-        self._context = MachineContext(machine, library, self._names, self._class_of, own)
+        ]
+        self._context = contexts[0]
+        self._machines = tuple(map(machine_program, contexts))
         self._handled = {event: self._names.event(event) for event in events_of(machine)}
         self._thread_handled = {
             event: self._names.event(event)

@@ -71,6 +71,7 @@ class Templates:
             trim_blocks=True,
             lstrip_blocks=True,
             keep_trailing_newline=True,
+            auto_reload=False,
         )
         self._environment.filters |= {name: _of_something(made) for name, made in FILTERS.items()}
         self._environment.filters["join"] = _join
@@ -78,8 +79,8 @@ class Templates:
             del self._environment.filters[name]
         self._environment.globals["context_version"] = CONTEXT_VERSION
 
-    def _text(self, template: str) -> tuple[str, str, Callable[[], bool]] | None:
-        """The text of a template of the user's, its path, and whether it is still that (Jinja's loader)."""
+    def _text(self, template: str) -> tuple[str, str, None] | None:
+        """The text of a template of the user's, and its path (a function of Jinja's ``FunctionLoader``)."""
         if template not in self._own:
             return None
         assert self._folder is not None
@@ -87,7 +88,7 @@ class Templates:
         size = size_of(path)
         if size > _MAX_BYTES:
             raise ValueError(f"the template has {size} bytes; {_MAX_BYTES} are allowed")
-        return path.read_text(encoding="utf-8"), str(path), lambda: True
+        return path.read_text(encoding="utf-8"), str(path), None
 
     def render(self, template: str, model: str, **context: object) -> str:
         """The text that ``template`` makes.
