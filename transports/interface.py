@@ -8,7 +8,7 @@ transport instance run one at a time on its executor thread; a handler must not 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, Protocol
 
@@ -270,6 +270,19 @@ class Tap(Protocol):
     @property
     def is_complete(self) -> bool:
         """Whether all that those publish who were there when it was opened reaches it by now."""
+        ...
+
+    def is_contested(self, name: str) -> bool:
+        """Whether several nodes have claimed ``name`` of late: which of them an observation is from is not
+        known then.
+        """
+        ...
+
+    def take_dropped(self) -> Collection[tuple[str, str]]:
+        """Channel and source of what this tap has dropped by itself since it was last asked, as it came
+        faster than it was handled (source: empty where it is not known). Gaps in numbers tell of it later,
+        or never.
+        """
         ...
 
     def peers(self) -> Sequence[str]:

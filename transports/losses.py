@@ -2,40 +2,76 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+KEPT_PLACES = 10_000
+"""Channels and sources that are told apart; their names come from the wire, and never end."""
+
+_Place = tuple[str, str]
+"""Channel and source."""
+
+
+_Kept = Mapping[_Place, object]
+
 
 class Losses:
     """Counts of what a tap missed or could not decode, per channel and source."""
 
     def __init__(self) -> None:
-        self._last: dict[tuple[str, str], int] = {}
-        self._missed: dict[tuple[str, str], int] = {}
-        self._undecodable: dict[tuple[str, str], tuple[int, str]] = {}
+        self._last: dict[_Place, tuple[int, int]] = {}
+        """Number and stamp of the last that is new."""
+        self._missed: dict[_Place, int] = {}
+        self._undecodable: dict[_Place, tuple[int, str]] = {}
+        self._elsewhere = 0
+        """What was missed or not decoded on channels or from sources of which no more can be kept."""
 
-    def number(self, channel: str, source: str, sequence: int) -> None:
+    def number(self, channel: str, source: str, sequence: int, stamp_ns: int) -> None:
         """Take the sequence number of something heard into account.
 
-        A number that does not go up is a restarted node, whose numbers start again.
+        A number that does not go up is one that was heard before, or a late one, if its stamp is not newer;
+        else it is a restarted node's, whose numbers start again.
         """
         place = (channel, source)
         last = self._last.get(place)
-        self._last[place] = sequence
-        if last is not None and sequence > last + 1:
-            self._missed[place] = self._missed.get(place, 0) + sequence - last - 1
+        if last is not None:
+            number, before_ns = last
+            if sequence <= number and stamp_ns <= before_ns:
+                return
+            missed = sequence - number - 1
+            if missed > 0 and self._has_room(self._missed, place, missed):
+                self._missed[place] = self._missed.get(place, 0) + missed
+        elif len(self._last) >= KEPT_PLACES:
+            del self._last[next(iter(self._last))]
+        self._last[place] = (sequence, stamp_ns)
 
     def undecodable(self, channel: str, source: str, error: Exception) -> None:
         """Count a payload that could not be decoded."""
-        count, first = self._undecodable.get((channel, source), (0, str(error)))
-        self._undecodable[channel, source] = (count + 1, first)
+        if self._has_room(self._undecodable, (channel, source), 1):
+            count, first = self._undecodable.get((channel, source), (0, str(error)))
+            self._undecodable[channel, source] = (count + 1, first)
+
+    def _has_room(self, kept: _Kept, place: _Place, count: int) -> bool:
+        """Whether ``place`` is, or can be, one of ``kept``; else ``count`` is counted elsewhere."""
+        if place in kept or len(kept) < KEPT_PLACES:
+            return True
+        self._elsewhere += count
+        return False
 
     def sentences(self) -> list[str]:
         """What went wrong, one sentence for each channel and source."""
         missed = [
-            f"missed {count} message{'s' * (count != 1)} on {channel} from {source or 'unknown'}"
+            f"missed {_messages(count)} on {channel} from {source or 'unknown'}"
             for (channel, source), count in sorted(self._missed.copy().items())
         ]
         undecodable = [
-            f"could not decode {count} message{'s' * (count != 1)} on {channel} "
-            f"from {source or 'unknown'}: {first}"
+            f"could not decode {_messages(count)} on {channel} from {source or 'unknown'}: {first}"
             for (channel, source), (count, first) in sorted(self._undecodable.copy().items())
         ]
-        return missed + undecodable
+        elsewhere = [
+            f"missed or could not decode {_messages(self._elsewhere)} of yet other sources"
+        ]
+        return missed + undecodable + elsewhere[: self._elsewhere]
+
+
+def _messages(count: int) -> str:
+    return f"{count} message{'s' * (count != 1)}"

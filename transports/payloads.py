@@ -6,18 +6,23 @@ type's name beside it, so that the type can be checked before decoding.
 
 from __future__ import annotations
 
-import logging
+import itertools
 from typing import Any
 
 import msgspec
 
 from transports.interface import Message, TransportError
 
+MOST_DEPTH = 128
+"""How deep what is not of a known type may be nested; messages of ROS are at most some ten deep. What is
+read here is written again elsewhere, deeper in the stack, and msgspec's limit is that of Python's stack."""
+_NESTED = (dict, list, tuple)
+
 _encode = msgspec.msgpack.Encoder().encode
 _decode_any = msgspec.msgpack.Decoder().decode
 
 
-class PayloadError(Exception):
+class PayloadError(ValueError):
     """A payload that is not a message of the expected type; the text says what is wrong."""
 
 
@@ -52,21 +57,33 @@ class TypedCodec:
             raise PayloadError(f"expected type {self.type_name}, got {type_name}")
 
 
-def decode_with(decode: Any, data: bytes) -> Any:
-    """``decode(data)``, every way in which bad input can fail being a PayloadError."""
+def decode_with(decode: Any, data: bytes | str) -> Any:
+    """``decode(data)`` of msgspec, every way in which bad input can fail being a PayloadError."""
     try:
         return decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise PayloadError(str(error)) from error
 
 
 def plain(payload: bytes) -> Any:
-    """A payload as maps, lists and scalars; PayloadError if it is no MessagePack."""
-    return decode_with(_decode_any, payload)
+    """A payload as maps, lists and scalars; PayloadError if it is no MessagePack, or nested too deep."""
+    return shallow(decode_with(_decode_any, payload), len(payload))
 
 
-def report_payload(
-    log: logging.Logger, channel: str, source: str, error: PayloadError | str
-) -> None:
-    """Report a payload that was dropped: channel, source, and where in the message."""
-    log.warning("%s: message from %s dropped: %s", channel, source or "an unnamed node", error)
+def shallow(value: Any, size: int) -> Any:
+    """``value``, which was decoded from ``size`` bytes; PayloadError if it is nested too deep."""
+    if size <= MOST_DEPTH:  # each level takes a byte at least
+        return value
+    level = [value] if value.__class__ in _NESTED else []
+    for _ in range(MOST_DEPTH):
+        level = [
+            inner
+            for outer in level
+            for inner in (
+                itertools.chain(outer, outer.values()) if outer.__class__ is dict else outer
+            )
+            if inner.__class__ in _NESTED
+        ]
+        if not level:
+            return value
+    raise PayloadError(f"it is nested deeper than {MOST_DEPTH}")

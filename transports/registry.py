@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 
 from transports.interface import Transport, TransportError, TransportFactory
+from transports.open_files import FOR_A_CONNECTION, allow_open_files
 
 GROUP = "m2c.transports"
 _NEEDS = {
@@ -35,6 +36,7 @@ def connect(transport: str, node: str, options: Mapping[str, str]) -> Transport:
     if not found:
         hint = f"installed: {', '.join(available()) or 'none'}"
         raise TransportError(f"no transport `{transport}` is installed; {hint}")
+    allow_open_files(FOR_A_CONNECTION)
     return _load(found[0])(node, options)
 
 

@@ -7,11 +7,12 @@ without a response (on ``/_m2c/call_errors``).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
 from transports.interface import Observation, ObservationKind
+from transports.payloads import PayloadError, decode_with, shallow
 from transports.service_events import KIND_OF_EVENT, TYPE_SUFFIX
 
 OWN_PACKAGES = ("m2c/", "moon_msgs/")
@@ -28,14 +29,24 @@ class Carried(msgspec.Struct, frozen=True):
     message: Any
 
 
+_decode_carried = msgspec.json.Decoder(Carried).decode
+
+
 def carried_message(text: str) -> Carried | None:
     """What a String carries, if it carries one of our messages."""
     if not text.startswith('{"m2c_type":'):
         return None
     try:
-        return msgspec.json.decode(text, type=Carried)
-    except msgspec.DecodeError:
+        return read_carried(text)
+    except PayloadError:
         return None
+
+
+def read_carried(text: str) -> Carried:
+    """What a String carries; PayloadError if that is none of our messages."""
+    carried: Carried = decode_with(_decode_carried, text)
+    shallow(carried.message, len(text))
+    return carried
 
 
 class CallError(msgspec.Struct, frozen=True):
@@ -59,15 +70,16 @@ class CallError(msgspec.Struct, frozen=True):
     call: int
     error: str
     node: str
-    stamp_ns: int
+    stamp_ns: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 
 
 _decode_error = msgspec.json.Decoder(CallError).decode
 
 
 def read_call_error(text: str) -> CallError:
-    """The record; msgspec.DecodeError if it is none."""
-    return _decode_error(text)
+    """The record; PayloadError if it is none."""
+    error: CallError = decode_with(_decode_error, text)
+    return error
 
 
 def of_message(

@@ -7,7 +7,7 @@ plus the contents: the request with REQUEST_*, the response with RESPONSE_*.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -33,6 +33,10 @@ KIND_OF_EVENT = (
 """Indexed by ``ServiceEventInfo.event_type``."""
 
 
+_Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+"""What fits in every form of recording."""
+
+
 class ServiceEventInfo(msgspec.Struct, frozen=True):
     """``service_msgs/msg/ServiceEventInfo``, with the client named instead of numbered.
 
@@ -40,13 +44,14 @@ class ServiceEventInfo(msgspec.Struct, frozen=True):
         event_type: REQUEST_SENT, REQUEST_RECEIVED, RESPONSE_SENT or RESPONSE_RECEIVED.
         stamp_ns: when it happened, ns since the epoch, on the clock of the publishing end.
         client: the calling node.
-        sequence_number: the number of the client's call: the same in all four events of a call.
+        sequence_number: the number of the client's call: the same in all four events of a call; -1 if the
+            client does not number its calls.
     """
 
     event_type: int
-    stamp_ns: int
-    client: str
-    sequence_number: int
+    stamp_ns: _Count
+    client: Annotated[str, msgspec.Meta(max_length=255)]
+    sequence_number: Annotated[int, msgspec.Meta(ge=-1, le=2**63 - 1)]
 
 
 class ServiceEvent(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -11,19 +11,19 @@ import pytest
 
 from transports.stop_signals import StopSignals
 
-BOTH = [signal.SIGINT, signal.SIGTERM]
+ALL = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
 @pytest.fixture(autouse=True)
 def handlers() -> Iterator[None]:
     """The process has its own handlers again afterwards."""
-    before = [signal.getsignal(number) for number in BOTH]
+    before = [signal.getsignal(number) for number in ALL]
     yield
-    for number, handler in zip(BOTH, before, strict=True):
+    for number, handler in zip(ALL, before, strict=True):
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", BOTH)
+@pytest.mark.parametrize("number", ALL)
 def test_a_signal_that_comes_too_early_stops_what_there_is_to_stop_later(
     number: signal.Signals,
 ) -> None:
@@ -46,7 +46,7 @@ def test_every_signal_stops_again() -> None:
     assert stopped == ["stopped", "stopped"]
 
 
-@pytest.mark.parametrize("number", BOTH)
+@pytest.mark.parametrize("number", ALL)
 def test_a_second_signal_ends_a_process_that_has_nothing_to_stop_yet(
     number: signal.Signals,
 ) -> None:

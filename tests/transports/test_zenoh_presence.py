@@ -10,9 +10,12 @@ from typing import Any
 import pytest
 import zenoh
 
+from transports.refusals import Refusals
+from transports.zenoh import presence
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import LINK_KEYS, NODE_KEYS
 from transports.zenoh.presence import Announcement
+from transports.zenoh.wire import LOG
 
 pytestmark = pytest.mark.zenoh
 
@@ -52,13 +55,18 @@ class Session:
         return self.tokens[-1]
 
 
+@pytest.fixture(autouse=True)
+def _links_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(presence, "LINKS_PERIOD_S", 0.0)
+
+
 def up(node: str) -> Any:
     return SimpleNamespace(key_expr=f"{NODE_KEYS}/{node}/{node}/1", kind=zenoh.SampleKind.PUT)
 
 
 def announced() -> tuple[Session, Announcement]:
     session: Any = Session()
-    announcement = Announcement(session, Executor(), "own", 1)
+    announcement = Announcement(session, Executor(), "own", 1, Refusals(LOG))
     announcement._receive(up("first"))
     return session, announcement
 

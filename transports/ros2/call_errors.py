@@ -18,8 +18,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from std_msgs.msg import String
 
 from transports.interface import TransportError
+from transports.payloads import PayloadError
+from transports.refusals import Refusals
 from transports.ros2 import qos
-from transports.ros2.executor import LOG, Executor
+from transports.ros2.executor import Executor
 from transports.ros_forms import CallError, read_call_error
 
 _KEPT = 100
@@ -31,7 +33,8 @@ _encode = msgspec.json.Encoder().encode
 class CallErrors:
     """What one node says of failed calls, and what its clients hear."""
 
-    def __init__(self, node: Any, executor: Executor, topic: str) -> None:
+    def __init__(self, node: Any, executor: Executor, topic: str, refusals: Refusals) -> None:
+        self._refusals = refusals
         self._listeners: dict[str, Callable[[CallError], None]] = {}
         profile = qos.profile(reliable=True, latched=True, depth=_KEPT)
         self._publisher = node.create_publisher(
@@ -67,8 +70,8 @@ class CallErrors:
             return False
         try:
             error = read_call_error(taken[0].data)
-        except msgspec.DecodeError as fault:
-            LOG.warning("%s: message dropped: %s", self._topic, fault)
+        except PayloadError as fault:
+            self._refusals.refuse(self._topic, "", fault)
             return True
         listener = self._listeners.get(error.service)
         if error.by_server and listener is not None:

@@ -22,6 +22,7 @@ from rclpy.duration import Duration
 
 from transports.gathering import Gathering
 from transports.interface import TransportError
+from transports.refusals import Refusals
 from transports.ros2.arrivals import Arrivals, Take
 from transports.ros2.raw_subscription import RawSubscription
 from transports.timers import Timer, Timers
@@ -75,8 +76,9 @@ class RosClock:
 class Executor:
     """Runs one node; see ``transports.interface.Transport`` for what is promised of it."""
 
-    def __init__(self, node: Any) -> None:
+    def __init__(self, node: Any, refusals: Refusals) -> None:
         self._node = node
+        self._refusals = refusals
         self._arrivals = Arrivals()
         self._posted: deque[Callable[[], None]] = deque()
         self._takers: dict[int, tuple[Any, Take]] = {}
@@ -295,31 +297,33 @@ class Executor:
                 if known is not None:
                     found.append((kind, entity, known[1]))
                 elif kind == "subscription":
-                    found.append((kind, entity, _take_for_rclpy(entity)))
+                    found.append((kind, entity, _take_for_rclpy(entity, self._refusals)))
                 elif kind == "service":
-                    found.append((kind, entity, _serve_for_rclpy(entity)))
+                    found.append((kind, entity, _serve_for_rclpy(entity, self._refusals)))
         return found
 
 
-def _take_for_rclpy(subscription: Any) -> Take:
+def _take_for_rclpy(subscription: Any, refusals: Refusals) -> Take:
     def take() -> bool:
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
         if taken is None:
             return False
-        subscription.callback(taken[0])
+        with refusals.contained(subscription.topic_name):
+            subscription.callback(taken[0])
         return True
 
     return take
 
 
-def _serve_for_rclpy(service: Any) -> Take:
+def _serve_for_rclpy(service: Any, refusals: Refusals) -> Take:
     def take() -> bool:
         with service.handle:
             request, header = service.handle.service_take_request(service.srv_type.Request)
         if header is None:
             return False
-        service.send_response(service.callback(request, service.srv_type.Response()), header)
+        with refusals.contained(service.srv_name):
+            service.send_response(service.callback(request, service.srv_type.Response()), header)
         return True
 
     return take

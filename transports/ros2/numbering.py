@@ -22,8 +22,10 @@ class Numbers:
         if not 0 < published < _NUMBERS:
             return -1
         last = self._last.get((channel, gid))
-        self._last[channel, gid] = published
         number = self._next.get((channel, source))
+        if last is not None and number is not None and published <= last:
+            return max(number - 1 - (last - published), 0)  # once more, or late
+        self._last[channel, gid] = published
         if number is None:
             number = published - 1
         elif last is not None and published > last:

@@ -6,16 +6,17 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-import msgspec
-
 from transports import ros_forms
 from transports.channel_filter import matches
 from transports.interface import Observation
 from transports.losses import Losses
-from transports.ros2 import cdr, event_cdr
+from transports.payloads import PayloadError
+from transports.refusals import MOST_PLACES, shown
+from transports.ros2 import cdr, event_cdr, native
 from transports.ros2.graph import Graph
 from transports.ros2.native import Taken
 from transports.ros2.numbering import Numbers
+from transports.ros2.presence import Announcements
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT
 
 
@@ -24,26 +25,52 @@ class Notes:
 
     Args:
         graph: who knows names.
+        announcements: which participants are whose.
         prefix: put before every channel.
     """
 
-    def __init__(self, graph: Graph, prefix: str) -> None:
+    def __init__(self, graph: Graph, announcements: Announcements, prefix: str) -> None:
         self.graph = graph
+        self._announcements = announcements
         self.prefix = prefix
         self.losses = Losses()
         self.without_contents: dict[str, str] = {}
         """By service, that its events have no contents."""
         self._numbers = Numbers()
+        self._foreign: dict[tuple[str, bytes], int] = {}
+        """Messages in the name of a node that another participant is."""
         self._nameless_calls: dict[tuple[bytes, int], str] = {}
         """What stands for the client's name in each of them."""
 
-    def numbered(self, topic: str, channel: str, taken: Taken) -> tuple[str, int]:
-        """Who published, and the number of it; what is missing before it is noted."""
+    def numbered(self, topic: str, channel: str, taken: Taken) -> tuple[str, int] | None:
+        """Who published, and the number of it; what is missing before it is noted.
+
+        None where it is in the name of a node that has announced itself, and is another participant.
+        """
         source = self.graph.publisher_of(topic, taken.gid)
+        if not self.is_of(source, taken.gid):
+            return None
         number = self._numbers.number(channel, source, taken.gid, taken.number)
         if number >= 0:
-            self.losses.number(channel, source, number)
+            self.losses.number(channel, source, number, taken.source_ns)
         return source, number
+
+    def is_of(self, name: str, gid: bytes) -> bool:
+        """Whether an endpoint may be of the node ``name``; it is noted if not."""
+        if not name or self._announcements.is_of(name, gid):
+            return True
+        place = (name, native.participant_of(gid))
+        if place in self._foreign or len(self._foreign) < MOST_PLACES:
+            self._foreign[place] = self._foreign.get(place, 0) + 1
+        return False
+
+    def foreign(self) -> list[str]:
+        """Who sends in whose name, one sentence each."""
+        return [
+            f"{count} message{'s' * (count != 1)} said to be from {shown(name)}, and came from another "
+            f"participant, {participant.hex()}: taken as nobody's"
+            for (name, participant), count in sorted(self._foreign.copy().items())
+        ]
 
     def caller(self, service: str, gid: bytes, call: int) -> str:
         """Who made a call, by the client's GID; the same for all events of the call, a name or not.
@@ -107,9 +134,9 @@ class Messages:
 
     def observation(self, taken: Taken, data: Any) -> Observation | None:
         """See ``Observing``."""
-        source, number = self._notes.numbered(self._topic, self._channel, taken)
+        source, number = self._notes.numbered(self._topic, self._channel, taken) or ("", -1)
         received_ns = taken.received_ns or time.time_ns()
-        stamp_ns = taken.source_ns or received_ns
+        stamp_ns = taken.source_ns if taken.source_ns > 0 else received_ns
         return ros_forms.of_message(
             self._channel, self._type_name, data, stamp_ns, received_ns, source, number
         )
@@ -141,10 +168,17 @@ class Events:
 
     def observation(self, taken: Taken, data: event_cdr.Event) -> Observation | None:
         """See ``Observing``."""
-        source, number = self._notes.numbered(self._topic, self._channel, taken)
+        numbered = self._notes.numbered(self._topic, self._channel, taken)
+        if numbered is None:
+            return None
+        source, number = numbered
         event_type = data.event_type
+        fault = None
         if event_type >= len(KIND_OF_EVENT):
-            fault = ValueError(f"unknown event type {event_type}")
+            fault = PayloadError(f"unknown event type {event_type}")
+        elif data.stamp_ns < 0 or data.call < 0:
+            fault = PayloadError(f"stamped {data.stamp_ns} ns, number {data.call}: less than 0")
+        if fault is not None:
             self._notes.losses.undecodable(self._topic, source, fault)
             return None
         if data.contents is None:
@@ -189,11 +223,11 @@ class Errors:
         notes = self._notes
         try:
             error = ros_forms.read_call_error(data["data"])
-        except msgspec.DecodeError as fault:
+        except PayloadError as fault:
             source = notes.graph.publisher_of(self._topic, taken.gid)
             notes.losses.undecodable(self._topic, source, fault)
             return None
-        if not matches(error.service, self._globs):
+        if not matches(error.service, self._globs) or not notes.is_of(error.node, taken.gid):
             return None
         return ros_forms.of_call_error(
             error,

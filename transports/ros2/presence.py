@@ -9,11 +9,12 @@ it was killed.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -21,12 +22,16 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 from transports.channel_filter import matches
+from transports.payloads import PayloadError, decode_with
+from transports.refusals import Refusals
 from transports.ros2 import native, qos
 from transports.ros2.executor import LOG, Executor
 from transports.ros2.graph import Graph, request_topic
 from transports.service_events import EVENT_SUFFIX
 
 TOPIC = "/_m2c/nodes"
+CONTESTED_S = 5.0
+"""What a node has sent has come, or comes too late to be judged, so long after it went away."""
 _KEPT = 100
 """Nodes that may announce themselves before a newcomer has read the first."""
 
@@ -42,8 +47,8 @@ class Presence(msgspec.Struct):
         refused: topics that its taps cannot hear.
     """
 
-    node: str
-    since_ns: int = 0
+    node: Annotated[str, msgspec.Meta(min_length=1, max_length=255)]
+    since_ns: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)] = 0
     publishes: list[str] = msgspec.field(default_factory=list)
     subscribes: list[str] = msgspec.field(default_factory=list)
     serves: list[str] = msgspec.field(default_factory=list)
@@ -66,12 +71,17 @@ class _Heard(msgspec.Struct):
 
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(Presence).decode
+_MOST_HEARD = 4096
+"""Announcements that are remembered; anybody may make any number."""
 
 
 class Announcements:
     """The node's own announcement, and those of the others."""
 
-    def __init__(self, node: Any, executor: Executor, graph: Graph, prefix: str) -> None:
+    def __init__(
+        self, node: Any, executor: Executor, graph: Graph, prefix: str, refusals: Refusals
+    ) -> None:
+        self._refusals = refusals
         self._node = node
         self._executor = executor
         self._graph = graph
@@ -85,6 +95,9 @@ class Announcements:
         self._closed = False
         self.own = Presence(node.get_name(), time.time_ns())
         self._since: dict[str, int] = {}
+        self._participants: Mapping[str, frozenset[bytes]] = {}
+        """Of each node that is up; replaced whole, as other threads read it."""
+        self._contested_until_s: dict[str, float] = {}
         self._subscription = node.create_subscription(
             String,
             self._topic,
@@ -129,6 +142,22 @@ class Announcements:
         """When ``name`` began to connect, by its last announcement; 0 before any."""
         return self._since.get(name, 0)
 
+    def is_of(self, name: str, gid: bytes) -> bool:
+        """Whether the endpoint with this GID may be of ``name``: of its participant, once that node is up."""
+        own = self._participants.get(name)
+        return own is None or native.participant_of(gid) in own
+
+    def is_contested(self, name: str) -> bool:
+        """Whether several participants say that they are ``name``, or did of late. A node that was killed and
+        started again is there twice until DDS has given up the first.
+        """
+        until_s = self._contested_until_s.get(name)
+        return until_s is not None and until_s >= time.monotonic()
+
+    def contested(self) -> list[str]:
+        """Names that several participants have at present."""
+        return sorted(name for name, own in self._participants.items() if len(own) > 1)
+
     def wait(self, names: Sequence[str], timeout_s: float) -> list[str]:
         """Wait until all ``names`` are up; those still missing after ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
@@ -153,11 +182,9 @@ class Announcements:
         """Something has changed (on the graph's thread)."""
         while (taken := self._taker.take(self._subscription.handle)) is not None:
             try:
-                presence = _decode(_text_of(taken.payload))
-                self._heard[taken.gid] = _Heard(presence, native.participant_of(taken.gid))
-                self._graph.learn_node(taken.gid, presence.node)
-            except (msgspec.DecodeError, UnicodeDecodeError) as error:
-                LOG.warning("%s: message dropped: %s", self._topic, error)
+                self._take(taken.gid, read_presence(taken.payload))
+            except PayloadError as error:
+                self._refusals.refuse(self._topic, "", error)
         there = {
             native.gid_of(info) for info in self._node.get_publishers_info_by_topic(self._topic)
         }
@@ -176,10 +203,17 @@ class Announcements:
                 for name, up in changes:
                     self._executor.post(partial(watcher, name, up))
 
+    def _take(self, gid: bytes, presence: Presence) -> None:
+        if len(self._heard) >= _MOST_HEARD and gid not in self._heard:
+            raise PayloadError(f"more than {_MOST_HEARD} nodes have announced themselves")
+        self._heard[gid] = _Heard(presence, native.participant_of(gid))
+        self._graph.learn_node(gid, presence.node)
+
     def _note_gone(self, gone: list[bytes]) -> Iterator[tuple[str, bool]]:
         for gid in gone:
             self._heard.pop(gid, None)
             name = self._up.pop(gid)
+            self._note_participants(name)
             if name not in self._up.values():
                 yield name, False
 
@@ -190,7 +224,20 @@ class Announcements:
             elif presence.node == self.own.node:
                 LOG.error("two nodes are named %s", presence.node)
             self._up[gid] = presence.node
-            self._since[presence.node] = presence.since_ns
+            self._note_participants(presence.node)
+            # which of two is heard is not known, and so not what it had done before
+            is_twin = len(self._participants[presence.node]) > 1
+            self._since[presence.node] = 0 if is_twin else presence.since_ns
+
+    def _note_participants(self, name: str) -> None:
+        own = frozenset(native.participant_of(gid) for gid, up in self._up.items() if up == name)
+        before = self._participants.get(name, frozenset())
+        others = {other: there for other, there in self._participants.items() if other != name}
+        self._participants = {**others, name: own} if own else others
+        if len(own) > 1:
+            self._contested_until_s[name] = math.inf
+        elif len(before) > 1:
+            self._contested_until_s[name] = time.monotonic() + CONTESTED_S
 
     def _is_complete(self, heard: _Heard) -> bool:
         """Whether all that the node has declared has reached this node's graph, and its taps have
@@ -233,7 +280,16 @@ def _profile(depth: int) -> QoSProfile:
     return qos.profile(reliable=True, latched=True, depth=depth)
 
 
-def _text_of(payload: bytes) -> str:
-    """The text of a serialized String: 4 bytes of CDR header, its length, itself, NUL."""
-    length = int.from_bytes(payload[4:8], "little" if payload[1] & 1 else "big")
-    return payload[8 : 8 + length - 1].decode()
+def read_presence(payload: bytes) -> Presence:
+    """What a node says of itself in a serialized String; PayloadError if it is no such thing.
+
+    That is 4 bytes of CDR header, the text's length, itself, NUL.
+    """
+    if len(payload) < _TEXT_AT:
+        raise PayloadError("it is no String")
+    length = int.from_bytes(payload[4:_TEXT_AT], "little" if payload[1] & 1 else "big")
+    presence: Presence = decode_with(_decode, payload[_TEXT_AT : _TEXT_AT + max(length - 1, 0)])
+    return presence
+
+
+_TEXT_AT = 8

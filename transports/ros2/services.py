@@ -14,6 +14,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
+from transports.refusals import Refusals
 from transports.ros2 import native, qos
 from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import Executor
@@ -41,7 +42,9 @@ class Server:
         name: str,
         service: Service,
         handler: Callable[[Request], None],
+        refusals: Refusals,
     ) -> None:
+        self._refusals = refusals
         self.name = name
         self.type_name = service.type_name
         self.node = node.get_name()
@@ -62,7 +65,11 @@ class Server:
         executor.handle(self.declared, self._take)
 
     def _take(self) -> bool:
-        request, header = self.declared.handle.service_take_request(self._request.ros)
+        try:
+            request, header = self.declared.handle.service_take_request(self._request.ros)
+        except _rclpy.RCLError as error:
+            self._refusals.refuse(self.name, "", error)
+            return True
         if header is None:
             return False
         request_id, events = header.request_id, self.events
@@ -161,7 +168,9 @@ class Client:
         events: ServiceEvents,
         name: str,
         service: Service,
+        refusals: Refusals,
     ) -> None:
+        self._refusals = refusals
         self._node = node
         self._executor = executor
         self._errors = errors
@@ -258,7 +267,11 @@ class Client:
 
     def _take(self) -> bool:
         with self._lock:
-            header, response = self._handle.take_response(self._response.ros)
+            try:
+                header, response = self._handle.take_response(self._response.ros)
+            except _rclpy.RCLError as error:
+                self._refusals.refuse(self.name, "its server", error)
+                return True
             if header is None:
                 return False
             number = header.request_id.sequence_number

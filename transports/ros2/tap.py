@@ -49,6 +49,12 @@ _TURN_S = 0.01
 """How long the tap subscribes before what else is to be done has its turn."""
 _SILENT_S = 1.0
 """A service that has had no events for so long has none: its endpoints come and go one by one."""
+MOST_TURN_BYTES = 16 * 1024 * 1024
+"""What is taken in one turn at most before it is handed on; as plain values it is up to ten times as much."""
+MOST_KEPT_BYTES = 64 * 1024 * 1024
+"""What DDS keeps of one topic until it is taken. It bounds the number of messages only, so a subscription
+keeps fewer of a topic where large ones come."""
+_LEAST_DEPTH = 4
 _UNKNOWN = -1
 _ALONE_S = 1.0
 """Nobody is there who is not known by then: DDS announces participants five times in half a second."""
@@ -70,6 +76,8 @@ class _Heard(msgspec.Struct, eq=False):
     profile: Any
     publishers: int
     subscription: RawSubscription | None = None
+    numbers: dict[bytes, int] = msgspec.field(default_factory=dict)
+    """The last of each publisher; known to the next subscription, which latched messages reach again."""
 
 
 class _Waiting(msgspec.Struct):
@@ -108,7 +116,7 @@ class Tap:
         self._globs = [prefix + glob for glob in globs] or [f"{prefix}/*"]
         self._handler = handler
         self._taker = native.Taker()
-        self._notes = Notes(graph, prefix)
+        self._notes = Notes(graph, announcements, prefix)
         self._heard: dict[str, _Heard] = {}
         self._looking = False
         self._quiet_until = 0.0
@@ -124,6 +132,7 @@ class Tap:
         """Of these, the latest stamp of each publisher."""
         self._waiting: deque[_Waiting] = deque()
         self._retrying = False
+        self._turn_bytes = 0
         self._nameless: dict[bytes, float] = {}
         """When each that had no name was first heard."""
         self._silent_since: dict[str, float] = {}
@@ -143,6 +152,14 @@ class Tap:
     def _not_complete_before(self, instant_s: float) -> None:
         self._complete_at_s = max(self._complete_at_s, instant_s)
 
+    def is_contested(self, name: str) -> bool:
+        """See ``transports.interface.Tap``."""
+        return self._announcements.is_contested(name)
+
+    def take_dropped(self) -> Sequence[tuple[str, str]]:
+        """See ``transports.interface.Tap``."""
+        return ()
+
     def peers(self) -> Sequence[str]:
         """Names of the nodes in the graph, and of those that said who they are."""
         names = {*self._node.get_node_names(), *self._announcements.names()}
@@ -154,7 +171,17 @@ class Tap:
         """
         notes = self._notes
         deaf = {**notes.without_contents.copy(), **self._deaf.copy()}
-        return [*notes.losses.sentences(), *deaf.values(), *self._silent_services()]
+        contested = (
+            f"several nodes say that they are {name}: it cannot be told which of them it is"
+            for name in self._announcements.contested()
+        )
+        return [
+            *notes.losses.sentences(),
+            *contested,
+            *notes.foreign(),
+            *deaf.values(),
+            *self._silent_services(),
+        ]
 
     def close(self) -> None:
         """Stop listening; idempotent."""
@@ -313,6 +340,13 @@ class Tap:
             taken = None if self._closed else self._taker.take(handle)
             if taken is None:
                 return False
+            size = len(taken.payload)
+            if size * heard.profile.depth > 2 * MOST_KEPT_BYTES and not self._closed:
+                self._executor.post(partial(self._keep_fewer, heard, ros, size))
+            if taken.number:
+                if taken.number <= heard.numbers.get(taken.gid, 0):
+                    return True  # a latched one that this subscription's forerunner had
+                heard.numbers[taken.gid] = taken.number
             try:
                 data = read(taken.payload)
             except cdr.CdrError as error:
@@ -323,11 +357,31 @@ class Tap:
             newest, gid = self._newest, taken.gid
             newest[gid] = stamp_ns = max(newest.get(gid, 0), observing.stamp_ns(taken, data))
             self._taken.append(_Waiting(stamp_ns, observing, taken, data, time.monotonic()))
+            self._turn_bytes += size
+            if self._turn_bytes > MOST_TURN_BYTES:
+                self._pass_on()
             return True
 
         self._executor.handle(handle, take, qos.TAP_DEPTH, is_patient=True)
         self._not_complete_before(self._began_s + _DISCOVERY_S)
         self._not_complete_before(time.monotonic() + _MATCHED_S)
+
+    def _keep_fewer(self, heard: _Heard, ros: Any, size: int) -> None:
+        """Subscribe anew, with a shorter history: messages of ``size`` bytes come on this topic."""
+        depth = max(MOST_KEPT_BYTES // size, _LEAST_DEPTH)
+        if (
+            self._closed
+            or self._heard.get(heard.topic) is not heard
+            or heard.profile.depth <= depth
+        ):
+            return
+        self._drop(heard)
+        heard.subscription = None
+        heard.profile.depth = depth
+        self._making += 1
+        self._subscriber.subscribe(
+            heard.topic, ros, heard.profile, partial(self._begin_to_hear, heard, ros)
+        )
 
     def _observing(self, topic: str, type_name: str, ros: Any) -> Observing:
         if topic == self._prefix + ros_forms.CALL_ERRORS:
@@ -343,6 +397,7 @@ class Tap:
         self._taken.sort(key=_STAMP)
         self._waiting += self._taken
         self._taken.clear()
+        self._turn_bytes = 0
         self._newest.clear()
         self._deliver()
 

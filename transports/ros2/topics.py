@@ -6,6 +6,7 @@ definition: they travel as JSON in a ``std_msgs/msg/String``.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -14,10 +15,12 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports.interface import Message, Topic, TransportError
+from transports.payloads import PayloadError, decode_with
+from transports.refusals import Refusals
 from transports.ros2 import qos
-from transports.ros2.executor import LOG, Executor
+from transports.ros2.executor import Executor
 from transports.ros2.messages import Codec
-from transports.ros_forms import OWN_PACKAGES, Carried
+from transports.ros_forms import OWN_PACKAGES, Carried, read_carried
 
 
 class CarriedCodec:
@@ -29,6 +32,7 @@ class CarriedCodec:
         self.type_name = type_name
         self.ros = String
         self._message = message
+        self._convert = functools.partial(msgspec.convert, type=message)
 
     def encode(self, message: Message) -> Any:
         """A String of rclpy."""
@@ -39,11 +43,11 @@ class CarriedCodec:
         return self.ros(data=msgspec.json.encode(Carried(self.type_name, message)).decode())
 
     def decode(self, message: Any) -> Any:
-        """Our message; msgspec.DecodeError if it is another."""
-        carried = msgspec.json.decode(message.data, type=Carried)
+        """Our message; PayloadError if it is another."""
+        carried = read_carried(message.data)
         if carried.m2c_type != self.type_name:
-            raise msgspec.ValidationError(f"expected type {self.type_name}, got {carried.m2c_type}")
-        return msgspec.convert(carried.message, self._message)
+            raise PayloadError(f"expected type {self.type_name}, got {carried.m2c_type}")
+        return decode_with(self._convert, carried.message)
 
 
 def codec_of(topic: Topic) -> Codec | CarriedCodec:
@@ -79,7 +83,12 @@ class Publisher:
 
 
 def subscribe(
-    node: Any, executor: Executor, name: str, topic: Topic, handler: Callable[[Any], None]
+    node: Any,
+    executor: Executor,
+    name: str,
+    topic: Topic,
+    handler: Callable[[Any], None],
+    refusals: Refusals,
 ) -> Any:
     """Call ``handler(message)`` on the executor for every message; returns the subscription."""
     codec = codec_of(topic)
@@ -101,8 +110,8 @@ def subscribe(
             return False
         try:
             message = decode(taken[0])
-        except msgspec.DecodeError as error:
-            LOG.warning("%s: message dropped: %s", name, error)
+        except PayloadError as error:
+            refusals.refuse(name, "", error)
             return True
         handler(message)
         return True

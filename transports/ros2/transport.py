@@ -17,9 +17,10 @@ from transports.interface import (
     TransportError,
 )
 from transports.on_executor import OnExecutor
+from transports.refusals import Refusals
 from transports.ros2 import native, qos, topics
 from transports.ros2.call_errors import CallErrors
-from transports.ros2.executor import Executor
+from transports.ros2.executor import LOG, Executor
 from transports.ros2.faults import Declared, Faults
 from transports.ros2.graph import Graph
 from transports.ros2.introspection import ServiceEvents, outbox
@@ -65,14 +66,17 @@ class Ros2Transport(OnExecutor):
     its next heartbeat (each 3 s) is answered."""
 
     def __init__(self, ros_node: Any, prefix: str = "") -> None:
-        super().__init__(ros_node.get_name(), Executor(ros_node))
+        self._refusals = Refusals(LOG)
+        super().__init__(ros_node.get_name(), Executor(ros_node, self._refusals))
         self._ros = ros_node
         self._clock = ros_node.get_clock()
         self._prefix = prefix
         self._graph = Graph(ros_node)
         self._graph.listen(self._hear_of_change)
         self._change_posted = threading.Event()
-        self._announcements = Announcements(ros_node, self._executor, self._graph, prefix)
+        self._announcements = Announcements(
+            ros_node, self._executor, self._graph, prefix, self._refusals
+        )
         self._own = self._announcements.own
         self._declared = Declared()
         self._faults = Faults(ros_node, self._graph, self._declared)
@@ -119,7 +123,7 @@ class Ros2Transport(OnExecutor):
     def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
         """Call ``handler(message)`` for every message."""
         name = self._require_type(topic)
-        topics.subscribe(self._ros, self._executor, name, topic, handler)
+        topics.subscribe(self._ros, self._executor, name, topic, handler, self._refusals)
         self._declared.subscribes[name] = (_ros_type(topic), qos.of_subscription(topic))
         self._own.subscribes.append(name)
 
@@ -130,7 +134,17 @@ class Ros2Transport(OnExecutor):
         if name in self._declared.serves:
             raise TransportError(f"{service.name} is served by {self.node} already")
         errors, events = self._call_errors(), self._events_of(name, service)
-        Server(self._ros, self._executor, self._graph, errors, events, name, service, handler)
+        Server(
+            self._ros,
+            self._executor,
+            self._graph,
+            errors,
+            events,
+            name,
+            service,
+            handler,
+            self._refusals,
+        )
         self._declared.serves[name] = service.type_name
         self._own.serves.append(name)
 
@@ -141,7 +155,9 @@ class Ros2Transport(OnExecutor):
         client = self._clients.get(name)
         if client is None:
             errors, events = self._call_errors(), self._events_of(name, service)
-            client = Client(self._ros, self._executor, errors, events, name, service)
+            client = Client(
+                self._ros, self._executor, errors, events, name, service, self._refusals
+            )
             self._clients[name] = client
             self._declared.calls[name] = service.type_name
             self._own.calls.append(name)
@@ -238,7 +254,7 @@ class Ros2Transport(OnExecutor):
     def _call_errors(self) -> CallErrors:
         if self._errors is None:
             topic = self._prefix + ros_forms.CALL_ERRORS
-            self._errors = CallErrors(self._ros, self._executor, topic)
+            self._errors = CallErrors(self._ros, self._executor, topic, self._refusals)
             self._own.publishes.append(topic)
             self._own.subscribes.append(topic)
         return self._errors

@@ -137,6 +137,14 @@ class Tap:
         """It hears everything at once."""
         return True
 
+    def is_contested(self, name: str) -> bool:
+        """A world has one node of each name."""
+        return False
+
+    def take_dropped(self) -> Sequence[tuple[str, str]]:
+        """Nothing: a world waits for its taps."""
+        return ()
+
     def peers(self) -> Sequence[str]:
         """Names of the other nodes: in one world all are linked."""
         return sorted(name for name in self._node.world.nodes if name != self._node.node)
@@ -160,7 +168,7 @@ class Tap:
         fields, payload = told
         channel, source = fields["channel"], fields["source"]
         events = "" if fields["kind"] is ObservationKind.MESSAGE else EVENT_SUFFIX
-        self._losses.number(channel + events, source, fields["sequence"])
+        self._losses.number(channel + events, source, fields["sequence"], fields["stamp_ns"])
         try:
             data = None if payload is None else plain(payload)
         except PayloadError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +14,11 @@ from transports.interface import (
     Service,
     TransportError,
 )
-from transports.payloads import PayloadError, TypedCodec, report_payload
+from transports.payloads import PayloadError, TypedCodec
 from transports.simulated.world import Completion
 
 if TYPE_CHECKING:
     from transports.simulated.transport import SimulatedTransport
-
-LOG = logging.getLogger("transports.simulated")
 
 
 class Call:
@@ -104,7 +101,7 @@ class Server:
             self._request.require(f"{call.type_name}_Request")
             data = self._request.decode_bytes(call.payload)
         except PayloadError as error:
-            report_payload(LOG, self.name, client, error)
+            self.node.refusals.refuse(self.name, client, error)
             self.answer(call, None, f"bad request: {error}")
             return
         self.node.routes.service_event(
@@ -219,7 +216,7 @@ class Client:
         try:
             response = self._response.decode_bytes(payload)
         except PayloadError as bad:
-            report_payload(LOG, self.service.name, "its server", bad)
+            self.node.refusals.refuse(self.service.name, "its server", bad)
             text = f"{self.service.name}: bad response: {bad}"
             self._end(call, CallResult(CallOutcome.REMOTE_ERROR, error=text), None)
             return

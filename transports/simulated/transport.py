@@ -20,7 +20,8 @@ from transports.interface import (
     Topic,
     TransportError,
 )
-from transports.payloads import PayloadError, TypedCodec, report_payload
+from transports.payloads import PayloadError, TypedCodec
+from transports.refusals import Refusals
 from transports.simulated.routes import Tap
 from transports.simulated.services import Client, Request, Server
 from transports.simulated.world import Completion, SimulatedWorld, world_called
@@ -118,7 +119,7 @@ class Subscription:
             self._codec.require(type_name)
             decoded = self._codec.decode_bytes(payload)
         except PayloadError as error:
-            report_payload(LOG, self._topic.name, source, error)
+            self._node.refusals.refuse(self._topic.name, source, error)
             return
         self._handler(decoded)
 
@@ -139,6 +140,7 @@ class SimulatedTransport:
         self.world = world
         self.routes = world.routes
         self.alive = True
+        self.refusals = Refusals(LOG)
         self._node = node
         self._calls = itertools.count(1)
         self._subscriptions: list[tuple[str, Subscription]] = []

@@ -10,46 +10,35 @@ nodes it hears (``LINK_KEYS``), from which a tap learns of nodes that it is not 
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from queue import Empty, SimpleQueue
 from typing import Any
 
-import msgspec
 import zenoh
 
+from transports.refusals import Refusals, shown
+from transports.zenoh import tokens
 from transports.zenoh.executor import Executor
-from transports.zenoh.names import (
-    LINK_KEYS,
-    NODE_KEYS,
-    SERVER_KEYS,
-    channel_of,
-    key_of,
-    node_chunk,
-    node_of,
-)
+from transports.zenoh.names import NODE_KEYS, SERVER_KEYS, key_of
+from transports.zenoh.tokens import NodeToken, TokenError
 from transports.zenoh.wire import LOG
 
-
-class Token(msgspec.Struct, frozen=True):
-    """A liveliness token that appeared or went away.
-
-    Attributes:
-        zid: the id of the session that declared it.
-        rest: the parts of its key after the id.
-        up: whether it is there.
-    """
-
-    zid: str
-    rest: tuple[str, ...]
-    up: bool
+MOST_TOKENS = 4096
+"""Announcements of nodes that are remembered: anybody may declare any number of them."""
+CONTESTED_S = 5.0
+"""What a session has sent has come, or comes too late to be judged, so long after it went away."""
+LINKS_PERIOD_S = 0.1
+"""A node tells at most so often which others it hears: each time to all of them."""
+_MOST_TWINS = 16
+"""So many others of the same name, or of the same service, are said one by one."""
 
 
-def read_token(prefix: str, sample: zenoh.Sample) -> Token:
-    """The token under ``prefix`` that ``sample`` tells of."""
-    zid, *rest = str(sample.key_expr).removeprefix(prefix + "/").split("/")
-    return Token(zid, tuple(rest), sample.kind == zenoh.SampleKind.PUT)
+def is_up(sample: zenoh.Sample) -> bool:
+    """Whether a token appeared; else it went away."""
+    return sample.kind == zenoh.SampleKind.PUT
 
 
 def watch(session: zenoh.Session, pattern: str, receive: Callable[[zenoh.Sample], object]) -> Any:
@@ -65,28 +54,70 @@ class Nodes:
     """The nodes that are up, by name; a restarted node may be there twice for a moment."""
 
     def __init__(self, since: dict[str, int] | None = None) -> None:
-        self.sessions: dict[str, set[str]] = {}
+        self.announced: dict[str, set[NodeToken]] = {}
+        """What there is of each: one token, or somebody else says that it has this name, too."""
         self.since = {} if since is None else since
-        """When the newest session of each began to connect, as it says itself (ns)."""
+        """When each began to connect, as it says itself (ns); 0 for one that was there twice at once: which
+        of the two is heard is not known, and so not what it had done before."""
+        self._count = 0
+        self._contested: dict[str, float] = {}
+        """Until when (monotonic, s) what comes in a name may be of either that has claimed it."""
 
-    def update(self, token: Token) -> tuple[str, bool] | None:
-        """Take a token of NODE_KEYS in; ``(name, up)`` if that changed who is up."""
-        if not token.rest:
+    def is_contested(self, name: str) -> bool:
+        """Whether ``name`` is there twice, or was of late."""
+        return bool(self._contested) and self._contested.get(name, 0.0) >= time.monotonic()
+
+    def update(self, token: NodeToken, up: bool) -> tuple[str, bool] | None:
+        """Take in that ``token`` is there or no longer; ``(name, up)`` if that changed who is up.
+
+        Raises:
+            TokenError: there are more of them than are remembered.
+        """
+        name = token.name
+        there = self.announced.get(name, set())
+        if up == (token in there):
             return None
-        name = node_of(token.rest[0])
-        sessions = self.sessions.setdefault(name, set())
-        was_up = bool(sessions)
-        (sessions.add if token.up else sessions.discard)(token.zid)
-        if token.up and len(token.rest) > 1 and token.rest[1].isdecimal():
-            self.since[name] = max(self.since.get(name, 0), int(token.rest[1]))
-        is_up = bool(sessions)
-        if not is_up:
-            del self.sessions[name]
+        if not up:
+            there.discard(token)
+            self._count -= 1
+            if len(there) == 1:
+                self._contested[name] = time.monotonic() + CONTESTED_S
+            if there:
+                return None
+            del self.announced[name]
             self.since.pop(name, None)
-        return (name, is_up) if was_up != is_up else None
+            return name, False
+        if self._count >= MOST_TOKENS:
+            raise TokenError(f"more than {MOST_TOKENS} nodes are up")
+        self._count += 1
+        there.add(token)
+        self.announced[name] = there
+        if len(there) == 1:
+            self.since[name] = token.since_ns
+        else:
+            self.since[name] = 0
+            self._contest(name)
+        return (name, True) if len(there) == 1 else None
+
+    def _contest(self, name: str) -> None:
+        now_s = time.monotonic()
+        if len(self._contested) >= MOST_TOKENS:
+            for past in [n for n, until_s in self._contested.items() if until_s < now_s]:
+                del self._contested[past]
+        self._contested[name] = math.inf
+
+    def take(self, sample: zenoh.Sample, refusals: Refusals) -> tuple[str, bool] | None:
+        """``update`` with what ``sample`` tells, or refuse it."""
+        try:
+            return self.update(tokens.read_node(str(sample.key_expr)), is_up(sample))
+        except TokenError as error:
+            refusals.refuse(NODE_KEYS, "", error)
+            return None
 
 
-def wait_for_nodes(session: zenoh.Session, names: Iterable[str], timeout_s: float) -> list[str]:
+def wait_for_nodes(
+    session: zenoh.Session, names: Iterable[str], timeout_s: float, refusals: Refusals
+) -> list[str]:
     """Wait until all ``names`` are up; those still missing after ``timeout_s``."""
     wanted = list(names)
     deadline = time.monotonic() + timeout_s
@@ -94,12 +125,12 @@ def wait_for_nodes(session: zenoh.Session, names: Iterable[str], timeout_s: floa
     subscriber = watch(session, f"{NODE_KEYS}/**", samples.put)
     nodes = Nodes()
     try:
-        while missing := [name for name in wanted if name not in nodes.sessions]:
+        while missing := [name for name in wanted if name not in nodes.announced]:
             try:
                 sample = samples.get(timeout=max(deadline - time.monotonic(), 0.0))
             except Empty:
                 return missing
-            nodes.update(read_token(NODE_KEYS, sample))
+            nodes.take(sample, refusals)
         return []
     finally:
         subscriber.undeclare()
@@ -110,6 +141,7 @@ def watch_nodes(
     executor: Executor,
     since: dict[str, int],
     handler: Callable[[str, bool], None],
+    refusals: Refusals,
 ) -> Any:
     """``handler(name, up)`` on the executor; returns what must be undeclared.
 
@@ -118,11 +150,24 @@ def watch_nodes(
     nodes = Nodes(since)
 
     def receive(sample: zenoh.Sample) -> None:
-        if change := nodes.update(read_token(NODE_KEYS, sample)):
+        if change := nodes.take(sample, refusals):
             handler(*change)
 
     put = executor.put
     return watch(session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample)))
+
+
+class _Twins:
+    """Says who else there is that should not be, each session once."""
+
+    def __init__(self) -> None:
+        self._known: set[str] = set()
+
+    def are_new(self, zid: str) -> bool:
+        if zid in self._known or len(self._known) >= _MOST_TWINS:
+            return False
+        self._known.add(zid)
+        return True
 
 
 class Announcement:
@@ -133,42 +178,64 @@ class Announcement:
     """
 
     def __init__(
-        self, session: zenoh.Session, executor: Executor, node: str, since_ns: int
+        self,
+        session: zenoh.Session,
+        executor: Executor,
+        node: str,
+        since_ns: int,
+        refusals: Refusals,
     ) -> None:
         self._session = session
+        self._executor = executor
         self._node = node
         self._zid = str(session.info.zid())
+        self._refusals = refusals
         self._nodes = Nodes()
+        self._twins = _Twins()
         self._links: Any = None
-        self._linked: Sequence[str] = ()
+        self._links_key = ""
+        self._links_due_s = 0.0
+        self._is_linking = False
         self._withdrawn = False
         self._lock = threading.RLock()
         """Held while tokens come and go: each is withdrawn once."""
         put, receive = executor.put, self._receive
         self._watch = watch(session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample)))
-        self._token = session.liveliness().declare_token(
-            f"{NODE_KEYS}/{self._zid}/{node_chunk(node)}/{since_ns}"
-        )
+        self._token = session.liveliness().declare_token(tokens.node_key(self._zid, node, since_ns))
 
     def _receive(self, sample: zenoh.Sample) -> None:
-        token = read_token(NODE_KEYS, sample)
-        change = self._nodes.update(token)
-        if token.up and token.zid != self._zid and token.rest[0] == node_chunk(self._node):
+        try:
+            token = tokens.read_node(str(sample.key_expr))
+            change = self._nodes.update(token, is_up(sample))
+        except TokenError as error:
+            self._refusals.refuse(NODE_KEYS, "", error)
+            return
+        is_twin = token.name == self._node and token.zid != self._zid and is_up(sample)
+        if is_twin and self._twins.are_new(token.zid):
             LOG.error("two nodes are named %s: this one and session %s", self._node, token.zid)
-        if change is None:
+        if change is None or self._is_linking:
             return
-        linked = sorted(node_chunk(n) for n in self._nodes.sessions if n != self._node)
-        if linked == self._linked:
+        wait_s = self._links_due_s - time.monotonic()
+        if wait_s <= 0:
+            self._tell_links()
+        else:
+            self._is_linking = True
+            self._executor.after(wait_s, self._tell_links)
+
+    def _tell_links(self) -> None:
+        """Say which nodes this one hears, if that has changed."""
+        self._is_linking = False
+        self._links_due_s = time.monotonic() + LINKS_PERIOD_S
+        key = tokens.links_key(self._zid, sorted(self._nodes.announced.keys() - {self._node}))
+        if key == self._links_key:
             return
-        self._linked = linked
+        self._links_key = key
         with self._lock:
             if self._withdrawn:
                 return
             before = self._links
             try:
-                self._links = self._session.liveliness().declare_token(
-                    f"{LINK_KEYS}/{self._zid}/{','.join(linked) or '-'}"
-                )
+                self._links = self._session.liveliness().declare_token(key)
                 if before is not None:
                     before.undeclare()
             except zenoh.ZError:
@@ -187,26 +254,37 @@ class Announcement:
 class ServerToken:
     """Says that this node serves a service, and reports another node that serves it too."""
 
-    def __init__(self, session: zenoh.Session, executor: Executor, node: str, service: str) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        executor: Executor,
+        node: str,
+        service: str,
+        refusals: Refusals,
+    ) -> None:
         self._node = node
         self._zid = str(session.info.zid())
+        self._refusals = refusals
+        self._twins = _Twins()
         key = key_of(service)
         put, receive = executor.put, self._receive
         self._watch = watch(
             session, f"{SERVER_KEYS}/*/*/{key}", lambda sample: put((receive, sample))
         )
-        self._token = session.liveliness().declare_token(
-            f"{SERVER_KEYS}/{self._zid}/{node_chunk(node)}/{key}"
-        )
+        self._token = session.liveliness().declare_token(tokens.server_key(self._zid, node, key))
 
     def _receive(self, sample: zenoh.Sample) -> None:
-        token = read_token(SERVER_KEYS, sample)
-        if token.up and token.zid != self._zid:
+        try:
+            token = tokens.read_server(str(sample.key_expr))
+        except TokenError as error:
+            self._refusals.refuse(SERVER_KEYS, "", error)
+            return
+        if is_up(sample) and token.zid != self._zid and self._twins.are_new(token.zid):
             LOG.error(
                 "two nodes serve %s: %s and %s; a call reaches only one of them",
-                channel_of("/".join(token.rest[1:])),
+                shown(token.service),
                 self._node,
-                node_of(token.rest[0]),
+                shown(token.name),
             )
 
     def undeclare(self) -> None:

@@ -11,7 +11,9 @@ gone).
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import threading
 import time
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
@@ -24,11 +26,20 @@ from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
 from transports.outbox import CALLER_S
 from transports.payloads import PayloadError
+from transports.refusals import Refusals
 from transports.timers import Timer
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import ServiceEvents
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import Codec, attachment, contents, read_attachment, report_payload
+from transports.zenoh.wire import Codec, attachment, contents, read_attachment
+
+MOST_WAITING = 10_000
+MOST_WAITING_BYTES = 64 * 1024 * 1024
+"""Requests of one service that wait for the executor: seconds of the fastest caller. Who asks beyond that is
+answered at once, with an error."""
+
+MOST_ERROR = 10_000
+"""Characters that are kept of the error that another tells: it stands in events, logs and recordings."""
 
 _GRACE_S = 1.0
 """Zenoh's own time limit comes this much after ours: it only frees what a lost call holds."""
@@ -116,24 +127,52 @@ class Server:
         service: Service,
         events: ServiceEvents,
         handler: Callable[[Request], None],
+        refusals: Refusals,
     ) -> None:
         self.name = service.name
         self.key = key_of(service.name)
         self.codec = codec_of(service)
         self.events = events
         self._handler = handler
-        put, receive = executor.put, self._receive
-        callback: Any = zenoh.handlers.Callback(lambda query: put((receive, query)), indirect=False)
+        self._refusals = refusals
+        self._put = executor.put
+        self._lock = threading.Lock()
+        self._waiting = self._waiting_bytes = 0
+        callback: Any = zenoh.handlers.Callback(self._arrive, indirect=False)
         self.declared = session.declare_queryable(self.key, callback, complete=True)
 
-    def _receive(self, query: zenoh.Query) -> None:
+    def _arrive(self, query: zenoh.Query) -> None:
+        """On a thread of Zenoh's: have it received on the executor, if there is room."""
+        size = 0 if query.payload is None else len(query.payload)
+        with self._lock:
+            has_room = not self._waiting or (
+                self._waiting < MOST_WAITING and self._waiting_bytes + size <= MOST_WAITING_BYTES
+            )
+            if has_room:
+                self._waiting += 1
+                self._waiting_bytes += size
+        if has_room:
+            self._put((self._receive, (query, size)))
+            return
+        why = "more requests wait than there is room for"
+        client = read_attachment(query.attachment).node
+        self._refusals.refuse(self.name, client, why)
+        with contextlib.suppress(zenoh.ZError):  # who asked is gone, or this session
+            query.reply_err(f"{self.name}: {why}".encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
+        query.drop()
+
+    def _receive(self, arrived: tuple[zenoh.Query, int]) -> None:
+        query, size = arrived
+        with self._lock:
+            self._waiting -= 1
+            self._waiting_bytes -= size
         events = self.events
         call, _, client = read_attachment(query.attachment)
         request = contents(query.payload)
         try:
             data = self.codec.request.decode(request, query.encoding)
         except PayloadError as error:
-            report_payload(self.name, client, error)
+            self._refusals.refuse(self.name, client, error)
             Request(self, query, call, client, None).fail(f"bad request: {error}")
             return
         heard = events.heard
@@ -178,6 +217,20 @@ class _Call:
             self.client.events.flush_later()
 
 
+class _First:
+    """Hands on the first reply: whoever answers may go on for ever."""
+
+    __slots__ = ("_put",)
+
+    def __init__(self, put: Callable[[zenoh.Reply], None]) -> None:
+        self._put: Callable[[zenoh.Reply], None] | None = put
+
+    def __call__(self, reply: zenoh.Reply) -> None:
+        put, self._put = self._put, None
+        if put is not None:
+            put(reply)
+
+
 class Client:
     """Calls one service."""
 
@@ -189,8 +242,10 @@ class Client:
         events: ServiceEvents,
         node: str,
         numbers: itertools.count[int],
+        refusals: Refusals,
     ) -> None:
         self._session = session
+        self._refusals = refusals
         self._executor = executor
         self._name = service.name
         self._key = session.declare_keyexpr(key_of(service.name))
@@ -217,13 +272,12 @@ class Client:
         call = _Call(self, number, done)
         put, replied, closed = self._executor.put, call.replied, call.closed
         call.timer = self._executor.after(timeout_s, call.timed_out)
+        first = _First(lambda reply: put((replied, reply)))
         self._send(
             number,
             payload,
             timeout_s,
-            zenoh.handlers.Callback(
-                lambda reply: put((replied, reply)), lambda: put((closed, None)), indirect=False
-            ),
+            zenoh.handlers.Callback(first, lambda: put((closed, None)), indirect=False),
         )
 
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
@@ -244,7 +298,7 @@ class Client:
                 number,
                 payload,
                 timeout_s,
-                zenoh.handlers.Callback(put, lambda: put(None), indirect=False),
+                zenoh.handlers.Callback(_First(put), lambda: put(None), indirect=False),
                 CALLER_S,
             )
             reply = self._first(replies, deadline)
@@ -302,13 +356,14 @@ class Client:
         sample = reply.ok
         if sample is None:
             error = reply.err
-            text = "" if error is None else error.payload.to_bytes().decode(errors="replace")
+            told = b"" if error is None else error.payload.to_bytes()[: 4 * MOST_ERROR]
+            text = told.decode(errors="replace")[:MOST_ERROR]
             return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
         payload = contents(sample.payload)
         try:
             response = self._codec.response.decode(payload, sample.encoding)
         except PayloadError as error:
-            report_payload(self._name, "its server", error)
+            self._refusals.refuse(self._name, "its server", error)
             text = f"{self._name}: bad response: {error}"
             return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
         return CallResult(CallOutcome.RESPONSE, response), payload

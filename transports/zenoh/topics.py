@@ -12,9 +12,10 @@ from zenoh import ext
 
 from transports.interface import Message, Reliability, Topic, TransportError
 from transports.payloads import PayloadError
+from transports.refusals import Refusals
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import Codec, attachment, contents, read_attachment, report_payload
+from transports.zenoh.wire import Codec, attachment, contents, read_attachment
 
 
 class _Declared(Protocol):
@@ -96,10 +97,14 @@ def _declare_publisher(session: zenoh.Session, topic: Topic, codec: Codec) -> _D
 
 
 def subscribe(
-    session: zenoh.Session, executor: Executor, topic: Topic, handler: Callable[[Any], None]
+    session: zenoh.Session,
+    executor: Executor,
+    topic: Topic,
+    handler: Callable[[Any], None],
+    refusals: Refusals,
 ) -> Any:
     """Call ``handler(message)`` on the executor for every message; what does not decode is
-    reported and dropped. Returns what must be undeclared.
+    refused. Returns what must be undeclared.
     """
     codec = Codec(topic.type_name, topic.message)
 
@@ -107,7 +112,7 @@ def subscribe(
         try:
             message = codec.decode(contents(sample.payload), sample.encoding)
         except PayloadError as error:
-            report_payload(topic.name, read_attachment(sample.attachment).node, error)
+            refusals.refuse(topic.name, read_attachment(sample.attachment).node, error)
             return
         handler(message)
 

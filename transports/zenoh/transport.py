@@ -21,6 +21,7 @@ from transports.interface import (
 )
 from transports.on_executor import OnExecutor
 from transports.outbox import Outbox
+from transports.refusals import Refusals
 from transports.zenoh import presence, topics
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Recorded, ServiceEvents, publish
@@ -28,6 +29,7 @@ from transports.zenoh.rounds import Rounds
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.session import open_session
 from transports.zenoh.tap import Tap
+from transports.zenoh.wire import LOG
 
 
 def connect(node: str, options: Mapping[str, str]) -> ZenohTransport:
@@ -53,6 +55,7 @@ class ZenohTransport(OnExecutor):
         self._up_since: dict[str, int] = {}
         self._node_bytes = node.encode()
         self._session = session
+        self._refusals = Refusals(LOG)
         self._calls = itertools.count(1)
         self._order = itertools.count()
         self._sequences: dict[str, topics.Sequence] = {}
@@ -79,7 +82,9 @@ class ZenohTransport(OnExecutor):
 
     def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
         """Call ``handler(message)`` for every message."""
-        self._declared.append(topics.subscribe(self._session, self._executor, topic, handler))
+        self._declared.append(
+            topics.subscribe(self._session, self._executor, topic, handler, self._refusals)
+        )
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
         """Serve ``service``; a second server of it, here or in another node, is reported."""
@@ -87,25 +92,37 @@ class ZenohTransport(OnExecutor):
             raise TransportError(f"{service.name} is served by {self._node} already")
         self._servers.add(service.name)
         events = self._events_of(service)
-        server = Server(self._session, self._executor, service, events, handler)
-        token = presence.ServerToken(self._session, self._executor, self._node, service.name)
+        server = Server(self._session, self._executor, service, events, handler, self._refusals)
+        token = presence.ServerToken(
+            self._session, self._executor, self._node, service.name, self._refusals
+        )
         self._declared += [server.declared, token]
 
     def client(self, service: Service) -> Client:
         """A client of ``service``."""
         events = self._events_of(service)
-        client = Client(self._session, self._executor, service, events, self._node, self._calls)
+        client = Client(
+            self._session,
+            self._executor,
+            service,
+            events,
+            self._node,
+            self._calls,
+            self._refusals,
+        )
         self._clients.append(client)
         return client
 
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
         """Wait until all ``names`` are up; returns those still missing at the end."""
-        return presence.wait_for_nodes(self._session, names, timeout_s)
+        return presence.wait_for_nodes(self._session, names, timeout_s, self._refusals)
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """``handler(name, up)`` whenever a node announces itself or goes away."""
         self._declared.append(
-            presence.watch_nodes(self._session, self._executor, self._up_since, handler)
+            presence.watch_nodes(
+                self._session, self._executor, self._up_since, handler, self._refusals
+            )
         )
 
     def up_since(self, name: str) -> int:
@@ -116,7 +133,7 @@ class ZenohTransport(OnExecutor):
         """Say that this node has declared everything and is ready."""
         if self._announcement is None:
             self._announcement = presence.Announcement(
-                self._session, self._executor, self._node, self._since_ns
+                self._session, self._executor, self._node, self._since_ns, self._refusals
             )
 
     def round_over(self) -> None:
@@ -126,7 +143,7 @@ class ZenohTransport(OnExecutor):
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Hear everything on channels that match one of the globs (empty: all), passively."""
-        tap = Tap(self._session, self._executor, channels, handler)
+        tap = Tap(self._session, self._executor, channels, handler, self._refusals)
         self._taps.append(tap)
         return tap
 

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from transports import payloads
 from transports.interface import Message
-from transports.payloads import PayloadError, TypedCodec
+from transports.payloads import TypedCodec
+from transports.zenoh.tokens import MOST_NAME
 
 LOG = logging.getLogger("transports.zenoh")
 """Where this transport reports what it dropped."""
@@ -29,6 +29,13 @@ _NO_CONTENTS = b"\x80"
 """An empty map: what a tool sends that calls without a payload."""
 
 _NUMBERS = struct.Struct("<QQ")
+
+MOST_NUMBER = 2**63 - 1
+"""What fits in every form of recording; a node that counts a million a second needs 300 000 years for it."""
+_MOST_BYTES = _NUMBERS.size + 4 * MOST_NAME
+"""Of an attachment; a character in UTF-8 has up to four bytes."""
+MOST_TYPE_NAME = 512
+"""Characters of a type's name: twice the longest of ROS 2 (package and message, 255 each)."""
 
 
 class Codec(TypedCodec):
@@ -76,19 +83,25 @@ def attachment(number: int, order: int, node: bytes) -> bytes:
 
 
 def read_attachment(data: zenoh.ZBytes | None) -> Sent:
-    """What an attachment tells; ``UNKNOWN`` if it is none of ours."""
-    if data is None:
+    """What an attachment tells; ``UNKNOWN`` if it is none of ours. Nothing is raised."""
+    return UNKNOWN if data is None else sent_of(data.to_bytes())
+
+
+def sent_of(raw: bytes) -> Sent:
+    """As ``read_attachment``."""
+    if not _NUMBERS.size <= len(raw) <= _MOST_BYTES:
         return UNKNOWN
-    raw = data.to_bytes()
-    if len(raw) < _NUMBERS.size:
+    number, order = _NUMBERS.unpack_from(raw)
+    if number > MOST_NUMBER or order > MOST_NUMBER:
         return UNKNOWN
     try:
-        number, order = _NUMBERS.unpack_from(raw)
-        return Sent(number, order, raw[_NUMBERS.size :].decode())
+        node = raw[_NUMBERS.size :].decode()
     except UnicodeDecodeError:
         return UNKNOWN
+    return Sent(number, order, node) if node.isprintable() else UNKNOWN
 
 
-def report_payload(channel: str, source: str, error: PayloadError) -> None:
-    """Report a payload that was dropped: channel, source, and where in the message."""
-    payloads.report_payload(LOG, channel, source, error)
+def type_of(encoding: str) -> str:
+    """The type's name in the text of an encoding; empty if it names none, or what can be no name."""
+    name = "" if encoding == UNSPECIFIED else encoding.removeprefix(MEDIA_TYPE + ";")
+    return name if len(name) <= MOST_TYPE_NAME and name.isprintable() else ""

@@ -68,7 +68,9 @@ def left_before() -> set[str]:
     return segments()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.soak)]
+)
 @pytest.mark.parametrize(
     "said", ["starting 2 nodes", "2 nodes are up", "ticking the tree", "tick "]
 )

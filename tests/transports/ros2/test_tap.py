@@ -320,7 +320,7 @@ def test_all_events_of_a_call_have_one_client_whenever_its_name_is_told() -> Non
             return self.name
 
     graph = Told()
-    notes = observing.Notes(graph, "")
+    notes = observing.Notes(graph, None, "")
     one, other = b"\x01" * 16, b"\x02" * 16
     asked = notes.caller("/double", one, 1)
     assert asked != notes.caller("/double", other, 1)

@@ -150,6 +150,12 @@ class _Tap:
     def problems(self):
         return []
 
+    def is_contested(self, name):
+        return False
+
+    def take_dropped(self):
+        return ()
+
     def close(self):
         self.handler = None
 
