@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from m2c.printable import printable
+from m2c.terminal import give_up, write_to_nobody
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())
 """What is raised, since click 8.2, where a group without a command shows its help."""
@@ -51,10 +52,20 @@ class LazyGroup(click.Group):
             ctx.fail(f"No such command '{name}'; {nearest(name, self._lazy)}")
         return super().resolve_command(ctx, args)
 
+    def main(self, *arguments: Any, **options: Any) -> Any:
+        """Run the command line: what the system refuses (a full disk, too many files) ends it in one line."""
+        try:
+            return super().main(*arguments, **options)
+        except OSError as error:
+            give_up(error)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was named; what click says is wrong names files, and is made printable."""
         try:
             return super().invoke(ctx)
+        except BrokenPipeError:  # as after `| head`, which is no violation
+            write_to_nobody()
+            ctx.exit(0)
         except click.ClickException as error:
             if not isinstance(error, _HELP):
                 vars(error)["message"] = printable(error.message)  # an attribute that is final

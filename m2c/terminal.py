@@ -6,10 +6,14 @@ those are made of :class:`rich.text.Text`, of texts that were made printable.
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 from typing import NoReturn, TextIO
 
 from m2c.printable import printable
+
+_NAMES = {"<stdout>": "standard output", "<stderr>": "standard error"}
 
 
 def show(*lines: str) -> None:
@@ -18,8 +22,12 @@ def show(*lines: str) -> None:
 
 
 def say(*lines: str) -> None:
-    """Write ``lines`` on standard error: one line each, whatever is in it."""
-    show_painted(*map(printable, lines), stream=sys.stderr)
+    """Write ``lines`` on standard error: one line each, whatever is in it.
+
+    Where that is a terminal that is gone, or a full disk, nobody is told: what is done goes on.
+    """
+    with contextlib.suppress(OSError):
+        show_painted(*map(printable, lines), stream=sys.stderr)
 
 
 def fail(*lines: str) -> NoReturn:
@@ -35,9 +43,37 @@ def show_painted(*lines: str, stream: TextIO | None = None) -> None:
     Args:
         lines: what is written, at once.
         stream: where to; standard output by default.
+
+    Raises:
+        BrokenPipeError: nobody reads it any more.
+        OSError: it cannot be written, with the name of the stream as ``filename``.
     """
     out = sys.stdout if stream is None else stream
     encoding = out.encoding or "utf-8"
     text = "".join(f"{line}\n" for line in lines)
-    out.write(text.encode(encoding, "backslashreplace").decode(encoding))
-    out.flush()
+    try:
+        out.write(text.encode(encoding, "backslashreplace").decode(encoding))
+        out.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        name = getattr(out, "name", "")
+        raise OSError(error.errno, error.strerror, _NAMES.get(name, name)) from error
+
+
+def give_up(error: OSError) -> NoReturn:
+    """End the process with exit code 2: the system refused something, and nobody knew what to do then."""
+    where = f"{error.filename}: " if error.filename else ""
+    say(f"error: {where}{error.strerror or error}")
+    write_to_nobody()
+    sys.exit(2)
+
+
+def write_to_nobody() -> None:
+    """Let what is still buffered go nowhere: Python would complain of it when it ends, with exit code 120."""
+    with contextlib.suppress(
+        OSError
+    ):  # no file can be opened: then it was not the output that failed
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(nowhere, stream.fileno())

@@ -41,6 +41,7 @@ def draw(path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...
     from m2c.draw.bounds import TooLargeError
     from m2c.draw.reading import read
     from m2c.model import DiagnosticLog
+    from m2c.output_file import write_whole
     from m2c.terminal import fail
 
     if output.suffix not in SUFFIXES:
@@ -55,7 +56,7 @@ def draw(path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...
     except TooLargeError as error:
         fail(f"{path}: {error}")
     try:
-        output.write_text(content, encoding="utf-8")
+        write_whole(output, content)
     except OSError as error:
         fail(f"{output} cannot be written: {error.strerror}")
 

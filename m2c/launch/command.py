@@ -14,6 +14,8 @@ import click
 from m2c.terminal import fail
 from transports.options import DEFAULT_ENDPOINT
 
+FILES_OF_PROCESS = 4
+"""The launcher's files for each node: its output, its links, and some for a moment as it starts."""
 CLOSE_TIMEOUT_S = 10.0
 """How long the launcher's own connection may take to close, when all nodes have ended."""
 
@@ -84,6 +86,7 @@ def run(
     from m2c.launch.system import RunningSystem, RunSettings
     from m2c.logs import log_as_lines
     from transports.interface import TransportError
+    from transports.open_files import FOR_A_CONNECTION, allow_open_files
     from transports.registry import connect
     from transports.stop_signals import StopSignals
 
@@ -111,6 +114,8 @@ def run(
             policy = read_policy_of(description, folder)
             if ticks and policy is None:
                 fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
+            processes = len(description.nodes) + 1
+            allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * processes)
             options = _transport_options(transport, endpoint, zenoh_config, namespace)
             listen = {"listen" if name == "endpoint" else name: options[name] for name in options}
             signals = StopSignals()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Protocol
 
 from m2c.policy.program import Policy
@@ -62,6 +62,37 @@ def ticked_leaves(tick: TreeTick) -> str:
     )
 
 
+class Guarded:
+    """Another screen, until it cannot be written to; then nothing is shown any more.
+
+    Args:
+        screen: the other one.
+        failed: told once, on whatever thread showed something.
+    """
+
+    def __init__(self, screen: Screen, failed: Callable[[OSError], None]) -> None:
+        self._screen: Screen | None = screen
+        self._failed = failed
+
+    def line(self, text: str) -> None:
+        """Show one line."""
+        self._show(lambda screen: screen.line(text))
+
+    def tick(self, tick: TreeTick) -> None:
+        """Show one tick of the tree."""
+        self._show(lambda screen: screen.tick(tick))
+
+    def _show(self, show: Callable[[Screen], None]) -> None:
+        screen = self._screen
+        if screen is None:
+            return
+        try:
+            show(screen)
+        except OSError as error:
+            self._screen = None
+            self._failed(error)
+
+
 @contextlib.contextmanager
 def screen_for(
     policy: Policy | None, quiet: bool, console: Console | None = None
@@ -83,10 +114,13 @@ def screen_for(
 
     picture = TreePicture(policy)
     console = console or Console()
-    with Live(
-        get_renderable=picture.render, console=console, refresh_per_second=REFRESHES_PER_S
-    ) as live:
+    live = Live(get_renderable=picture.render, console=console, refresh_per_second=REFRESHES_PER_S)
+    live.start()
+    try:
         yield _Picture(picture, live.console)
+    finally:
+        with contextlib.suppress(OSError):  # a terminal that is gone need not look as it did before
+            live.stop()
 
 
 class _Picture:

@@ -11,7 +11,7 @@ import msgspec
 
 from m2c.launch.description import LaunchDescription, LaunchError, Package
 from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, describe_end
-from m2c.launch.screen import Screen
+from m2c.launch.screen import Guarded, Screen
 from m2c.policy.runner import TICKS, TreeTick
 from transports.interface import Timer, Transport
 from transports.stop_signals import StopSignals
@@ -57,7 +57,9 @@ class RunningSystem:
         self._folder = folder
         self._transport = transport
         self._settings = settings
-        self._screen = screen
+        self._screen = Guarded(screen, self._cannot_show)
+        self._unshown: OSError | None = None
+        """Why nothing can be shown."""
         self._processes: dict[str, NodeProcess] = {}
         self._died: tuple[str, int] | None = None
         self._ended_badly: dict[str, str] = {}
@@ -86,6 +88,7 @@ class RunningSystem:
 
         Raises:
             LaunchError: a node did not come up in time.
+            OSError: a process cannot be started, or the screen cannot be written to.
         """
         transport = self._transport
         signals.call(self._interrupted)
@@ -115,7 +118,10 @@ class RunningSystem:
         finally:
             self._stopping = True
             self._stop_all()
-        return self._report()
+        code = self._report()
+        if self._unshown is not None and not self._interrupted_by_signal:
+            raise self._unshown
+        return code
 
     def _changed(self, name: str, up: bool) -> None:
         if up and name in self._missing:
@@ -197,6 +203,11 @@ class RunningSystem:
         policy = self._description.policy
         if not (policy is not None and name == policy.name and code == 0):
             self._died = self._died or (name, code)
+        self._transport.post(self._stop)
+
+    def _cannot_show(self, error: OSError) -> None:
+        """A terminal that is gone, a full disk: nobody would see how it goes on."""
+        self._unshown = error
         self._transport.post(self._stop)
 
     def _stop(self) -> None:

@@ -18,7 +18,16 @@ from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.model.typing import nearest
 from m2c.policy.plugins import PortValue, check_children, port_values, referenced_entry
-from m2c.policy.tree import BUILTINS, TIMED, LeafKind, LeafNode, PolicyFile
+from m2c.policy.tree import (
+    BUILTINS,
+    MARK,
+    MARK_IGNORED,
+    TIMED,
+    LeafKind,
+    LeafNode,
+    PolicyFile,
+    is_marked,
+)
 
 _TICK_KINDS = {"TickCondition": LeafKind.CONDITION, "TickAction": LeafKind.ACTION}
 """Last part of a tick service's type name (bt_interfaces and its variants)."""
@@ -197,6 +206,8 @@ class _Binder:
                 ports[key] = tick
         if halt:
             ports[_HALT_PORT] = halt
+        if is_marked(node.get(MARK)) and MARK not in {port.key for port in plugin.ports}:
+            self._log.note("monitored-leaf", node.position, node.element, *MARK_IGNORED)
         values = port_values(node, plugin, ports, self._log)
         if values is None:
             return None

@@ -19,6 +19,8 @@ from m2c.policy.nesting import check_nesting
 from m2c.policy.tree import (
     BUILTINS,
     MANY,
+    MARK,
+    MARK_IGNORED,
     TIMED,
     BuiltinNode,
     LeafKind,
@@ -27,6 +29,7 @@ from m2c.policy.tree import (
     SubTreeNode,
     Tree,
     TreeNode,
+    is_marked,
 )
 
 _VERSION_3 = {
@@ -277,15 +280,11 @@ class _PolicyReader:
         declared = self._declared.get(tag)
         kind = _LEAF_KINDS.get(element.tag) or (declared.kind if declared else None)
         attributes = {**(declared.defaults if declared else {}), **element.attributes}
-        if attributes.get("isMonitored", "").strip().lower() in ("true", "1"):
-            self._log.note(
-                "monitored-leaf",
-                element.at("isMonitored"),
-                element.tag,
-                "isMonitored is ignored",
-                "moon listens without standing in between",
-            )
-        own = ("ID", "name", "isMonitored", *_EDITOR)
+        own = ["ID", "name", *_EDITOR]
+        if tag not in self._plugins:  # a plugin may declare a port of that name
+            own.append(MARK)
+            if is_marked(attributes.get(MARK, "")):
+                self._log.note("monitored-leaf", element.at(MARK), element.tag, *MARK_IGNORED)
         return LeafNode(
             id=tag,
             name=element.get("name") or tag,

@@ -126,7 +126,7 @@ class PolicyRunner:
         if status == "RUNNING" and not leaf.action:
             self._log.error("condition %s answers RUNNING; taken as FAILURE", leaf.name)
             status = "FAILURE"
-        micros = (self._transport.now_ns() - began_ns) / 1e3
+        micros = max(self._transport.now_ns() - began_ns, 0) / 1e3
         self._ticked.insert(place, LeafTick(leaf.name, status, micros))
         return self._statuses[status]
 
@@ -183,7 +183,10 @@ class PolicyRunner:
         try:
             while ticks is None or self._count < ticks:
                 self.tick()
-                due = max(due + period_ns, self._transport.now_ns())
+                now_ns = self._transport.now_ns()
+                due = min(
+                    max(due + period_ns, now_ns), now_ns + period_ns
+                )  # the clock may be set back
                 if ticks is not None and self._count >= ticks:
                     break
                 remaining = (due - self._transport.now_ns()) / 1e9

@@ -1,7 +1,8 @@
-"""``Sleep``, ``Delay`` and ``Timeout`` by the transport's clock.
+"""``Sleep``, ``Delay`` and ``Timeout`` by the transport's timers.
 
-They look at the clock when they are ticked, so a run in virtual time repeats itself, and a skill is
-only ever halted by the thread that ticks the tree.
+They look whether their time is over when they are ticked, so a run in virtual time repeats itself, and a
+skill is only ever halted by the thread that ticks the tree. A timer goes by no clock that can be set: a
+``Timeout`` is neither over at once nor an hour late where the time of day is.
 """
 
 from __future__ import annotations
@@ -10,9 +11,7 @@ from typing import Any
 
 from m2c.policy.program import Leaf
 from m2c.policy.ticking import Children, TreeNode, read_port
-from transports.interface import Transport
-
-_NS_PER_MS = 1_000_000
+from transports.interface import Timer, Transport
 
 
 class TimedLeaf:
@@ -34,11 +33,10 @@ class TimedLeaf:
         if place is None:
             children = Children(self._factory, self._leaf.id, self._leaf.children, node)
             place = self._places[id(node)] = _Place(node, children)
-        now_ns = self._transport.now_ns()
-        if place.due_ns is None:
+        if place.waiting is None:
             waits_ms = int(read_port(self._leaf.inputs[0], node))
-            place.due_ns = now_ns + waits_ms * _NS_PER_MS
-        status = self._status(place, now_ns >= place.due_ns)
+            place.waiting = _Waiting(self._transport, waits_ms / 1e3)
+        status = self._status(place, place.waiting.is_over)
         if status != "RUNNING":
             place.end()
         return status
@@ -59,15 +57,45 @@ class TimedLeaf:
             place.end()
 
 
+class _Waiting:
+    """A time that passes, from now on: ``is_over`` once ``delay_s`` have."""
+
+    def __init__(self, transport: Transport, delay_s: float) -> None:
+        self.is_over = delay_s <= 0
+        self._timer: Timer | None = None
+        self._ended = self.is_over
+        if not self._ended:
+            transport.post(lambda: self._begin(transport, delay_s))
+        self._post = transport.post
+
+    def _begin(self, transport: Transport, delay_s: float) -> None:
+        if not self._ended:
+            self._timer = transport.after(delay_s, self._elapsed)
+
+    def _elapsed(self) -> None:
+        self.is_over = True
+
+    def end(self) -> None:
+        """Nobody waits any more."""
+        self._ended = True
+        self._post(self._cancel)
+
+    def _cancel(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+
+
 class _Place:
-    """One node of the tree; ``due_ns`` is None while it is not running."""
+    """One node of the tree; ``waiting`` is None while it is not running."""
 
     def __init__(self, node: TreeNode, children: Children) -> None:
         self.node = node  # kept, so that no other node gets its id()
         self.children = children
-        self.due_ns: int | None = None
+        self.waiting: _Waiting | None = None
 
     def end(self) -> None:
         """Its next tick starts anew."""
-        self.due_ns = None
+        if self.waiting is not None:
+            self.waiting.end()
+            self.waiting = None
         self.children.halt_all()

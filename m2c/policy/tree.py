@@ -13,6 +13,16 @@ from m2c.model.diagnostics import Position
 MANY = 1_000
 """No bound on the number of children."""
 
+MARK = "isMonitored"
+"""How leaves were marked for the earlier monitor; a plugin may have a port of that name."""
+MARK_IGNORED = (f"{MARK} is ignored", "moon listens without standing in between")
+"""What is said of it, and why."""
+
+
+def is_marked(written: str) -> bool:
+    """Whether the value of that mark, as it is written, is true."""
+    return written.strip().lower() in ("true", "1")
+
 
 class LeafKind(StrEnum):
     """A condition answers at once; an action may answer RUNNING and can be halted."""
@@ -110,8 +120,8 @@ class LeafNode(msgspec.Struct, frozen=True, kw_only=True):
     """A leaf as it is written: ``<Action ID= name= …>`` or ``<ID name= …>``.
 
     ``kind`` is what the file says, None if it does not; ``attributes`` include the defaults that
-    ``<TreeNodesModel>`` declares, but not ``ID``, ``name`` and ``isMonitored``. ``children`` are
-    those of a plugin that ticks children (a control node or a decorator); a leaf has none.
+    ``<TreeNodesModel>`` declares, but not ``ID`` and ``name``, nor ``isMonitored`` of what is no plugin.
+    ``children`` are those of a plugin that ticks children (a control node or a decorator); a leaf has none.
     """
 
     id: str

@@ -22,6 +22,7 @@ from PySide6 import QtCore, QtScxml
 from statemachine.io.scxml.processor import SCXMLProcessor
 
 from tests.codegen.harness import Generated
+from tests.drawn import examples
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
@@ -236,7 +237,9 @@ def compare(
             assert view_of(made, names) == reference.view(), (type(reference).__name__, event)
 
 
-bounded = settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+bounded = settings(
+    max_examples=examples(40, 400), deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 
 
 @bounded

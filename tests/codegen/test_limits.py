@@ -9,13 +9,13 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from tests.codegen.limits import Writer, run
+from tests.drawn import examples
 
-MODELS = 100
+MODELS = examples(50, 500)
 
 
 @settings(
     max_examples=MODELS,
-    derandomize=True,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )

@@ -34,6 +34,7 @@ from m2c.model.typing import Scope
 from m2c.model.values import convert
 from m2c.runtime.conversion import ExecutionError
 from tests.codegen.limits import Writer
+from tests.drawn import examples
 
 INT8, INT32, UINT8 = Primitive("int8"), Primitive("int32"), Primitive("uint8")
 FLOAT32 = Primitive("float32")
@@ -249,7 +250,7 @@ def drawn(kind: DataType, draw: Random) -> Any:
 LIMITS = Scope({**dict(VALUES.fields), "x": NUMBER, "u": ANY}, {"data": VALUES})
 
 
-@settings(max_examples=1500, deadline=None)
+@settings(max_examples=examples(600, 6000), deadline=None)
 @given(draw=st.randoms(use_true_random=False))
 def test_what_is_certain_is_so_whatever_the_data_are(draw: Random) -> None:
     node = parsed(

@@ -141,6 +141,21 @@ FAR = (
 </scxml>"""
 )
 
+MARKED = (
+    HEAD.format(name="Marked", initial="wait")
+    + """
+<bt_declare_port_in key="isMonitored" type="bool"/>
+<datamodel><data id="marked" type="bool" expr="false"/></datamodel>
+<state id="wait">
+  <bt_tick target="told"><assign location="marked"><expr><bt_get_input key="isMonitored"/></expr></assign></bt_tick>
+</state>
+<state id="told">
+  <transition cond="marked" target="wait"><bt_return_status status="SUCCESS"/></transition>
+  <transition target="wait"><bt_return_status status="FAILURE"/></transition>
+</state>
+</scxml>"""
+)
+
 PLUGINS = {
     "Invert": INVERT,
     "InTurn": IN_TURN,
@@ -150,6 +165,7 @@ PLUGINS = {
     "Deaf": DEAF,
     "Hasty": HASTY,
     "Twice": TWICE,
+    "Marked": MARKED,
 }
 
 

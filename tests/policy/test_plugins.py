@@ -30,9 +30,25 @@ class OneThread:
     def __init__(self) -> None:
         self.work: deque[Callable[[], None]] = deque()
         self.clock_ns = 0
+        self.set_forward_ns = 0
+        """By how much the time of day was set."""
+        self.timers: list[tuple[int, Callable[[], None]]] = []
 
     def now_ns(self) -> int:
-        return self.clock_ns
+        return self.clock_ns + self.set_forward_ns
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Any:
+        timer = (self.clock_ns + round(delay_s * 1e9), handler)
+        self.timers.append(timer)
+        return SimpleNamespace(cancel=lambda: timer in self.timers and self.timers.remove(timer))
+
+    def pass_time(self, nanoseconds: int) -> None:
+        while self.work:
+            self.work.popleft()()
+        self.clock_ns += nanoseconds
+        for timer in [timer for timer in self.timers if timer[0] <= self.clock_ns]:
+            self.timers.remove(timer)
+            timer[1]()
 
     def post(self, handler: Callable[[], None]) -> None:
         self.work.append(handler)
@@ -79,6 +95,7 @@ def run(
                 ("Deaf", "deaf"),
                 ("Hasty", "hasty"),
                 ("Twice", "twice"),
+                ("Marked", "marked"),
             )
             if name in used
         }
@@ -167,6 +184,25 @@ def test_ports_are_read_from_and_written_to_the_blackboard_of_the_sub_tree(run: 
     assert [leaf.name for leaf in tick.leaves] == ["Add", "Invert", "Invert_2", "Add_2"]
 
 
+def test_a_plugin_gets_the_port_that_it_declares_although_a_mark_has_its_name(run: Any) -> None:
+    for value, status in (("true", "SUCCESS"), ("false", "FAILURE")):
+        for tag in (
+            f'<Marked isMonitored="{value}"/>',
+            f'<Action ID="Marked" isMonitored="{value}"/>',
+        ):
+            runner, _ = run(tag)
+            assert runner.tick().status == status
+
+
+def test_the_mark_of_a_plugin_that_has_no_such_port_is_ignored_and_said(tmp_path: Path) -> None:
+    _, policy, (said,) = loaded(tmp_path, '<Once isMonitored="true"/>')
+    assert policy is not None
+    assert said == (
+        "policy.xml:1:53: note: <Once>: isMonitored is ignored; moon listens without standing in between "
+        "[monitored-leaf]"
+    )
+
+
 def chain(count: int) -> str:
     trees = "".join(
         f'<BehaviorTree ID="T{i}"><Invert><SubTree ID="T{i + 1}"/></Invert></BehaviorTree>'
@@ -209,10 +245,37 @@ def test_a_child_that_is_not_there_fails_the_plugin_and_is_named(run: Any, caplo
 def test_waiting_nodes_go_by_the_transports_clock(run: Any) -> None:
     runner, transport = run('<Delay delay_msec="100"><AlwaysSuccess/></Delay>')
     assert runner.tick().status == "RUNNING"
-    transport.clock_ns += 99_999_999
+    transport.pass_time(99_999_999)
     assert runner.tick().status == "RUNNING"
-    transport.clock_ns += 1
+    transport.pass_time(1)
     assert runner.tick().status == "SUCCESS"
+
+
+@pytest.mark.parametrize("step_s", [-86_400, -3600, -1, 1, 3600, 86_400])
+def test_a_clock_that_is_set_makes_nobody_wait_for_longer_or_less(run: Any, step_s: int) -> None:
+    runner, transport = run('<Timeout msec="100"><Sleep msec="60"/></Timeout>')
+    assert runner.tick().status == "RUNNING"
+    transport.pass_time(59_999_999)
+    transport.set_forward_ns += step_s * 10**9
+    assert runner.tick().status == "RUNNING"
+    transport.pass_time(1)
+    assert runner.tick().status == "SUCCESS"
+    assert runner.tick().status == "RUNNING"
+    transport.pass_time(0)
+    assert len(transport.timers) == 2  # those of the time before are gone
+
+
+@pytest.mark.parametrize("step_s", [-86_400, -3600, -5, 5, 3600])
+def test_a_tree_is_ticked_on_when_the_clock_is_set(run: Any, step_s: int) -> None:
+    runner, transport = run("<AlwaysSuccess/>")
+    steps = deque([0, step_s, 0, 0])
+
+    def round_over() -> None:
+        transport.set_forward_ns += steps.popleft() * 10**9
+
+    transport.round_over = round_over
+    assert runner.run(10.0, 5) == 5
+    assert transport.clock_ns in (300_000_000, 400_000_000)  # at most one tick comes early
 
 
 def test_a_timeout_halts_its_child_and_fails(run: Any, caplog: Any) -> None:
@@ -221,10 +284,10 @@ def test_a_timeout_halts_its_child_and_fails(run: Any, caplog: Any) -> None:
         '<Timeout msec="50"><Sequence><Once/><Sleep msec="1000"/></Sequence></Timeout>'
     )
     assert [runner.tick().status for _ in range(2)] == ["RUNNING", "RUNNING"]
-    transport.clock_ns += 50_000_000
+    transport.pass_time(50_000_000)
     assert runner.tick().status == "FAILURE"
     assert runner.tick().status == "RUNNING"
-    transport.clock_ns += 60_000_000
+    transport.pass_time(60_000_000)
     runner.tick()
     assert "halted: Once" in caplog.text
 

@@ -19,6 +19,7 @@ from m2c.model.ecmascript import parse_expression
 from m2c.model.evaluate import evaluate
 from m2c.model.values import convert
 from m2c.runtime.conversion import ExecutionError
+from tests.drawn import examples
 
 SERVER = """
 const lines = require('readline').createInterface({input: process.stdin});
@@ -165,7 +166,7 @@ def deeper(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
     )
 
 
-@settings(max_examples=3000, deadline=None)
+@settings(max_examples=examples(1000, 12_000), deadline=None)
 @given(text=st.recursive(ATOMS, deeper, max_leaves=6))
 def test_random_expressions_mean_what_node_says(node: Node, text: str) -> None:
     reference = node.evaluate(text)

@@ -14,6 +14,9 @@ from onset import Onset, onset
 LATE_NS = 200_000_000
 """A missing output should be reported this long after its deadline, at the latest: one latency bound, and
 what is left for the monitor's timer and a busy machine."""
+CERTAIN_NS = 5_000_000_000 + LATE_NS + LATENCY_NS
+"""A fault is certain when nothing can be missing that explains it: at the latest when the tree has waited 5 s
+for the answer in vain."""
 MOST_LOST = 3
 """A monitor that was held up finds machines again when they next do something; ResetSkill, say, is ticked
 once in a tour."""
@@ -29,8 +32,10 @@ class Row(msgspec.Struct, frozen=True):
         node: that has the fault.
         violated: the machines that were found in violation, in the order of the verdicts.
         detected: whether the faulty one was found, as soon as it should be.
-        latency_ms: from the first wrong output, or the input that was not answered, to the verdict.
-        after_deadline_ms: for missing outputs: from the deadline to the verdict.
+        latency_ms: from the first wrong output, or the input that was not answered, to when it was said:
+            as *violated*, or as *inconclusive* while it was not certain that no observation is missing.
+        after_deadline_ms: for missing outputs: from the deadline to then.
+        certain_ms: from the first wrong output or that input to the verdict *violated*.
         first: whether the verdict is about the first wrong output.
         reason: the first line of the explanation.
         problem: why it counts as failed; "" if all is well.
@@ -46,6 +51,7 @@ class Row(msgspec.Struct, frozen=True):
     detected: bool = False
     latency_ms: float | None = None
     after_deadline_ms: float | None = None
+    certain_ms: float | None = None
     first: bool | None = None
     reason: str = ""
     problem: str = ""
@@ -73,8 +79,15 @@ def judged(chosen: Fault, run: Run) -> Row:
         return _failed(row, "the fault never showed itself: nothing could be found")
     if said is None:
         return _failed(row, f"missed: {wrong.what} {_seconds(run, wrong.stamp_ns)}, and no verdict")
-    latency_ns = said.at_ns - wrong.stamp_ns
-    row = msgspec.structs.replace(row, reason=_reason(said), latency_ms=latency_ns / 1e6)
+    certain_ns = said.at_ns - wrong.stamp_ns
+    named = [item.at_ns for item in run.unconfirmed if item.verdict.node == chosen.node]
+    at_ns = min((at for at in named if at >= wrong.stamp_ns), default=said.at_ns)
+    latency_ns = min(at_ns, said.at_ns) - wrong.stamp_ns
+    row = msgspec.structs.replace(
+        row, reason=_reason(said), latency_ms=latency_ns / 1e6, certain_ms=certain_ns / 1e6
+    )
+    if certain_ns > CERTAIN_NS:
+        return _failed(row, f"certain only after {certain_ns / 1e9:.1f} s")
     if chosen.expected.when is Detected.AT_THE_DEADLINE:
         late_ns = latency_ns - DEADLINE_NS
         row = msgspec.structs.replace(row, after_deadline_ms=late_ns / 1e6)

@@ -42,6 +42,8 @@ class Run(msgspec.Struct, frozen=True):
     """Verdicts on properties."""
     standing: dict[str, str] = {}
     """The verdict at the end of each property that was monitored."""
+    unconfirmed: tuple[Said, ...] = ()
+    """What was said before it was certain that no observation is missing."""
 
 
 class _Overheard:
@@ -96,6 +98,7 @@ class Listener:
         self.first_ns = 0
         """Stamp of the first tick of a skill; how long the nodes take to be up before it is no matter."""
         self.violations: list[Said] = []
+        self.unconfirmed: list[Said] = []
         self.broken: list[Said] = []
         self._properties = PropertyWatch(properties, LATENCY_NS)
         bounds = Bounds(latency=LATENCY_NS, deadline=DEADLINE_NS)
@@ -117,11 +120,15 @@ class Listener:
 
     def take(self, verdict: Verdict) -> None:
         """A verdict, from the watch."""
+        from moon.oracle.unconfirmed import UNCONFIRMED
         from moon.verdict import Outcome
 
+        said = Said(verdict, self._transport.now_ns())
         if verdict.outcome is Outcome.VIOLATED:
             found = self.broken if verdict.kind == "property" else self.violations
-            found.append(Said(verdict, self._transport.now_ns()))
+            found.append(said)
+        elif UNCONFIRMED in verdict.reason:
+            self.unconfirmed.append(said)
 
     @property
     def is_over(self) -> bool:
@@ -146,6 +153,7 @@ class Listener:
             tuple(item.machine for item in machines if item.verdict in _UNKNOWN),
             tuple(self.broken),
             {item.machine: item.verdict for item in statuses if item.kind == "property"},
+            tuple(self.unconfirmed),
         )
 
 

@@ -60,6 +60,9 @@ def latency(row: Row) -> str:
     """How long it took; "" if nothing was found."""
     if row.latency_ms is None:
         return ""
+    text = f"{row.latency_ms:.0f} ms"
     if row.after_deadline_ms is not None:
-        return f"deadline + {row.after_deadline_ms:.0f} ms"
-    return f"{row.latency_ms:.0f} ms"
+        text = f"deadline + {row.after_deadline_ms:.0f} ms"
+    if row.certain_ms is not None and row.certain_ms > row.latency_ms:
+        text += f", certain after {row.certain_ms / 1e3:.2f} s"
+    return text
