@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from heapq import heappush
 from typing import Any
 
 import msgspec
 
+from m2c.model.walk import variables_of
 from moon.properties.binding import ANY_CHANNEL, Group, bind, handler_source
 from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.doubt import Doubt, read_state, state_form, write_state
+from moon.properties.gaps import Gaps
 from moon.properties.known import KnownValues
 from moon.properties.network import Network, build_network
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
@@ -56,9 +58,18 @@ class Cell:
         self.started = -1
         self.sealed = -1
         self._doubt: Doubt | None = None
+        """The two runs while something is unknown."""
+        self._runs: Doubt | None = None
+        """The same, kept: to compile them takes longer than most losses last."""
         self._doubt_now = -1
         self._until_try = _TRY_EVERY
         self._known = KnownValues(self.binding)
+        self._gaps = Gaps()
+        self._users: dict[str, list[str]] = {name: [] for name in self.binding.ports}
+        """Per port, the predicates that use it."""
+        for text in self._index:
+            for name in variables_of(self.binding.atoms[text].expression):
+                self._users[name].append(text)
         self._lost = ""
         self._reported = -1
         self._program = self._compile()
@@ -115,7 +126,7 @@ class Cell:
         if self.started < 0:
             return NEVER
         if self._doubt is not None:
-            return self._doubt.next_deadline()
+            return min(self._doubt.next_deadline(), self._gaps.next_ns)
         return self.heap[0][0]
 
     # -- taking observations in ---------------------------------------------------------------
@@ -130,26 +141,28 @@ class Cell:
                 self._doubtful()
             else:
                 return found + self.report()
-        self._observe_slowly(group, seen)
-        return found + self.report()
+        return found + self._observe_slowly(group, seen) + self.report()
 
     @property
     def plain(self) -> bool:
         """Whether the compiled handlers may be called directly."""
         return self._doubt is None and self.started >= 0
 
-    def _observe_slowly(self, group: Group, seen: Observation) -> None:
+    def _observe_slowly(self, group: Group, seen: Observation) -> list[tuple[str, Verdict]]:
         stamp = seen.stamp_ns
         self.check(stamp, self.now if self.started >= 0 else self._doubt_now)
         if group.kinds and group.kinds[0].startswith("response") and seen.error:
-            return
+            return []
         self._doubt_now = stamp
+        values = self._pass_gaps(stamp)
+        opened = [text for text, value in values.items() if value is None]
         for port in group.ports:
             if not port.event:
                 self._known.take(port, seen.data)
         if self.started < 0:
             if self._known.waiting:
-                return
+                self._known.lose(self._open(group))
+                return []
             self.begin(stamp, seen, group.atoms)
         if self._doubt is None:
             try:
@@ -157,24 +170,38 @@ class Cell:
             except UnknownAtom:
                 self._doubtful()
             else:
-                return
+                return []
         assert self._doubt is not None
-        values: dict[str, bool | None] = {}
+        heard: dict[str, bool | None] = {}
         for text in group.atoms:
             if text not in self._index:
                 continue
             if text in self.binding.events:
                 if (value := self._happens(text, seen.data)) is not False:
-                    values[text] = value
+                    heard[text] = value
             else:
-                values[text] = self._known.judge(text, self._doubt.unknown)
+                heard[text] = self._known.judge(text, self._doubt.unknown)
+        values.update(heard)
+        self._log(stamp, values, seen)
+        gaps = self._gaps.open
+        self._doubt.observe(stamp, values, gaps, missing=bool(gaps), opened=opened)
+        missed = self._open(group)
+        if not missed:
+            self._resolve(stamp, force=any(value is not None for value in heard.values()))
+            return []
+        # it was so when it was observed, and who knows for how long
+        found = self.report()
+        values = self._unknown(missed)
+        self._log(stamp, values, None)
+        self._doubt.observe(stamp, values, self._gaps.open)
+        return found
+
+    def _log(self, stamp: int, values: Mapping[str, bool | None], seen: Observation | None) -> None:
+        """Remember the predicates' ``values`` from ``stamp`` on, for witnesses."""
         for text, value in values.items():
-            if value is not None:
-                self._logs[text].append((stamp, value, seen))
-            if text in self.binding.events and value:
+            self._logs[text].append((stamp, value, seen if value is not None else None))
+            if text in self.binding.events and value and text not in self._gaps.open:
                 self._logs[text].append((stamp + 1, False, None))
-        self._doubt.observe(stamp, values)
-        self._resolve(stamp, force=any(value is not None for value in values.values()))
 
     def _happens(self, name: str, data: Any) -> bool | None:
         try:
@@ -194,7 +221,11 @@ class Cell:
         for text in self._index:
             if text in self.binding.events:
                 # so that a witness knows it did not happen before
-                self._logs[text].append((stamp, False, None))
+                value = None if text in self._gaps.open else False
+                self._logs[text].append((stamp, value, None))
+        if not self._gaps.is_empty:
+            self._doubtful()
+            return
         values: dict[str, bool] = {}
         for text in self._index:
             if text in self.binding.events:
@@ -217,6 +248,7 @@ class Cell:
     def advance(self, now: int) -> list[tuple[str, Verdict]]:
         """Make every change that is due up to ``now``; the verdicts that changed on the way."""
         if self.started < 0:
+            self._pass_gaps(now)
             if self._known.waiting:
                 self._doubt_now = self.sealed = now
                 return []
@@ -243,82 +275,152 @@ class Cell:
                 if self.changed:
                     found += self.report()
             return found
-        while (instant := self._doubt.next_deadline()) <= until:
-            self._doubt.settle(instant)
+        while (instant := self.next_deadline()) <= until:
+            values = self._pass_gaps(instant)
+            if values:
+                self._log(instant, values, None)
+                self._doubt.observe(instant, values, self._gaps.open)
+            else:
+                self._doubt.settle(instant)
             self._doubt_now = instant
             found += self.report()
         return found
 
     def lose(self, channel: str, start: int, end: int) -> list[tuple[str, Verdict]]:
-        """Messages of ``channel`` stamped in ``[start, end)`` were lost; the verdicts that changed."""
-        texts = [
-            text
+        """Messages of ``channel`` stamped in ``[start, end)`` were lost; the verdicts that changed.
+
+        What has passed already is looked at again: the verdict that stands is replaced unless it is of
+        an instant before ``start``, or holds whatever was lost; that also a final one is not spared is
+        the price of a loss that is told after it.
+        """
+        names = [
+            port.name
             for group in self.binding.groups
             if group.channel in (channel, ANY_CHANNEL)
-            for text in group.atoms
-            if text in self._index
+            for port in group.ports
         ]
-        if not texts or self.started < 0:
+        if not names or start >= end:
             return []
-        found = self.catch_up(start - 1)  # what was false later may not have been
-        if self._doubt is None:
-            self._program.settle(end)
-            self._doubtful()
-        else:
-            self._doubt.settle(end)
-        assert self._doubt is not None
-        self._doubt_now = end
         self._lost = f"messages on {channel} were missed"
-        self._doubt.lose(texts, start, end)
-        states = [text for text in texts if text not in self.binding.events]
-        self._doubt.unknown.update(dict.fromkeys(states, self._lost))
-        self._doubt.observe(end, dict.fromkeys(states))
-        return found + self.report()
+        self._gaps.add(names, start, end, self._lost)
+        if self.started < 0:
+            self._pass_gaps(self._doubt_now)
+            return []
+        if self._doubt is None:
+            self._doubtful()
+        now = self.now
+        if start > now:
+            return []
+        assert self._doubt is not None
+        texts = [text for name in names for text in self._users[name]]
+        for text in texts:
+            log = self._logs[text]
+            while log and log[-1][0] >= start:
+                log.pop()
+            log.append((max(start, self.started), None, None))
+            if text in self.binding.events and end <= now and text not in self._gaps.open:
+                log.append((now + 1, False, None))
+        self._doubt.lose(texts, start, now)
+        self._doubt.observe(now, self._pass_gaps(now), self._gaps.open)
+        for number, value in enumerate(self._doubt.results()):
+            verdict = self.verdicts[number]
+            constant = self._network.nodes[self._network.roots[number]].kind == "constant"
+            if verdict.since_ns >= start and value is not False and not constant:
+                self.verdicts[number] = msgspec.structs.replace(verdict, final=False)
+        return self.report()
+
+    def _pass_gaps(self, now: int) -> dict[str, bool | None]:
+        """The time is ``now``: the values of predicates that became unknown, or known, by that."""
+        begun, closed = self._gaps.pass_to(now)
+        if self.started < 0:
+            self._known.lose(begun)
+        if self._doubt is None:
+            return {}
+        values = self._unknown(
+            {
+                name: reason
+                for name, reason in begun.items()
+                if name not in self.binding.events or name in self._gaps.open
+            }
+        )
+        for name in closed:
+            if name in self.binding.events and name not in begun and name in self._index:
+                values[name] = False
+                self._doubt.unknown.pop(name, None)
+        return values
+
+    def _unknown(self, names: Mapping[str, str]) -> dict[str, bool | None]:
+        """The ports ``names`` may have any value from now on, for that reason: what is unknown by that."""
+        self._known.lose(names)
+        assert self._doubt is not None
+        values: dict[str, bool | None] = {}
+        for name, reason in names.items():
+            for text in self._users[name]:
+                self._doubt.unknown[text] = reason
+                values[text] = None
+        return values
+
+    def _open(self, group: Group) -> dict[str, str]:
+        """The ports of ``group`` that a lost message may set now, and why."""
+        gaps = self._gaps.open
+        return {port.name: gaps[port.name][1] for port in group.ports if port.name in gaps}
 
     def _doubtful(self) -> None:
         """Go on with the best and the worst of what is not known."""
-        doubt = self._doubt = Doubt(self._formulas, self.binding.events, self._network)
-        fresh = self._program.read()["now"] < 0
-        now = self.started if fresh else self._program.read()["now"]
+        if self._runs is None:
+            self._runs = Doubt(self._formulas, self.binding.events, self._network)
+        doubt = self._doubt = self._runs
+        doubt.reset(self.started)
         read = self._program.read()
+        fresh = read["now"] < 0
+        now = self.started if fresh else read["now"]
         self._doubt_now = now
         atoms: dict[str, bool | None] = {}
         if not fresh:
             self._known.take_from_handlers(read)
         for text, index in self._index.items():
-            events = text in self.binding.events
-            if events or not fresh:
+            if text in self._gaps.open:
+                atoms[text], doubt.unknown[text] = None, self._gaps.open[text][1]
+            elif text in self.binding.events or not fresh:
                 atoms[text] = read[f"p{index}"]
             else:
                 atoms[text] = self._known.judge(text, doubt.unknown)
-        doubt.enter({} if fresh else read_state(self._network, self._program), atoms, now)
-        if not fresh:
+        states = {} if fresh else read_state(self._network, self._program)
+        doubt.enter(states, atoms, now, read["met"])
+        if fresh:
+            self._log(now, {t: v for t, v in atoms.items() if t not in self.binding.events}, None)
+            doubt.begin(now)
+        else:
             doubt.step(now)
+            for text in self.binding.events:  # nobody else remembers that they end
+                if atoms.get(text):
+                    self._logs[text].append((now + 1, False, None))
         self._until_try = _TRY_EVERY
 
     def _resolve(self, now: int, force: bool) -> None:
         """Go back to one network if nothing is in doubt any more."""
         self._until_try -= 1
-        assert self._doubt is not None
-        if self._doubt.unknown or not (force or self._until_try <= 0):
+        doubt = self._doubt
+        assert doubt is not None
+        if doubt.unknown or not (force or self._until_try <= 0) or not self._gaps.is_empty:
             return
         self._until_try = _TRY_EVERY
-        states = self._doubt.resolved(now)
-        if states is None:
+        states = doubt.resolved(now)
+        if states is None or (atoms := doubt.atoms()) is None:
             return
-        pulses = [text for text in self.binding.events if self._logs.get(text)]
-        active = [text for text in pulses if self._logs[text][-1][0] == now + 1]
-        atoms = {
-            f"p{self._index[text]}": self._known.holds(text)
-            for text in self._index
-            if text not in self.binding.events
-        }
-        atoms.update({f"p{self._index[text]}": text in active for text in pulses})
-        self._program.write({**self._known.of_handlers(), **atoms})
+        self._program.write(
+            {
+                **self._known.of_handlers(),
+                **{f"p{index}": atoms[text] for text, index in self._index.items()},
+                "met": doubt.met,
+            }
+        )
         write_state(self._network, self._program, states, now)
-        for text in active:
-            self._logs[text].pop()
-            heappush(self._program.heap, (now + 1, self._index[text]))
+        for text in self.binding.events:
+            if atoms.get(text):
+                if self._logs[text] and self._logs[text][-1][0] > now:
+                    self._logs[text].pop()
+                heappush(self._program.heap, (now + 1, self._index[text]))
         self._doubt = None
         self._program.step(now)
         # what was last reported came from the doubt
@@ -335,6 +437,9 @@ class Cell:
             unknown=dict(doubt.unknown) if doubt is not None else {},
             scalars=(self.started, self.sealed, self._doubt_now, self._until_try, self._reported),
             lost=self._lost,
+            lost_ports=dict(self._known.lost),
+            coming=tuple(self._gaps.coming),
+            open=dict(self._gaps.open),
             values=dict(self._known.values),
             waiting=frozenset(self._known.waiting),
             verdicts=tuple(self.verdicts),
@@ -355,6 +460,8 @@ class Cell:
         scalars = snapshot.scalars
         self.started, self.sealed, self._doubt_now, self._until_try, self._reported = scalars
         self._lost = snapshot.lost
+        self._known.lost = dict(snapshot.lost_ports)
+        self._gaps.coming, self._gaps.open = list(snapshot.coming), dict(snapshot.open)
         self._known.values = dict(snapshot.values)
         self._known.waiting = set(snapshot.waiting)
         self.verdicts = list(snapshot.verdicts)

@@ -11,9 +11,11 @@ The generated text is Python of our own making from the tree: no text of a formu
 
 from __future__ import annotations
 
+import functools
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from heapq import heapify, heappop, heappush
+from types import CodeType
 from typing import Any
 
 import msgspec
@@ -25,6 +27,9 @@ BEGINNING = -1
 """The cause, on the heap, of the first step."""
 CONES_FROM = 60
 """Networks with more nodes get a function per cause of change, smaller ones one for all."""
+CONES_UP_TO = 50
+"""So do no networks of which every node has more than so many that depend on it, on the average: the
+functions would be quadratic in the size of the formula. A thousand properties have ten."""
 
 
 class Program(msgspec.Struct, frozen=True):
@@ -36,7 +41,8 @@ class Program(msgspec.Struct, frozen=True):
         before: ``before(t)`` makes those due before ``t``; true if something is due at ``t`` itself.
         handlers: the functions of ``extra``, by name.
         clock: the instant that the network is at; -1 before the first.
-        read: all variables by name.
+        read: all variables by name; ``met`` is the last instant for which ``before`` was true, ``again``
+            is for :mod:`moon.properties.doubt`.
         write: sets variables by name.
         put: per atom (node index), sets it.
         at: sets the instant.
@@ -105,9 +111,15 @@ def compile_network(
         **{"deque": deque, "heappush": heappush, "heappop": heappop, "heapify": heapify},
         **(environment or {}),
     }
-    exec(compile(source, "<monitor>", "exec"), scope)
+    exec(_code(source), scope)
     made: Program = scope["build"](Program, source)
     return made
+
+
+@functools.lru_cache(maxsize=1)
+def _code(source: str) -> CodeType:
+    """The two runs of a network (:mod:`moon.properties.doubt`) have one text, one after the other."""
+    return compile(source, "<monitor>", "exec")
 
 
 class _Writer:
@@ -137,7 +149,7 @@ class _Writer:
 
     def module(self, extra: str, extra_variables: Sequence[str]) -> str:
         """The whole text: ``build(Program)`` returns the compiled program."""
-        variables: dict[str, str] = {"now": "-1"}
+        variables: dict[str, str] = {"now": "-1", "met": "-1", "again": "-1"}
         for index, node in enumerate(self._nodes):
             if node.kind == "atom":
                 variables[f"p{index}"] = "False"
@@ -185,7 +197,11 @@ class _Writer:
     def _causes(self, variables: dict[str, str]) -> list[str]:
         """``CAUSES``: what to run when a node is due alone; ``ENDS``: how a pulse ends."""
         lines: list[str] = []
+        starts = [i for i, node in enumerate(self._nodes) if node.kind in ("atom", "once", "since")]
         small = len(self._nodes) <= CONES_FROM
+        cones = {} if small else {index: self._network.cone([index]) for index in starts}
+        size = sum(1 + len(self._nodes[i].inputs) for cone in cones.values() for i in cone)
+        small = small or size > CONES_UP_TO * len(self._nodes)
         causes: dict[int, str] = {BEGINNING: "step"}
         for index, node in enumerate(self._nodes):
             if node.kind not in ("atom", "once", "since"):
@@ -195,7 +211,7 @@ class _Writer:
                 continue
             causes[index] = f"cone{index}"
             start = [index] if node.kind != "atom" else []
-            cone = [item for item in self._network.cone([index]) if item != index]
+            cone = [item for item in cones[index] if item != index]
             lines += self._function(f"cone{index}", start + cone, variables)
         lines.append(
             f"    causes = {{{', '.join(f'{key}: {name}' for key, name in causes.items())}}}"
@@ -298,9 +314,11 @@ _TIME = """    def due(t):
         if t > now:
             now = t
     def before(t):
+        nonlocal met
         if heap[0][0] < t:
             settle(t - 1)
         if heap[0][0] == t:
             due(t)
+            met = t
             return True
         return False"""

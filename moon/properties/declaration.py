@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.walk import variables_of
 from moon.properties.binding import bind
-from moon.properties.formula import Formula, Historically, Interval, predicates
+from moon.properties.formula import Formula, Historically, Interval, operands, predicates
 from moon.properties.meaning import (
     formula_deadline,
     formula_sentence,
@@ -18,9 +18,25 @@ from moon.properties.network import build_network
 from moon.properties.patterns import Pattern, PatternError, deadline, pattern_formula
 from moon.properties.predicates import PredicateError
 from moon.properties.property import Port, Property, PropertySeverity, Role
-from moon.properties.syntax import FormulaError, condition, parse_formula, ticks
+from moon.properties.syntax import (
+    MAX_DEPTH,
+    MAX_OPERATORS,
+    MAX_PREDICATE_OPERATORS,
+    FormulaError,
+    condition,
+    parse_formula,
+    ticks,
+)
 
 TIME_UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "m": 60 * 10**9, "h": 3600 * 10**9}
+
+MAX_SIZE = 4 * MAX_OPERATORS
+MAX_LEVELS = MAX_DEPTH + MAX_PREDICATE_OPERATORS
+"""A formula whose named predicates are written out is no larger or deeper than one that is written."""
+MAX_PATH = 32
+"""Fields inside each other: what reads them is compiled, and may not nest without limit."""
+MAX_SHOWN = 80
+"""Characters of a text that a message quotes."""
 
 Resolver = Callable[[str, int], Formula | None]
 
@@ -48,12 +64,20 @@ class Names:
         return f"did you mean `{found[0]}`?" if found else "declare it among the ports"
 
 
+def field_path(text: str) -> tuple[str, ...] | None:
+    """The fields of ``a.b``; None if ``text`` is not such a path."""
+    parts = tuple(text.split("."))
+    good = len(parts) <= MAX_PATH and all(part.isidentifier() for part in parts)
+    return parts if good else None
+
+
 def read_condition(
     text: str, position: Position, element: str, names: Names, log: DiagnosticLog
 ) -> Formula | None:
     """The condition ``text`` (an expression over names); None after reporting what is wrong."""
     try:
         found = condition(text, 0, names.resolve)
+        _bound(found)
     except FormulaError as error:
         _report(error, text, position, element, log)
         return None
@@ -66,10 +90,32 @@ def read_formula(
     """The formula ``text``; None after reporting what is wrong."""
     try:
         found = parse_formula(text, resolve=names.resolve)
+        _bound(found)
     except FormulaError as error:
         _report(error, text, position, element, log)
         return None
     return found if names_known(found, position, element, names, log) else None
+
+
+def _bound(formula: Formula) -> None:
+    """Raise FormulaError if ``formula``, with its named predicates written out, is too large."""
+    known: dict[int, tuple[int, int]] = {}
+
+    def extent(part: Formula) -> tuple[int, int]:
+        if id(part) not in known:
+            inside = [extent(item) for item in operands(part)]
+            size = 1 + sum(count for count, _ in inside)
+            known[id(part)] = size, 1 + max((depth for _, depth in inside), default=0)
+        return known[id(part)]
+
+    size, depth = extent(formula)
+    if size > MAX_SIZE:
+        what = f"more than {MAX_SIZE} operators and predicates"
+    elif depth > MAX_LEVELS:
+        what = f"nested more than {MAX_LEVELS} deep"
+    else:
+        return
+    raise FormulaError(f"{what}, with its named predicates written out", 0)
 
 
 def _report(

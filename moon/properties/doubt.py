@@ -1,20 +1,54 @@
-"""Monitoring while some values are not known: every formula at its best and at its worst.
+"""Three-valued evaluation: every formula at its best and at its worst, while some values are not known.
 
-A predicate is unknown before its first observation, after a value that it cannot judge, and where
-messages were lost. Then the network runs twice, split by polarity: *best* takes every unknown the way
-that helps the formula, *worst* the way that harms it. Where both agree, so would every completion of
-what was heard; where they do not, the verdict is inconclusive. When both have come to the same state
-there is no doubt left, and the monitor goes on with one.
+A predicate is unknown after a value that it cannot judge and where messages were lost. Then the network
+runs twice, split by polarity: *best* takes every unknown the way that helps the formula, *worst* the way
+that harms it. Where both agree the verdict is theirs (Kleene), else it is inconclusive. When both have
+come to the same state, and nothing is unknown any more, the monitor goes on with one.
+
+**Why it is sound.** A *completion* is what was observed, in its order, with any messages put in place of
+the lost ones: stamped within the loss, any number, before or after what was observed with the same
+stamp. A conclusive verdict on an instant is that of the monitor which observes the completion, for every
+completion of the losses told so far; a verdict that was said before a loss was told holds for instants
+before it, and is withdrawn otherwise (:meth:`moon.properties.cell.Cell.lose`).
+
+1. *Values.* While a message may be lost that sets a predicate, the predicate is unknown: from the first
+   instant of the loss on, until the last one if it is an event, and until it is set anew by an
+   observation after the loss if it is a state. What is observed in the middle of a loss (of another
+   source of the channel) is known at its place in the order, and unknown again behind it. So at every
+   place in the order the two runs' values enclose those of each completion.
+2. *Operators.* In the network split by polarity every node is monotone in its atoms: ``+p`` only ever
+   helps, ``-p`` only ever harms, and ``and``, ``once`` and ``since`` are monotone in their inputs. Where
+   the inputs enclose those of a completion, so do the outputs, and what the nodes remember.
+3. *Steps.* A completion makes steps where the two runs make none: at lost messages. Between two steps of
+   a run its inputs are constant, and to step twice with the same inputs is to step once, so that these
+   steps add nothing, but for an observation at the same instant. There they may do two things:
+
+   * A value may end at the instant at which it began; it then counts for that one tick, whereas a value
+     that has lasted counts up to the tick before. Where a run cannot tell, a bound from above counts the
+     tick and one from below does not (:meth:`Doubt.observe`, ``before``).
+   * What is due at that instant may be evaluated before the observation is. Whatever depends on something
+     that is due then is bounded as if its inputs had been anything at that instant (:func:`forget`).
+4. *Time.* A loss ends just before its end: nothing is evaluated at that instant until what was observed
+   then has come, or time has passed it.
+5. *Losses that are told late.* What the runs remember rests on values that were taken for known. For every
+   node that depends on a lost predicate it is replaced by a bound of what any inputs since the beginning
+   of the loss leave (:func:`forget`); if an observation met something due since then, for all nodes (3.).
+6. *The way back.* The runs are given up only if nothing is unknown, no loss is to come, both have equal
+   atoms and equal memories, up to what no later instant can see (:func:`normal`), and no run had to guess
+   whether a value that may still end at this instant began at it (3.).
+
+A verdict may be inconclusive although all completions agree: ``+p`` and ``-p`` are chosen independently
+(``p or not p``), and a bound is not a set. With finite bounds that ends when they have passed.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from heapq import heapify, heappush
 from typing import Any
 
-from moon.properties.compiler import Program, compile_network
+from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.formula import Formula
 from moon.properties.network import Network, NetworkBuilder, Node, build_network
 from moon.properties.rules import NEVER, mode, state_names
@@ -119,42 +153,46 @@ def _instants(node: Node, raw: Sequence[Any]) -> Iterable[int]:
             return ()
 
 
-def havoc(node: Node, raw: Sequence[Any], start: int, end: int, best: bool) -> tuple[Any, ...]:
-    """The variables if the inputs may have been anything in ``[start, end)``.
+def forget(
+    node: Node, raw: Sequence[Any], start: int, now: int, began: int, upper: bool
+) -> tuple[Any, ...]:
+    """The variables if the inputs may have been anything in ``[start, now]``: a bound of every case.
 
-    ``best``: the node's own value is to be as true as it can have become, else as false.
+    Args:
+        node: the node.
+        raw: its variables at ``now``, of some values of its inputs in that time.
+        start: the first instant that is not known.
+        now: the last one.
+        began: the instant at which monitoring began.
+        upper: whether the bound is one of the node's value from above, else from below.
     """
-    lower, upper = node.interval.lower, node.interval.upper
-    match mode(node):
-        case "ever" | "lower":
-            first = raw[0]
-            return (min(first, start) if best else first if first <= start else NEVER,)
-        case "since":
-            return (best,)
-        case "since_lower":
-            return (min(raw[0], start), True) if best else (NEVER, False)
+    low, high = node.interval.lower, node.interval.upper
+    kind = mode(node)
+    if kind in ("ever", "lower"):
+        first = raw[0]
+        if upper:
+            return (min(first, max(start, began)),)
+        return (first if first < start else NEVER,)
+    if kind == "since":
+        return (upper,)
+    # what was remembered of the time before may be overwritten: it is not looked at
+    if kind == "since_lower":
+        return (began if upper else NEVER, False)
+    assert high is not None
+    last = now + 1 + high
+    match kind:
         case "upper":
-            assert upper is not None
-            return (raw[0], raw[1], max(raw[2], end + upper)) if best else (False, NEVER, -1)
+            return (False, NEVER, last if upper else -1)
         case "since_upper":
-            assert upper is not None
-            if best:
-                return (raw[0], True, raw[2], max(raw[3], end + upper))
-            return (False, False, NEVER, -1)
-        case kind:
-            assert upper is not None
-            shown = min(raw[-2], start + lower) if raw[0] else start + lower
-            seen = deque(((shown, max(end, start + 1) + upper),))
-            waiting = (best,) if kind == "since_both" else ()
-            if best:
-                for first, last in raw[-1]:
-                    if last < shown:
-                        seen.appendleft((first, last))
-                    else:
-                        seen[-1] = (min(first, seen[-1][0]), max(last, seen[-1][1]))
-                queue = deque(sorted(seen))
-                return (False, *waiting, NEVER, NEVER, queue)
-            return (False, *waiting, NEVER, NEVER, deque())
+            return (False, False, NEVER, last if upper else -1)
+        case "both":
+            open_, _, shown, queue = raw
+            seen = [first for first, _ in queue] + ([shown] if open_ else [])
+            span = (min([start + low, *seen]), last)
+            return (False, NEVER, NEVER, deque((span,) if upper else ()))
+        case _:
+            span = (began + low, last)
+            return (False, False, NEVER, NEVER, deque((span,) if upper else ()))
 
 
 class Doubt:
@@ -177,6 +215,7 @@ class Doubt:
                 self._atoms.setdefault(node.text[1:], []).append((index, node.text[0] == "+"))
                 if node.text[1:] in self._events:
                     pulses.append(index)
+        self._pulses = frozenset(pulses)
         logs: dict[str, Callable[[Any], None]] = {f"log{index}": _forget for index in pulses}
         self.best = compile_network(self.network, pulses, environment=dict(logs))
         self.worst = compile_network(self.network, pulses, environment=dict(logs))
@@ -187,42 +226,114 @@ class Doubt:
             for index, image in self._images.items()
         ]
         self._wanted = sum(node.kind in ("once", "since") for node in plain.nodes)
+        self._began = -1
+        self._initial = self.best.snapshot(), self.worst.snapshot()
+        self._grows = _grows(self.network)
+        self._spells: dict[bool, list[str]] = {True: [], False: []}
+        """Where nodes keep the instant at which their input became true, by :func:`_grows`."""
+        for index, node in enumerate(self.network.nodes):
+            if node.kind in ("once", "since") and node.interval.upper is not None:
+                self._spells[self._grows[index]].append(f"l{index}")
+
+    def reset(self, began: int) -> None:
+        """Know nothing, of a network that began at ``began``."""
+        self._began = began
+        self.unknown = {}
+        for program, initial in zip((self.best, self.worst), self._initial, strict=True):
+            program.go_back(initial)
 
     def enter(
-        self, states: Mapping[int, Sequence[Any]], atoms: Mapping[str, bool | None], now: int
+        self,
+        states: Mapping[int, Sequence[Any]],
+        atoms: Mapping[str, bool | None],
+        now: int,
+        met: int,
     ) -> None:
-        """Take over the plain network's states of instant ``now``, with the atoms' values."""
+        """Take over the plain network's states of instant ``now``, with the atoms' values.
+
+        ``met`` is the last instant that was due when something was observed.
+        """
         for program in (self.best, self.worst):
             own = {index: states[image] for index, image in self._images.items() if image in states}
             write_state(self.network, program, own, now)
+            program.write({"met": met})
         for text, value in atoms.items():
-            self._set(text, value, now)
+            self._set(text, value, now, held=value is None)
 
-    def lose(self, texts: Iterable[str], start: int, end: int) -> None:
-        """The predicates ``texts`` may have been anything in ``[start, end)``."""
+    def begin(self, now: int) -> None:
+        """The first step of all is due at ``now``."""
+        for program in (self.best, self.worst):
+            heappush(program.heap, (now, BEGINNING))
+
+    def lose(self, texts: Iterable[str], start: int, now: int) -> None:
+        """The predicates ``texts`` may have been anything in ``[start, now]``, which has passed.
+
+        What was due at an instant of an observation may also have been evaluated before it, if a
+        message that was lost had that instant, too: then nothing that was computed since stands.
+        """
+        if self.met >= start:
+            self._forget(range(len(self.network.nodes)), start, now)
+            return
         lost = [index for text in texts for index, _ in self._atoms.get(text, ())]
-        reached = set(self.network.cone(lost))
-        grows = _grows(self.network)
+        self._forget(self.network.cone(lost), start, now)
+
+    def _forget(self, indices: Iterable[int], start: int, now: int) -> None:
+        """The nodes ``indices`` may have had any inputs in ``[start, now]``; a step is to follow."""
+        reached = set(indices)
         for program, best in ((self.best, True), (self.worst, False)):
             raw = read_state(self.network, program)
             for index in raw:
                 if index in reached:
-                    node = self.network.nodes[index]
-                    raw[index] = havoc(node, raw[index], start, end, grows[index] == best)
-            write_state(self.network, program, raw, end)
-            now = program.read()
-            for text in self._events:
-                for index, _ in self._atoms.get(text, ()):
-                    if now[f"p{index}"]:
-                        program.heap.append((end + 1, index))
+                    node, upper = self.network.nodes[index], self._grows[index] == best
+                    raw[index] = forget(node, raw[index], start, now, self._began, upper)
+            ends = [due for due in program.heap if due[1] in self._pulses]
+            write_state(self.network, program, raw, now)
+            program.heap.extend(ends)
             heapify(program.heap)
 
-    def observe(self, now: int, values: Mapping[str, bool | None]) -> None:
-        """Bring everything to ``now`` with the given predicates at new values (None: unknown)."""
+    def observe(
+        self,
+        now: int,
+        values: Mapping[str, bool | None],
+        held: Container[str] = (),
+        missing: bool = False,
+        opened: Collection[str] = (),
+    ) -> None:
+        """Bring everything to ``now`` with the given predicates at new values (None: unknown).
+
+        Args:
+            now: the instant.
+            values: the new values.
+            held: events that stay what they are, until told otherwise, rather than for one tick.
+            missing: something was observed, and a message of the same instant may have been lost.
+            opened: the predicates that such a message may have set at this instant, not before.
+        """
+        before = missing or self.best.clock() == now
+        due: set[int] = set()
+        for program in (self.best, self.worst):
+            program.settle(now - 1)
+            due.update(cause for instant, cause in program.heap if instant == now)
         for program in (self.best, self.worst):
             program.before(now)
+        due.discard(BEGINNING)
+        if missing and due:
+            due.update(index for text in opened for index, _ in self._atoms.get(text, ()))
+            reached = set(self.network.cone(due))
+            nodes = self.network.nodes
+            after = [i for i in reached if any(item in reached for item in nodes[i].inputs)]
+            self._forget(after, now, now)
+        elif missing and opened:
+            for text in opened:
+                self._set(text, None, now, text in held)
+            self.step(now)
+        if before:
+            # what ends at the instant at which it began has lasted for a tick: it may have begun now
+            for program, best in ((self.best, True), (self.worst, False)):
+                upper, lower = self._spells[best], self._spells[not best]
+                spells = {**dict.fromkeys(upper, now), **dict.fromkeys(lower, now - 1)}
+                program.write({**spells, "again": now})
         for text, value in values.items():
-            self._set(text, value, now)
+            self._set(text, value, now, text in held)
         self.step(now)
 
     def step(self, now: int) -> None:
@@ -236,13 +347,22 @@ class Doubt:
         self.best.settle(now)
         self.worst.settle(now)
 
-    def _set(self, text: str, value: bool | None, now: int) -> None:
-        pulse = text in self._events and value is not False
+    def _set(self, text: str, value: bool | None, now: int, held: bool) -> None:
+        pulse = text in self._events and value is not False and not held
         for index, helps in self._atoms.get(text, ()):
             for program, best in ((self.best, True), (self.worst, False)):
                 program.put[index](helps == best if value is None else value)
-                if pulse:
+                if held:
+                    program.heap[:] = [due for due in program.heap if due[1] != index]
+                    heapify(program.heap)
+                elif pulse:
                     heappush(program.heap, (now + 1, index))
+
+    @property
+    def met(self) -> int:
+        """The last instant that was due when something was observed."""
+        met: int = max(program.read()["met"] for program in (self.best, self.worst))
+        return met
 
     def next_deadline(self) -> int:
         """The earliest instant at which something changes by itself."""
@@ -255,23 +375,43 @@ class Doubt:
             for best, worst in zip(self.best.values(), self.worst.values(), strict=True)
         ]
 
+    def atoms(self) -> dict[str, bool] | None:
+        """The predicates' values, if all are known."""
+        best, worst = self.best.read(), self.worst.read()
+        found: dict[str, bool] = {}
+        for text, places in self._atoms.items():
+            values = {run[f"p{index}"] for index, _ in places for run in (best, worst)}
+            if len(values) > 1:
+                return None
+            found[text] = values.pop()
+        return found
+
     def resolved(self, now: int) -> dict[int, tuple[Any, ...]] | None:
         """The plain network's states, if nothing is in doubt any more."""
         if self.unknown:
             return None
         best, worst = self.best.read(), self.worst.read()
+        again = best["again"] == now
         states: dict[int, tuple[Any, ...]] = {}
         forms: dict[int, tuple[Any, ...]] = {}
         for place, (image, node, names) in enumerate(self._remembering):
             values = tuple(best[name] for name in names)
             form = normal(node, values, now)
             others = normal(node, tuple(worst[name] for name in names), now)
-            if form != others or forms.setdefault(image, form) != form:
+            # of what is true since this very instant a run may not know whether it was before
+            since_now = again and node.interval.upper is not None and _begins(form, others)
+            if since_now or form != others or forms.setdefault(image, form) != form:
                 # what is in doubt mostly still is the next time: looked at first then
                 self._remembering.insert(0, self._remembering.pop(place))
                 return None
             states[image] = values
         return states if len(states) == self._wanted else None
+
+
+def _begins(*forms: tuple[Any, ...]) -> bool:
+    """Whether a node's input is true since this very instant, by one of the node's normal forms."""
+    # open or not, then perhaps what was waited for, then whether it began just now
+    return any(form[0] and True in form[1:3] for form in forms)
 
 
 def _forget(_entry: object) -> None:

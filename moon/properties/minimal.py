@@ -38,7 +38,7 @@ def minimal(
     """
     if len(facts) > MOST_FACTS:
         return facts
-    split = _split(formula, True)
+    at_best = split(formula, True)
     texts = predicates(formula)
 
     def suffice(some: Sequence[Fact]) -> bool:
@@ -53,7 +53,7 @@ def minimal(
             }
             atoms[f"+{text}"] = complement(spans[False], start, end)
             atoms[f"-{text}"] = spans[True]
-        wrong = Signals(atoms, start, end).where(split, False)
+        wrong = Signals(atoms, start, end).where(at_best, False)
         return any(first <= at < last for first, last in wrong)
 
     if not suffice(facts):
@@ -66,7 +66,7 @@ def minimal(
     return kept
 
 
-def _split(formula: Formula, helps: bool) -> Formula:
+def split(formula: Formula, helps: bool) -> Formula:
     """``formula`` with ``+p`` for every predicate ``p`` whose truth helps it, ``-p`` where it harms."""
     match formula:
         case Constant():
@@ -74,16 +74,16 @@ def _split(formula: Formula, helps: bool) -> Formula:
         case Predicate(text=text, expression=expression):
             return Predicate(f"{'+' if helps else '-'}{text}", expression)
         case Not(operand=inner):
-            return Not(_split(inner, not helps))
+            return Not(split(inner, not helps))
         case And(operands=operands):
-            return And(tuple(_split(item, helps) for item in operands))
+            return And(tuple(split(item, helps) for item in operands))
         case Or(operands=operands):
-            return Or(tuple(_split(item, helps) for item in operands))
+            return Or(tuple(split(item, helps) for item in operands))
         case Implies(left=left, right=right):
-            return Implies(_split(left, not helps), _split(right, helps))
+            return Implies(split(left, not helps), split(right, helps))
         case Once(operand=inner, interval=interval):
-            return Once(_split(inner, helps), interval)
+            return Once(split(inner, helps), interval)
         case Historically(operand=inner, interval=interval):
-            return Historically(_split(inner, helps), interval)
+            return Historically(split(inner, helps), interval)
         case Since(left=left, right=right, interval=interval):
-            return Since(_split(left, helps), _split(right, helps), interval)
+            return Since(split(left, helps), split(right, helps), interval)

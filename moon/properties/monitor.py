@@ -107,17 +107,27 @@ class PropertySet:
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost.
 
-        Whatever depends on them is inconclusive until it no longer matters. Returns the changed
-        verdicts.
+        Whatever depends on them is inconclusive until it no longer matters. It may be told at any time:
+        what else was observed at those instants counts, before it is told and afterwards. Best is before
+        anything stamped ``from_ns`` or later: of what has passed by then no more is left than what
+        holds whatever was lost, and a verdict that rested on it is taken back, even if it was final.
+
+        Args:
+            channel: where they were sent.
+            from_ns: the earliest stamp they may have.
+            until_ns: the stamp from which on nothing was lost; equal to ``from_ns`` if nothing was.
+
+        Returns:
+            The changed verdicts.
 
         Raises:
-            TimeOrderError: ``until_ns`` has passed.
+            TimeOrderError: ``until_ns`` is before ``from_ns``, or one of them is no time.
         """
-        if until_ns < self.now_ns or from_ns > until_ns:
-            raise TimeOrderError(
-                f"a loss in [{from_ns}, {until_ns}) cannot be told at {self.now_ns} ns"
-            )
-        self._earliest = max(self._earliest, until_ns)
+        for stamp in (from_ns, until_ns):
+            if stamp.__class__ is not int or stamp < 0:
+                raise TimeOrderError(f"{stamp!r} is not a stamp in ns")
+        if from_ns > until_ns:
+            raise TimeOrderError(f"a loss in [{from_ns}, {until_ns}) has no beginning")
         return [change for cell in self.cells for change in cell.lose(channel, from_ns, until_ns)]
 
     def next_deadline(self) -> int | None:
@@ -235,10 +245,10 @@ class PropertyMonitor:
         return self._cell.verdicts[0]
 
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Verdict:
-        """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost.
+        """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost (:meth:`PropertySet.lose`).
 
         Raises:
-            TimeOrderError: ``until_ns`` has passed.
+            TimeOrderError: ``until_ns`` is before ``from_ns``, or one of them is no time.
         """
         self._set.lose(channel, from_ns, until_ns)
         return self._cell.verdicts[0]

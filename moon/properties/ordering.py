@@ -13,6 +13,8 @@ import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
+import msgspec
+
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.foresight import Foresight
 from moon.properties.held import Held
@@ -96,7 +98,7 @@ class OrderedProperties:
         limit = min(until, rest[0] - self._uncertainty_ns - 1) if rest else until
         if limit > self._closed_ns:
             self._closed_ns = limit
-            found += self._each(lambda: self._set.advance(max(limit, self._set.now_ns)))
+            found += self._each(lambda: self._set.advance(limit))
         return found
 
     def foresee(self, until_ns: int) -> Sequence[tuple[str, Verdict]]:
@@ -126,9 +128,25 @@ class OrderedProperties:
             self._foresight.stop()
 
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
-        """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost; ``until_ns`` is closed."""
+        """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost (:meth:`PropertySet.lose`).
+
+        What their stamps are worth is what all stamps are: they may have been sent that much earlier or
+        later.
+
+        Raises:
+            TimeOrderError: ``until_ns`` is before ``from_ns``, or one of them is no time.
+        """
         self.foresee_nothing()
-        return self._each(lambda: self._set.lose(channel, from_ns, max(until_ns, self._set.now_ns)))
+        reach = self._uncertainty_ns if from_ns < until_ns else 0
+        start = max(0, from_ns - reach)
+        for name, verdict in self._verdicts.items():
+            if verdict.final and verdict.since_ns >= start:
+                self._verdicts[name] = msgspec.structs.replace(verdict, final=False)
+        found = self._each(lambda: self._set.lose(channel, start, until_ns + reach))
+        for name, verdict in self._set.verdicts().items():
+            if verdict.final and self._verdicts[name].status is verdict.status:
+                self._verdicts[name] = msgspec.structs.replace(self._verdicts[name], final=True)
+        return found
 
     def next_deadline(self) -> int | None:
         """When to call :meth:`advance` next at the latest (ns); None: with the next observation."""

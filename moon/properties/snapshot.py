@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from moon.properties.doubt import Doubt
+from moon.properties.gaps import Gap
 from moon.properties.verdict import Verdict
 from moon.properties.witness import Change
 
@@ -19,6 +20,9 @@ class Snapshot(msgspec.Struct, frozen=True):
     unknown: dict[str, str]
     scalars: tuple[int, int, int, int, int]
     lost: str
+    lost_ports: dict[str, str]
+    coming: tuple[Gap, ...]
+    open: dict[str, tuple[int, str]]
     values: dict[str, Any]
     waiting: frozenset[str]
     verdicts: tuple[Verdict, ...]
@@ -31,4 +35,5 @@ class Snapshot(msgspec.Struct, frozen=True):
     def future(self) -> tuple[Any, ...]:
         """What decides how the cell goes on."""
         statuses = tuple(verdict.status for verdict in self.verdicts)
-        return self.forms, self.unknown, self.scalars[:3], self.values, self.waiting, statuses
+        gaps = (self.lost_ports, self.coming, self.open)
+        return self.forms, self.unknown, self.scalars[:3], self.values, self.waiting, gaps, statuses

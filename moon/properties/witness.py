@@ -25,13 +25,13 @@ from moon.properties.formula import (
     operands,
     predicates,
 )
-from moon.properties.minimal import minimal
+from moon.properties.minimal import minimal, split
 from moon.properties.signals import Signal, Signals, complement, intersect, union
 from moon.properties.verdict import Fact, Witness
 from transports.interface import Observation
 
-Change = tuple[int, bool, Observation | None]
-"""(instant, new value, the observation that brought it)."""
+Change = tuple[int, bool | None, Observation | None]
+"""(instant, new value, or None where it became unknown, the observation that brought it)."""
 
 
 def horizon(formula: Formula) -> int | None:
@@ -77,17 +77,28 @@ def explain(
     )
     begin = start if complete else min(begins, now)
     atoms = {text: _signal(found, begin, now + 1) for text, found in changes.items()}
+    unknown = any(value is None for found in changes.values() for _, value, _ in found)
+    if unknown:  # at its best the formula is false still, for what is known
+        reasoned = split(formula, True)
+        perhaps = {text: _signal(found, begin, now + 1, None) for text, found in changes.items()}
+        atoms = {
+            **{f"+{text}": union(found, perhaps[text]) for text, found in atoms.items()},
+            **{f"-{text}": found for text, found in atoms.items()},
+        }
+    else:
+        reasoned = formula
     signals = Signals(atoms, begin, now + 1)
-    wrong = signals.where(formula, False)
+    wrong = signals.where(reasoned, False)
     if not wrong or wrong[-1][1] != now + 1:
-        return Witness(now, _last(changes, atoms, now), complete=False)
+        return Witness(now, _last(changes, now), complete=False)
     at = wrong[-1][0] if wrong[-1][0] > true_at else now
     spans: dict[tuple[str, bool], Signal] = {}
-    _Reasons(signals, spans).collect(formula, False, [(at, at + 1)])
+    _Reasons(signals, spans).collect(reasoned, False, [(at, at + 1)])
     facts = [
         fact
         for (text, value), signal in spans.items()
-        for fact in _facts(text, value, signal, changes[text])
+        for name in [text[1:] if unknown else text]
+        for fact in _facts(name, value, signal, changes[name])
     ]
     facts.sort(key=lambda fact: (fact.start_ns, fact.end_ns, fact.predicate))
     if complete:
@@ -108,13 +119,13 @@ def _between(changes: Iterable[Change], start: int, now: int) -> Sequence[Change
     return kept
 
 
-def _signal(changes: Sequence[Change], start: int, end: int) -> Signal:
+def _signal(changes: Sequence[Change], start: int, end: int, wanted: bool | None = True) -> Signal:
     signal: Signal = []
     since: int | None = None
     for instant, value, _ in changes:
-        if value and since is None:
+        if value is wanted and since is None:
             since = instant
-        elif not value and since is not None:
+        elif value is not wanted and since is not None:
             signal.append((since, max(instant, since + 1)))
             since = None
     if since is not None:
@@ -122,14 +133,13 @@ def _signal(changes: Sequence[Change], start: int, end: int) -> Signal:
     return intersect(union([], signal), [(start, end)])
 
 
-def _last(
-    changes: Mapping[str, Sequence[Change]], atoms: Mapping[str, Signal], now: int
-) -> tuple[Fact, ...]:
+def _last(changes: Mapping[str, Sequence[Change]], now: int) -> tuple[Fact, ...]:
     """What is remembered when the reasons no longer are: each predicate's last change."""
     facts = [
-        Fact(text, found[-1][1], found[-1][0], now, found[-1][2])
+        Fact(text, value, instant, now, source)
         for text, found in changes.items()
-        if found
+        for instant, value, source in found[-1:]
+        if value is not None
     ]
     return tuple(sorted(facts, key=lambda fact: (fact.start_ns, fact.predicate)))
 

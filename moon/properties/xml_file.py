@@ -10,15 +10,17 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.ecmascript import parse_expression
 from m2c.model.evaluate import evaluate
 from m2c.model.expressions import Expression
 from m2c.model.xml import Element, parse_xml, read_xml
 from moon.properties import channels
 from moon.properties.declaration import (
+    MAX_SHOWN,
     TIME_UNITS,
     Names,
+    field_path,
     finish,
     interval,
     read_condition,
@@ -210,15 +212,16 @@ class _File:
 
     def _state(self, variable: Element, name: str, place: channels.Place) -> None:
         field = variable.get("field") or variable.get("param")
-        if not field or not all(part.isidentifier() for part in field.split(".")):
+        parts = field_path(field) if field else None
+        if parts is None:
             self._error(
                 variable.at("field"),
                 variable,
-                f'field="{field}" is not a field',
+                f'field="{shortened(field or "", MAX_SHOWN)}" is not a field',
                 "field, or outer.inner",
             )
             return
-        path = (*place[2], *field.split("."))
+        path = (*place[2], *parts)
         initial: msgspec.UnsetType | bool | float | str = msgspec.UNSET
         if "expr" in variable.attributes:
             initial = self._initial(variable)

@@ -8,14 +8,16 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import Expression
 from m2c.model.walk import variables_of
 from moon.properties import channels
 from moon.properties.declaration import (
+    MAX_SHOWN,
     TIME_UNITS,
     Names,
+    field_path,
     finish,
     interval,
     read_condition,
@@ -131,9 +133,10 @@ class _File:
         when, initial = self._text(port, "when", "ports"), port.entries.get("initial")
         path = place[2]
         if field is not None:
-            parts = field.text.split(".")
-            if not all(part.isidentifier() for part in parts):
-                self._error(field.position, "ports", f"`{field.text}` is not a field", "a or a.b")
+            parts = field_path(field.text)
+            if parts is None:
+                shown = shortened(field.text, MAX_SHOWN)
+                self._error(field.position, "ports", f"`{shown}` is not a field", "a or a.b")
                 return
             path = (*path, *parts)
         state = field is not None or (keep is not None and keep.text == "true")
@@ -169,7 +172,8 @@ class _File:
             return None
         if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", channel.text, re.ASCII):
             hint = "a name such as /battery/level"
-            self._error(channel.position, "ports", f"`{channel.text}` is not a channel", hint)
+            shown = shortened(channel.text, MAX_SHOWN)
+            self._error(channel.position, "ports", f"`{shown}` is not a channel", hint)
             return None
         part = self._text(port, "on", "ports")
         if given[0] == "topic":

@@ -14,6 +14,8 @@ from m2c.model.file_size import size_of
 
 MAX_BYTES = 1024 * 1024
 MAX_DEPTH = 12
+MAX_NODES = 50_000
+"""Keys, values and lists; each may be worth a message, and a property needs about ten."""
 
 
 class Scalar:
@@ -101,6 +103,7 @@ class _Builder:
         self._file = file
         self._log = log
         self._stack: list[Sequence | Mapping] = []
+        self._nodes = 0
         self.root: YamlNode | None = None
 
     def _refuse(self, position: Position, message: str, hint: str = "") -> bool:
@@ -133,6 +136,9 @@ class _Builder:
         return True
 
     def _add(self, node: YamlNode) -> bool:
+        self._nodes += 1
+        if self._nodes > MAX_NODES:
+            return self._refuse(node.position, f"more than {MAX_NODES} keys and values")
         if not self._stack:
             self.root = node
             return True

@@ -122,7 +122,10 @@ def disagreement(seed: int, dense: bool = True) -> str | None:
     mine = ours(formula, trace, length, dense)
     if mine == theirs:
         return None
-    return f"seed {seed}: {formula}\n{trace}\nreelay {theirs}\nours   {mine}"
+    return (
+        f"seed {seed}: {formula}\n{trace}\nreelay {theirs}\nours   {mine}\n"
+        f"again: python -m tests.properties.soak --pairs 2 --seed {seed}"
+    )
 
 
 def soak(pairs: int = 50_000, first_seed: int = 0, dense: bool = True) -> int:

@@ -1,7 +1,7 @@
-"""Long runs: many pairs against Reelay, readers fuzzed from a corpus.
+"""Long runs: many pairs against Reelay, losses against their completions, readers fuzzed from a corpus.
 
-``python -m tests.properties.soak --pairs 50000 --seconds 600`` exits with 1 if anything differs or
-crashes. What a fuzzing run finds belongs into ``corpus/``, which the normal suite reads, too.
+``python -m tests.properties.soak --pairs 50000 --losses 200000 --seconds 600`` exits with 1 if anything
+differs or crashes; each failure is printed with what repeats it. What a fuzzing run finds belongs into ``corpus/``, which the normal suite reads, too.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from moon.properties.steps import StepMonitor
 from moon.properties.syntax import FormulaError, parse_formula
 from moon.properties.xml_file import parse_property_xml
 from moon.properties.yaml_file import parse_property_yaml
-from tests.properties import differential
+from tests.properties import differential, losses
 
 CORPUS = Path(__file__).parent / "corpus"
 PIECES = [
@@ -131,7 +131,7 @@ def fuzz(seconds: float, seed: int = 0) -> int:
             read(kind, source)
         except Exception:
             failures += 1
-            print(f"{kind}: {source!r}")
+            print(f"{kind}: {source!r} (seed {seed})")
             traceback.print_exc()
         if time.monotonic() - begin > SLOW_S:
             failures += 1
@@ -143,12 +143,15 @@ def fuzz(seconds: float, seed: int = 0) -> int:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pairs", type=int, default=50_000)
-    parser.add_argument("--seconds", type=float, default=600.0)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--pairs", type=int, default=0, help="against Reelay")
+    parser.add_argument("--seconds", type=float, default=0.0, help="of damaged files")
+    parser.add_argument("--losses", type=int, default=0, help="formulas, traces and losses")
+    parser.add_argument("--seed", type=int, default=0, help="the first one")
     arguments = parser.parse_args()
-    failures = fuzz(arguments.seconds, arguments.seed)
-    for dense in (True, False):
+    failures = fuzz(arguments.seconds, arguments.seed) if arguments.seconds else 0
+    if arguments.losses:
+        failures += losses.soak(arguments.losses, arguments.seed)
+    for dense in (True, False) if arguments.pairs else ():
         failures += differential.soak(arguments.pairs // 2, arguments.seed, dense)
     sys.exit(1 if failures else 0)
 

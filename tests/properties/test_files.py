@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import random
 from pathlib import Path
 
@@ -12,10 +13,13 @@ from hypothesis import strategies as st
 
 from m2c.model.diagnostics import DiagnosticLog, ModelError
 from moon.cli import main
+from moon.properties.compiler import compile_network
 from moon.properties.files import load_properties, read_properties
 from moon.properties.formula import text
-from moon.properties.monitor import PropertySet
+from moon.properties.monitor import PropertyMonitor, PropertySet
+from moon.properties.network import build_network
 from moon.properties.property import Role
+from moon.properties.syntax import parse_formula
 from moon.properties.verdict import Status
 from moon.properties.xml_file import parse_property_xml
 from moon.properties.yaml_file import parse_property_yaml
@@ -413,3 +417,142 @@ def test_a_file_that_cannot_be_read_is_one_error(tmp_path, name):
     assert result.exit_code == 2
     assert result.exception is None or isinstance(result.exception, SystemExit)
     assert result.output.count("error:") == 1
+
+
+PORT = "ports:\n  p: {topic: /t, field: data}\n"
+LEVELS = 10**5
+
+
+def laughs(count: int, body: str) -> str:
+    named = "".join(f"  n{i}: '{body.format(n=f'n{i - 1}')}'\n" for i in range(1, count))
+    rest = f"properties:\n  - {{id: f, formula: '{{n{count - 1}}}'}}\n"
+    return f"{PORT}predicates:\n  n0: p > 1\n{named}{rest}"
+
+
+def formula_files(formula: str) -> list[tuple[str, str]]:
+    quoted = formula.replace("'", "''")
+    attribute = html.escape(formula, quote=True)
+    return [
+        (".yaml", f"{PORT}properties:\n  - {{id: f, formula: '{quoted}'}}\n"),
+        (
+            ".xml",
+            '<properties><ports><ros_topic topic_name="/t" type="t/T">'
+            '<state_var id="p" type="int32" field="data"/></ros_topic></ports><guarantees>'
+            f'<property id="f" expr="{attribute}"/></guarantees></properties>',
+        ),
+    ]
+
+
+def faults_of(kind: str, source: str) -> list[str]:
+    log = DiagnosticLog()
+    parse = parse_property_yaml if kind == ".yaml" else parse_property_xml
+    assert parse(source.encode(), f"f{kind}", log) == []
+    return [str(item) for item in log.diagnostics]
+
+
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [
+        ("(", ")"),
+        ("not ", ""),
+        ("!", ""),
+        ("once ", ""),
+        ("historically(", ")"),
+        ("{p > 3} since ", ""),
+        ("{p > 3} -> ", ""),
+        ("{", "}"),
+    ],
+)
+def test_a_formula_nested_a_hundred_thousand_deep_is_one_clear_error(begin, end):
+    for kind, source in formula_files(begin * LEVELS + "{p > 3}" + end * LEVELS):
+        (fault,) = faults_of(kind, source)
+        assert "longer than 20000 characters [bad-formula]" in fault
+    # within the length that is allowed
+    times = 9000 // max(len(begin), 1) // 2
+    for kind, source in formula_files(begin * times + "{p > 3}" + end * times):
+        (fault,) = faults_of(kind, source)
+        assert len(fault) < 500
+        assert "bad-formula" in fault
+
+
+@pytest.mark.parametrize(
+    "predicate", ["(" * 1900 + "p" + ")" * 1900, "!" * 1900 + "p", "p" + ".a" * 1900]
+)
+def test_nor_is_a_predicate(predicate):
+    for kind, source in formula_files(f"{{{predicate}}}"):
+        (fault,) = faults_of(kind, source)
+        assert "a predicate has more than 60 operators" in fault
+
+
+@pytest.mark.parametrize(
+    "predicate",
+    ["/^(a+)+$/.test(p)", "p.match(/^(a|a)*$/)", "p == /(x+x+)+y/", 'RegExp("(a+)+$").test(p)'],
+)
+def test_a_predicate_has_no_regular_expressions_so_that_none_blows_up(predicate):
+    for kind, source in formula_files(f"{{{predicate}}}"):
+        (fault,) = faults_of(kind, source)
+        assert "outside the sub-language" in fault
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "[" * LEVELS + "]" * LEVELS,
+        "{a: " * LEVELS + "1" + "}" * LEVELS,
+        "- " * LEVELS + "1",
+        "\n".join(" " * level + "a:" for level in range(1400)),
+    ],
+)
+def test_yaml_nested_deep_is_one_clear_error(source):
+    (fault,) = faults_of(".yaml", source)
+    assert "nested more than 12 deep [hostile-yaml]" in fault
+
+
+def test_xml_nested_deep_is_one_clear_error():
+    (fault,) = faults_of(".xml", "<a>" * LEVELS + "</a>" * LEVELS)
+    assert "nested more than 64 deep" in fault
+
+
+def test_a_file_of_too_many_keys_is_one_clear_error():
+    (fault,) = faults_of(".yaml", "\n".join(f"k{i}: 1" for i in range(60_000)))
+    assert "more than 50000 keys and values [hostile-yaml]" in fault
+
+
+@pytest.mark.parametrize(
+    ("count", "body", "what"),
+    [
+        (60, "{n} && {n}", "more than 8000 operators and predicates"),
+        (60, "!{n} || ({n} && p > 5)", "more than 8000 operators and predicates"),
+        (3000, "!{n}", "nested more than 100 deep"),
+    ],
+)
+def test_named_predicates_that_multiply_are_refused_where_they_become_too_many(count, body, what):
+    faults = faults_of(".yaml", laughs(count, body))
+    assert what in faults[0]
+    assert len(faults) == 1
+
+
+@pytest.mark.parametrize("text", ["a." * LEVELS + "a", "/a" * LEVELS + "!", "a" * LEVELS + "!"])
+def test_a_field_or_channel_without_an_end_is_one_short_error(text):
+    end = "properties:\n  - {id: f, formula: '{p > 3}'}\n"
+    for port in (f"{{topic: /t, field: {text}}}", f"{{topic: {text}, field: data}}"):
+        faults = faults_of(".yaml", f"ports:\n  p: {port}\n{end}")
+        assert len(faults) == 1
+        assert len(faults[0]) < 250
+    source = formula_files("{p > 3}")[1][1].replace('"data"', f'"{text}"')
+    (fault,) = faults_of(".xml", source)
+    assert "is not a field" in fault
+    assert len(fault) < 250
+
+
+def test_a_formula_as_wide_as_is_allowed_takes_text_in_proportion_to_its_size():
+    def source(terms: int) -> str:
+        each = [f"(once[1:2]{{p > {number}}})" for number in range(terms)]
+        return compile_network(build_network([parse_formula("or".join(each))])).source
+
+    assert len(source(700)) < 10 * len(source(100))
+
+
+def test_large_powers_are_numbers_like_others():
+    found = PropertyMonitor("{9 ** 9 ** 9 ** 9 > p ** p ** p}")
+    assert found.observe(seen(0, p=2**63)).status is Status.FALSE  # both are infinity

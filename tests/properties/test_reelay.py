@@ -13,19 +13,20 @@ from moon.properties.formula import text
 from moon.properties.steps import StepMonitor
 from moon.properties.syntax import parse_formula
 from moon.properties.verdict import Status
+from tests.drawn import examples
 from tests.properties import differential
 from tests.properties.direct import holds
 from tests.properties.runs import run
 
 
 @given(seed=st.integers(50_000_000, 2**40))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(100, 800), deadline=None)
 def test_dense_formulas_mean_what_reelay_says(seed):
     assert differential.disagreement(seed) is None
 
 
 @given(seed=st.integers(50_000_000, 2**40))
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(60, 600), deadline=None)
 def test_discrete_formulas_mean_what_reelay_says(seed):
     assert differential.disagreement(seed, dense=False) is None
 
