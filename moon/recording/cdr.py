@@ -198,6 +198,8 @@ def _string_reader(order: str) -> _Value:
 
 def _array_reader(element: DataType, fixed: int | None, order: str) -> _Value:
     """A sequence, or an array of ``fixed`` elements."""
+    if fixed == 0:  # ROS 2 has none; of what takes no bytes, some bytes could promise any number
+        raise CdrError("arrays of no elements are not supported")
     count_of = struct.Struct(order + "I").unpack_from
     scalar = element.name if isinstance(element, Primitive) and element.name in CODES else ""
     code, size = CODES.get(scalar, ""), _SIZES.get(scalar, 1)

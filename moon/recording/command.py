@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -97,7 +99,7 @@ def record(
             fail(f"{output}: is there already; a recording is not written over")
         try:
             recorder = Recorder(connection, network.transport, writer, channels, say)
-            start_ns = connection.now_ns()
+            start_s = time.monotonic()
             recorder.start()
             listener = recorder.listener
             assert listener is not None
@@ -108,12 +110,13 @@ def record(
                 recorder.look_around()
                 notices.links(listener.peers())
                 notices.problems(listener.problems())
-                line.show((connection.now_ns() - start_ns) / 1e9)
+                line.show(time.monotonic() - start_s)
 
-            Watching(connection).run(look_around, seconds)
+            with contextlib.suppress(BrokenPipeError):  # a recording ends as well as any other then
+                Watching(connection).run(look_around, seconds)
             recorder.finish()
             notices.last_problems(listener.problems())
-            line.finish((connection.now_ns() - start_ns) / 1e9)
+            line.finish(time.monotonic() - start_s)
         finally:
             writer.close()
     for sentence in writer.unknown_types():
@@ -155,8 +158,9 @@ class _Line:
 
 def _write_over(text: str) -> None:
     """Put ``text`` in the place of the line that the cursor is in."""
-    sys.stderr.write(f"\r\x1b[2K{printable(text)}")
-    sys.stderr.flush()
+    with contextlib.suppress(OSError):  # a terminal that is gone is no reason to end
+        sys.stderr.write(f"\r\x1b[2K{printable(text)}")
+        sys.stderr.flush()
 
 
 def size_text(count: int) -> str:

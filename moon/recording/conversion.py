@@ -30,13 +30,14 @@ from moon.recording.stored import (
 from transports import ros_forms
 from transports.interface import Observation, ObservationKind
 from transports.losses import Losses
+from transports.payloads import PayloadError
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
 
 _PREFIX_BYTES = 12
 """Of a GID, so much names the participant (RTPS 2.5, 9.3.1): a client's writer and reader share it."""
 
 _UNDECODABLE = (
-    *(CdrError, TooLargeError, ZstdError),
+    *(CdrError, PayloadError, TooLargeError, ZstdError),
     *(msgspec.DecodeError, RecursionError, UnicodeDecodeError),
 )
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)

@@ -17,6 +17,15 @@ from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
 
 MAX_TEXT = 1024 * 1024
 """A definition with all that it needs; the longest standard one has 40 kB."""
+MAX_ALL = 4 * 1024 * 1024
+"""All definitions of a recording, each type's counted once: parsing takes 4 µs a character."""
+_IDL_COSTS = 30
+"""So many times as long takes a character of IDL."""
+MAX_SECTION = 1024 * 1024
+"""The definition of one type, counted in the same way; the longest standard ones have 10 kB."""
+MAX_FIELDS = 10_000
+"""Of a type, with those of its parts; the largest standard one has some 200. Each level of a definition may
+have the next one twice, so that without a limit some lines are a type of 2**30 fields."""
 
 _DIVIDER = re.compile(r"^={20,}[ \t]*$", re.MULTILINE)
 _HEADER = re.compile(r"\s*(MSG|IDL|SRV|ACTION): ([\w/]+)[ \t]*\n?")
@@ -43,6 +52,12 @@ class Definitions:
         self._fields: dict[_Key, list[tuple[str, Any]]] = {}
         self._faults: dict[_Key, str] = {}
         self._made: dict[str, Structure] = {}
+        self._counts: dict[str, int] = {}
+        """How many fields each of them has, with those of its parts."""
+        self._read: set[tuple[str, str]] = set()
+        """Kinds and names of the definitions that were parsed."""
+        self._parsed = 0
+        """What parsing has cost until now, in characters."""
         self._open: list[str] = []
 
     def add(self, type_name: str, encoding: str, text: str) -> None:
@@ -71,12 +86,23 @@ class Definitions:
     def _section(self, kind: str, name: str, text: str) -> None:
         from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
 
-        if not _NAME.fullmatch(name):
+        if not _NAME.fullmatch(name) or (kind, name) in self._read:
+            return  # each topic brings the definitions of its parts once more
+        if kind != "IDL":
+            text = _without_blanks(text)
+        cost = len(text) * (_IDL_COSTS if kind == "IDL" else 1)
+        if cost > MAX_SECTION:
+            self._faults[_key(name)] = f"its definition is too long ({len(text)} characters)"
+            return
+        self._parsed += cost
+        if self._parsed > MAX_ALL:
+            self._faults[_key(name)] = "the definitions of the recording are too long in all"
             return
         try:
             if kind == "IDL":
                 for defined, (_, fields) in get_types_from_idl(text).items():
                     self._fields.setdefault(_key(defined), fields)
+                self._read.add((kind, name))
                 return
             parts = _PARTS.get(kind, ("",))
             pieces = re.split(r"^---[ \t]*$", text, flags=re.MULTILINE) if kind != "MSG" else [text]
@@ -85,6 +111,7 @@ class Definitions:
                 package, last = _key(name)
                 found = get_types_from_msg(piece, f"{package}/msg/{last}{part}")
                 self._fields.setdefault((package, last + part), next(iter(found.values()))[1])
+            self._read.add((kind, name))
         except (TypesysError, RecursionError, ValueError, KeyError, AssertionError) as error:
             where = " ".join(str(error).split())
             self._faults[_key(name)] = f"its definition cannot be read: {where[:120]}"
@@ -105,8 +132,23 @@ class Definitions:
             made = self._make(type_name)
         finally:
             self._open.pop()
-        self._made[type_name] = made
+        count = sum(self._count(kind) for _, kind in made.fields)
+        if count > MAX_FIELDS:
+            raise UnknownTypeError(
+                f"{type_name} has more than {MAX_FIELDS} fields, with its parts'"
+            )
+        self._made[type_name], self._counts[type_name] = made, count
         return made
+
+    def _count(self, kind: DataType) -> int:
+        while isinstance(kind, Array):
+            kind = kind.element
+        if not isinstance(kind, Structure):
+            return 1
+        count = self._counts.get(kind.name)
+        if count is None:  # from elsewhere, with all its parts
+            count = self._counts[kind.name] = sum(self._count(part) for _, part in kind.fields)
+        return count + 1
 
     def _make(self, type_name: str) -> Structure:
         fields = self._fields.get(_key(type_name))
@@ -194,6 +236,12 @@ class Definitions:
             raise UnknownTypeError(
                 f"{full}: the recording does not define it, nor do the models' interfaces"
             ) from error
+
+
+def _without_blanks(text: str) -> str:
+    """``text`` without blank lines and comments: the parser takes time with the square of how many follow."""
+    lines = (line for line in text.split("\n") if not line.lstrip().startswith("#"))
+    return "\n".join(line for line in lines if line.strip()) + "\n"
 
 
 def _key(name: str) -> _Key:

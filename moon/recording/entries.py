@@ -12,11 +12,19 @@ Bags that others made have nothing but observations.
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
 
 from moon.verdict import Verdict
 from transports.interface import Observation
+
+Instant = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
+"""ns since the epoch; what is read of a file is one that arithmetic and calendars can bear."""
+
+UNUSUAL_NS = 100_000_000
+"""After this long without a turn, or without anything heard, both clocks are looked at: the reader may stand
+to be told why nothing came."""
 
 
 class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
@@ -32,7 +40,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
         whole: whether all is heard from here on, not only from where it says so (:class:`Whole`).
     """
 
-    received_ns: int
+    received_ns: Instant
     node: str = ""
     transport: str = ""
     paced: bool = False
@@ -50,7 +58,7 @@ class Whole(msgspec.Struct, frozen=True, tag="whole", tag_field="entry"):
         received_ns: now.
     """
 
-    received_ns: int
+    received_ns: Instant
 
 
 class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
@@ -65,10 +73,10 @@ class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
             is ``since_ns``.
     """
 
-    received_ns: int
+    received_ns: Instant
     node: str
     up: bool
-    since_ns: int = 0
+    since_ns: Instant = 0
     told: bool = True
 
 
@@ -86,6 +94,8 @@ class Turn(StrEnum):
 class Pulse(msgspec.Struct, frozen=True, gc=False):
     """A turn of the monitor that was recorded: nothing that is received later was known to it.
 
+    A recorder that is no monitor takes none; it looks at both clocks now and then (:attr:`Turn.CLOCK`).
+
     Attributes:
         received_ns: the time of day of the turn, as the monitor saw it.
         turn: what it was.
@@ -97,6 +107,13 @@ class Pulse(msgspec.Struct, frozen=True, gc=False):
     monotonic_ns: int
 
 
+def set_by_ns(before: Pulse | None, pulse: Pulse) -> int:
+    """By how much the clock was set forward between two looks at both (None: nothing is known)."""
+    if before is None:
+        return 0
+    return pulse.received_ns - before.received_ns - (pulse.monotonic_ns - before.monotonic_ns)
+
+
 class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
     """The recorder's tap could not hear or decode something (``Tap.problems``).
 
@@ -105,7 +122,7 @@ class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
         text: one sentence; the latest that begins the same way counts.
     """
 
-    received_ns: int
+    received_ns: Instant
     text: str
 
 
@@ -128,7 +145,7 @@ class Ended(msgspec.Struct, frozen=True, tag="ended", tag_field="entry"):
         received_ns: when.
     """
 
-    received_ns: int
+    received_ns: Instant
 
 
 Event = Began | Whole | NodeChange | Missed | Ended

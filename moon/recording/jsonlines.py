@@ -88,7 +88,7 @@ def _observation(line: bytes) -> Observation:
     except msgspec.DecodeError as error:
         try:
             found = json.loads(line)  # Python's own writer writes NaN and Infinity
-        except json.JSONDecodeError:
+        except ValueError:  # no JSON, or an integer of more digits than Python reads
             raise error from None
     if not isinstance(found, dict):
         raise _LineError(f"expected an object with `topic` or `service`, got `{_shown(found)}`")
@@ -122,7 +122,7 @@ def _stamp_ns(found: dict[str, Any]) -> int:
     if isinstance(time, bool) or not isinstance(time, int | float):
         raise _LineError("expected `time` in seconds")
     if not 0 <= time < _MAX_S:
-        raise _LineError(f"a time of {time} s")
+        raise _LineError(f"a time of {_shown(time)} s")
     return round(time * 1e9)
 
 

@@ -18,6 +18,7 @@ from msgspec.structs import astuple
 from moon.recording.offers import OFFERED, note_offer
 from moon.recording.stored import (
     MAX_BYTES,
+    Allowance,
     StoredChannel,
     StoredMessage,
     TooLargeError,
@@ -91,9 +92,10 @@ class McapFile:
     Args:
         opened: the file, at its beginning.
         name: how it is called where something is wrong with it.
+        size: of the file as it is stored, in bytes: it bounds how many messages are read.
     """
 
-    def __init__(self, opened: IO[bytes], name: str) -> None:
+    def __init__(self, opened: IO[bytes], name: str, size: int = 0) -> None:
         self.faults: list[str] = []
         self.metadata: dict[str, Mapping[str, str]] = {}
         self.topics: set[str] = set()
@@ -103,6 +105,7 @@ class McapFile:
         self._all_read = False
         self._file = opened
         self._name = name
+        self._allowance = Allowance(size)
         self._offset = 0
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._channels: dict[int, StoredChannel] = {}
@@ -136,12 +139,16 @@ class McapFile:
             data = self._read(length)
             whole = len(data) == length
             try:
+                self._allowance.use()
                 if opcode == _CHUNK:
                     yield from self._chunk(offset, data, whole, wanted)
                 elif whole:
                     yield from self._record(opcode, data, wanted)
             except _DamagedError as error:
                 self._fault(offset, f"{error}; it is left out")
+            except TooLargeError as too_many:  # a name of its own: mypyc gives a name one type
+                self._fault(offset, str(too_many))
+                return
             if not whole:
                 self._cut(offset)
                 return
@@ -265,8 +272,9 @@ class McapFile:
             if crc and zlib.crc32(records) != crc:
                 raise _DamagedError("a chunk whose checksum is wrong")
         place, end, left_out = 0, len(records), 0
-        known = self._wanted
+        known, allowance = self._wanted, self._allowance
         while place + _FRAME_BYTES <= end:
+            allowance.use()
             if place + _FRAMED_BYTES <= end:  # nearly all are messages of channels that are known
                 opcode, length, number, sequence, received_ns, published_ns = _framed_message_at(
                     records, place

@@ -14,13 +14,20 @@ from typing import Protocol
 from msgspec.structs import replace
 
 from moon.monitor.connection import Connection
-from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Said, Turn
+from moon.recording.entries import (
+    UNUSUAL_NS,
+    Began,
+    Ended,
+    Entry,
+    Missed,
+    NodeChange,
+    Pulse,
+    Said,
+    Turn,
+)
 from moon.recording.writer import RecordingWriter
 from moon.verdict import Verdict
 from transports.interface import Observation, Publisher, Tap, Timer, Topic
-
-_UNUSUAL_NS = 100_000_000
-"""After this long without a turn, both clocks are looked at: the monitor may stand to be told why."""
 
 
 class Home(Connection, Protocol):
@@ -74,7 +81,7 @@ class RecordedConnection:
 
         def heard(seen: Observation) -> None:
             now_ns = self._now_ns = home.now_ns()
-            if not 0 <= now_ns - self._turned_ns <= _UNUSUAL_NS:
+            if not 0 <= now_ns - self._turned_ns <= UNUSUAL_NS:
                 self._take_turn(Turn.CLOCK)
             if seen.received_ns != now_ns:
                 seen = replace(seen, received_ns=now_ns)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
-from moon.recording.entries import Began, Ended, Missed, NodeChange, Whole
+from moon.recording.entries import UNUSUAL_NS, Began, Ended, Missed, NodeChange, Pulse, Turn, Whole
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
 from moon.tap.selection import Selection, check, matches
@@ -24,6 +25,8 @@ class Recorder:
         globs: channels to be recorded (``moon.tap.selection.matches``; an action stands for all its
             parts); empty: all.
         say: told when everything is heard, if it was not from the beginning, or that it never was.
+        monotonic_ns: a clock that nobody sets: with it, silence is told from a clock that was. By default
+            the system's, and that of a simulated world.
 
     Raises:
         GlobError: no channel can match one of ``globs``.
@@ -36,6 +39,7 @@ class Recorder:
         writer: RecordingWriter,
         globs: Sequence[str],
         say: Callable[[str], None],
+        monotonic_ns: Callable[[], int] | None = None,
     ) -> None:
         for glob in globs:
             check(glob)
@@ -44,6 +48,12 @@ class Recorder:
         self._writer = writer
         self._globs = tuple(globs)
         self._say = say
+        is_virtual = transport == "simulated"
+        self._read_monotonic = monotonic_ns or (
+            connection.now_ns if is_virtual else time.monotonic_ns
+        )
+        self._looked_ns = 0
+        """The time of day when both clocks were looked at, or when something was heard since."""
         self._wanted: dict[str, bool] = {}
         self._problems: frozenset[str] = frozenset()
         self.listener: Tap | None = None
@@ -52,11 +62,12 @@ class Recorder:
         """Begin to listen (on the executor, or before it spins)."""
         connection, writer = self._connection, self._writer
         now_ns = connection.now_ns()
-        observe = self._observe if self._globs else writer.add
-        self.listener = tap = connection.tap(Selection(self._globs).to_hear(), observe)
+        self._looked_ns = now_ns
+        self.listener = tap = connection.tap(Selection(self._globs).to_hear(), self._observe)
         whole = tap.is_complete
         repair_s = connection.repair_s
         writer.add(Began(now_ns, connection.node, self._transport, repair_s=repair_s, whole=whole))
+        self._look_at_clocks(now_ns)
         connection.watch_nodes(self._node_changed)
         if not whole:
             when_complete(connection, tap, self._note_whole, self._give_up)
@@ -73,6 +84,7 @@ class Recorder:
             if text not in self._problems:
                 self._note_missed(text)
         self._problems = frozenset(problems)
+        self._look_at_clocks(self._connection.now_ns())
         self._writer.flush()
 
     def finish(self) -> None:
@@ -81,7 +93,19 @@ class Recorder:
         self._writer.add(Ended(self._connection.now_ns()))
         self._writer.close()
 
+    def _look_at_clocks(self, now_ns: int) -> None:
+        self._looked_ns = now_ns
+        self._writer.add(Pulse(now_ns, Turn.CLOCK, self._read_monotonic()))
+
     def _observe(self, seen: Observation) -> None:
+        received_ns = seen.received_ns
+        if -UNUSUAL_NS <= received_ns - self._looked_ns <= UNUSUAL_NS:
+            self._looked_ns = received_ns
+        else:
+            self._look_at_clocks(received_ns)
+        if not self._globs:
+            self._writer.add(seen)
+            return
         channel = seen.channel
         wanted = self._wanted.get(channel)
         if wanted is None:

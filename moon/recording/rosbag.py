@@ -130,7 +130,7 @@ class BagFiles:
             yield from self._compressed(path, wanted)
         elif head.startswith(mcap_file.MAGIC):
             with path.open("rb") as opened:
-                yield from self._mcap(McapFile(opened, str(path)), wanted)
+                yield from self._mcap(McapFile(opened, str(path), path.stat().st_size), wanted)
         elif head.startswith(sqlite_file.MAGIC):
             yield from self._sqlite(SqliteFile(path), wanted)
         elif not head:
@@ -143,13 +143,15 @@ class BagFiles:
             head = opened.read(_HEAD_BYTES)
         if head.startswith(mcap_file.MAGIC):
             with Unpacked(path) as raw:
-                yield from self._mcap(McapFile(io.BufferedReader(raw), str(path)), wanted)
+                file = McapFile(io.BufferedReader(raw), str(path), path.stat().st_size)
+                yield from self._mcap(file, wanted)
                 self._damage(path, raw)
         elif head.startswith(sqlite_file.MAGIC):
             with tempfile.TemporaryDirectory(prefix="moon-") as folder:
-                file = Path(folder, path.name.removesuffix(".zstd"))
-                self._unpack(path, file)
-                yield from self._sqlite(SqliteFile(file, str(path)), wanted)
+                unpacked = Path(folder, path.name.removesuffix(".zstd"))
+                self._unpack(path, unpacked)
+                stored = SqliteFile(unpacked, str(path), path.stat().st_size)
+                yield from self._sqlite(stored, wanted)
         else:
             self.faults.append(
                 f"{path}: holds neither MCAP nor SQLite; it begins with {head[:8]!r}"

@@ -8,13 +8,24 @@ from pathlib import Path
 from typing import Any
 
 from moon.recording.offers import OFFERED, note_offer
-from moon.recording.stored import MAX_BYTES, StoredChannel, StoredMessage, plural
+from moon.recording.stored import (
+    MAX_BYTES,
+    Allowance,
+    StoredChannel,
+    StoredMessage,
+    TooLargeError,
+    plural,
+)
 
 MAGIC = b"SQLite format 3\0"
 
 _TABLES = ("topics", "messages")
 _MAX_TOPICS = 100_000
 _MAX_DEFINITION = 1024 * 1024
+_STEPS = 10_000
+"""Instructions of SQLite after which it is asked whether it is to go on."""
+_STEPS_OF_ROW = 10
+"""A row takes 6 of them by the index of stamps, 12 where it has to be sorted."""
 
 
 class SqliteFile:
@@ -23,15 +34,20 @@ class SqliteFile:
     Args:
         path: the file.
         name: how it is called where something is wrong with it; by default its path.
+        size: of the file as it is stored, in bytes, by default its own: it bounds how many messages are read.
     """
 
-    def __init__(self, path: Path, name: str = "") -> None:
+    def __init__(self, path: Path, name: str = "", size: int | None = None) -> None:
         self.faults: list[str] = []
         self.metadata: dict[str, Mapping[str, str]] = {}
         self.topics: set[str] = set()
         self.offers: dict[str, set[str]] = {}
         self._path = path
         self._name = name or str(path)
+        beside = self._beside = Path(f"{path}-wal")
+        self._size = path.stat().st_size + (beside.stat().st_size if beside.exists() else 0)
+        self._allowance = Allowance(self._size if size is None else size)
+        self._too_many = ""
 
     def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
         """The messages of the channels that are ``wanted``, in the order of their stamps."""
@@ -49,7 +65,7 @@ class SqliteFile:
             kept = {number: channel for number, channel in channels.items() if wanted(channel)}
             yield from self._read(connection, kept)
         except (sqlite3.Error, UnicodeDecodeError) as error:
-            self._fault(f"the file is damaged: {error}")
+            self._fault(self._too_many or f"the file is damaged: {error}")
         finally:
             connection.close()
 
@@ -57,8 +73,7 @@ class SqliteFile:
         """Read only; what a recorder that was killed left beside the file is read too, if it can be."""
         # a path may hold `?` or `#`, which mean something in a URI
         uri = self._path.resolve().as_uri()
-        beside = Path(f"{self._path}-wal")
-        connection = None
+        beside, connection = self._beside, None
         if beside.exists() and beside.stat().st_size:
             try:
                 connection = sqlite3.connect(f"{uri}?mode=ro", uri=True)
@@ -70,8 +85,19 @@ class SqliteFile:
             connection = sqlite3.connect(f"{uri}?mode=ro&immutable=1", uri=True)
         # a stranger's schema: no functions of it run, no value is larger than it may be
         connection.execute("PRAGMA trusted_schema=OFF")
-        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BYTES)
+        longest = min(max(self._size, _MAX_DEFINITION), MAX_BYTES)  # what is in a file is no longer
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, longest)
+        # pages that point at one another can make more rows than there are, even before the first
+        connection.set_progress_handler(self._work, _STEPS)
         return connection
+
+    def _work(self) -> bool:
+        """``_STEPS`` instructions were executed; whether that is enough."""
+        try:
+            self._allowance.use(_STEPS // _STEPS_OF_ROW)
+        except TooLargeError as error:
+            self._too_many = str(error)
+        return bool(self._too_many)
 
     def _channels(self, connection: sqlite3.Connection) -> dict[int, StoredChannel] | None:
         kinds = dict(
@@ -84,6 +110,9 @@ class SqliteFile:
             str(text).upper().startswith("CREATE VIRTUAL") for text in kinds.values()
         ):
             return None
+        for table in _TABLES:  # columns that are computed are as long as their expressions want
+            if any(row[-1] for row in connection.execute(f"PRAGMA table_xinfo({table})")):
+                return None
         definitions: dict[str, tuple[str, str]] = {}
         if connection.execute("PRAGMA table_info(message_definitions)").fetchall():
             for name, encoding, text in connection.execute(
@@ -120,6 +149,8 @@ class SqliteFile:
                     last_ns, delivered = made.received_ns, delivered + 1
                     yield made
         except sqlite3.DatabaseError as error:
+            if self._too_many:
+                raise
             what = f"after {plural(delivered, 'message')} the file is damaged: {error}"
             self._fault(f"{what}; what else is found in it follows")
             rows = connection.execute(

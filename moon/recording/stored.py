@@ -18,6 +18,10 @@ else:
 MAX_BYTES = 256 * 1024 * 1024
 """The largest message, chunk or record that is read: an uncompressed 8k image has 100 MB."""
 
+MESSAGES_AT_FIRST = 100_000
+"""So many messages are read of any file, and one more for each byte that it has on the disk: a recording of
+nothing but the smallest ones has 26 bytes for each, compressed. More are a bomb."""
+
 _PIECE_BYTES = 64 * 1024
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 ZstdError = zstd.ZstdError
@@ -83,6 +87,28 @@ class Storage(Protocol):
 
 class TooLargeError(ValueError):
     """Compressed data that would be larger than the limit."""
+
+
+class Allowance:
+    """How many messages a file may hold, by its size.
+
+    Args:
+        size: of the file, in bytes, as it is stored.
+    """
+
+    __slots__ = ("_left", "_most", "_size")
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._left = self._most = MESSAGES_AT_FIRST + size
+
+    def use(self, count: int = 1) -> None:
+        """So many were found; TooLargeError if that is too many in all."""
+        self._left -= count
+        if self._left < 0:
+            raise TooLargeError(
+                f"more than {self._most} messages in {self._size} bytes: what comes before was read"
+            )
 
 
 class Unpacked(io.RawIOBase):

@@ -10,7 +10,8 @@ from transports.interface import Observation
 
 _LARGE = 1
 """The code of the extension type of an integer of more than 64 bits, as decimal digits."""
-_MAX_DIGITS = 5_000
+_MAX_DIGITS = 4_300
+"""Python reads no integer of more (``sys.int_info.default_max_str_digits``): it takes quadratic time."""
 _RANGE = range(-(2**63), 2**64)
 
 
@@ -35,10 +36,11 @@ def _packable(value: Any) -> Any:
 
 
 def _extension(code: int, data: memoryview) -> Any:
-    text = bytes(data[:_MAX_DIGITS])
-    if code == _LARGE and text.removeprefix(b"-").isdigit() and text.isascii():
+    text = bytes(data)
+    digits = text.removeprefix(b"-")
+    if code == _LARGE and len(digits) <= _MAX_DIGITS and digits.isdigit():
         return int(text)
-    return msgspec.msgpack.Ext(code, bytes(data))
+    return msgspec.msgpack.Ext(code, text)
 
 
 unpack_whole = msgspec.msgpack.Decoder(Observation, ext_hook=_extension).decode

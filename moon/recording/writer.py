@@ -164,7 +164,7 @@ class RecordingWriter:
 
     def _is_over(self, now_ns: int) -> bool:
         assert self._split is not None
-        if self._began_ns is None:
+        if self._began_ns is None or now_ns < self._began_ns:  # the clock may be set back
             self._began_ns = now_ns
         if self._split.seconds and now_ns - self._began_ns >= self._split.seconds * _NS:
             return True

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from m2c.model.interfaces import InterfaceLibrary
+from m2c.output_file import write_whole
 from m2c.printable import printable
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import CheckResult
@@ -52,7 +53,7 @@ def write_report(result: CheckResult, path: Path) -> None:
     figures = figures_of(system, [said.verdict.machine for said in violations])
     if system is None and result.models:
         missing.append("the models are not where they were: there are no diagrams")
-    path.write_text(_page(result, violations, shelf, figures, missing), encoding="utf-8")
+    write_whole(path, _page(result, violations, shelf, figures, missing))
 
 
 def _take_observations(

@@ -22,6 +22,7 @@ class VerdictFile:
     """
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
         self._file = os.open(path, flags, 0o644)
         about = os.fstat(self._file)
@@ -40,6 +41,9 @@ class VerdictFile:
             self._file = -1
 
     def _write(self, line: bytes) -> None:
-        written = os.write(self._file, line)
-        if written < len(line):  # a full disk takes a part
-            os.write(self._file, line[written:])
+        try:
+            written = os.write(self._file, line)
+            if written < len(line):  # a full disk takes a part
+                os.write(self._file, line[written:])
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error

@@ -98,6 +98,26 @@ def test_nesting_without_end_is_a_line_that_cannot_be_read(tmp_path: Path):
     assert len(faults) == 1
 
 
+def test_numbers_of_any_length_end_no_reading(tmp_path: Path):
+    long = "9" * 5000
+    seen, faults = read(
+        tmp_path,
+        f'{{"topic": "a", "time": 1, "data": {long}}}\n'
+        f'{{"topic": "b", "time": {long}, "data": 1}}\n'
+        f'{{"topic": "c", "time": {long[:4000]}, "data": 1}}\n'
+        f'{{"topic": "d", "time": 1e400, "data": 1}}\n'
+        f'{{"topic": "e", "time": 1, "data": {long}.5}}\n'
+        '{"topic": "f", "time": 1}\n',
+    )
+    assert [item.channel for item in seen] == ["/e", "/f"]
+    assert faults == [
+        "LOG:1: Integer value out of range - at `$[...]`",
+        "LOG:2: Integer value out of range - at `$[...]`",
+        f"LOG:3: a time of {long[:40]} s",
+        "LOG:4: a time of Infinity s",
+    ]
+
+
 def test_a_log_cut_anywhere_gives_its_whole_lines(tmp_path: Path):
     whole, _ = read(tmp_path, MOON)
     for end in range(1, len(MOON)):
