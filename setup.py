@@ -18,7 +18,7 @@ MODULES = {
     "moon/offline": "engine playing",
     "moon/oracle": "*",
     "moon/policy": "calls follow oracle remembered",
-    "moon/properties": "cell doubt foresight held monitor ordering",
+    "moon/properties": "cell doubt foresight gaps held monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
 }
 """What runs for every observation, by package."""

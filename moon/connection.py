@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import click
 
-from m2c.terminal import fail, say
+from m2c.terminal import fail, say, write_to_nobody
 from transports.options import DEFAULT_ENDPOINT, transport_options
+from transports.stop_signals import stopping
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -128,12 +129,12 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
     except TransportError as error:
         fail(str(error))
     except BrokenPipeError:
-        _write_to_nobody()
+        write_to_nobody()
         sys.exit(0)
     except OSError as error:
         to = f" to {error.filename}" if error.filename else ""
         say(f"error: cannot write {writing}{to}: {error.strerror}")
-        _write_to_nobody()
+        write_to_nobody()
         sys.exit(2)
 
 
@@ -171,7 +172,7 @@ class Watching:
                 raise BrokenPipeError
             look_around()
 
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in stopping():
             signal.signal(number, self._asked_to_stop)
         self._connection.every(REFRESH_S, look)
         if seconds is not None:
@@ -192,10 +193,3 @@ def _reader_is_gone() -> bool:
     poll = select.poll()
     poll.register(out, 0)
     return any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0))
-
-
-def _write_to_nobody() -> None:
-    """Let what is still buffered go nowhere: Python would complain of it when it ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (sys.stdout, sys.stderr):
-        os.dup2(nowhere, stream.fileno())

@@ -1,12 +1,24 @@
 """The order of all tests: files with slow ones first, so that none of them runs alone at the end.
 And their shared memory: of their own where that is permitted, and what they leave in it together.
+And hypothesis: the same examples every time, so that the suite gives the same answer twice. Fresh ones
+are for ``make soak``; what they find is kept as ``@example`` beside the test.
 """
 
 from __future__ import annotations
 
+import shlex
+
+import hypothesis
 import pytest
 
 from tests.transports import shared_memory
+
+SUITE, SOAK = "suite", "soak"
+hypothesis.settings.register_profile(SUITE, derandomize=True, deadline=None, database=None)
+hypothesis.settings.register_profile(
+    SOAK, derandomize=False, deadline=None, print_blob=True, database=None
+)
+hypothesis.settings.load_profile(SUITE)  # --hypothesis-profile comes later
 
 _BEFORE = pytest.StashKey[set[str]]()
 _IS_OWN = pytest.StashKey[bool]()
@@ -37,3 +49,18 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)  # stable: else in the order of collection
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """How the examples that were found by a seed are found again."""
+    seed = config.getoption("--hypothesis-seed")
+    if seed is None:
+        return
+    profile = config.getoption("--hypothesis-profile") or SUITE
+    for report in terminalreporter.stats.get("failed", []):
+        command = ["pytest", report.nodeid, "--hypothesis-profile", profile]
+        terminalreporter.line(
+            f"this repeats it: {shlex.join([*command, '--hypothesis-seed', str(seed)])}"
+        )

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Machine
+from m2c.model.machine import InterfaceKind, Machine
 from moon.monitor.turns import BEHIND_NS, MACHINES_NS
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.clock import Clock
 from moon.oracle.oracle import Oracle
-from moon.oracle.suspicions import Losses
+from moon.oracle.unconfirmed import Losses, Publishers
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
@@ -27,6 +27,7 @@ class ModelMonitor:
             the middle of a run).
         lossy: whether observations are known to get lost; the first gap tells as well.
         policy: the oracle of the behaviour tree that ticks them, if it is monitored too.
+        others: the models of further nodes of the system, for what they publish.
     """
 
     def __init__(
@@ -37,14 +38,26 @@ class ModelMonitor:
         synchronised: bool = True,
         lossy: bool = False,
         policy: PolicyOracle | None = None,
+        others: Iterable[Machine] = (),
     ) -> None:
+        machines = tuple(machines)
         self.policy = policy
         self.bounds = bounds or Bounds()
         losses = Losses(lossy)
         self._clock = Clock()
+        nodes = (*machines, *others)
+        callers = {POLICY, *(node.name for node in nodes)}
+        self._publishers = Publishers(_publishers_of(nodes), callers)
         self.oracles = {
             machine.name: Oracle(
-                machine, library, machine.name, self.bounds, synchronised, losses, self._clock
+                machine,
+                library,
+                machine.name,
+                self.bounds,
+                synchronised,
+                losses,
+                self._clock,
+                self._publishers,
             )
             for machine in machines
         }
@@ -123,13 +136,19 @@ class ModelMonitor:
         return _behind(wake, self.bounds.latency)
 
     def node_found(self, node: str, stamp_ns: int) -> None:
-        """``node`` was up already; from ``stamp_ns`` on, what it does is heard."""
+        """``node`` was up already; from ``stamp_ns`` on, what it does is heard.
+
+        ``FOREVER``: it is not known to be there.
+        """
+        if stamp_ns != FOREVER:
+            self._publishers.came_up(node)
         oracle = self.oracles.get(node)
         if oracle is not None:
             oracle.listen(stamp_ns)
 
     def node_started(self, node: str, stamp_ns: int) -> None:
         """``node`` has just come up: its machine is in its initial state."""
+        self._publishers.came_up(node)
         oracle = self.oracles.get(node)
         if oracle is not None:
             oracle.start(stamp_ns)
@@ -137,6 +156,20 @@ class ModelMonitor:
             self.policy.start(stamp_ns)
 
 
+def _publishers_of(machines: Iterable[Machine]) -> dict[str, list[str]]:
+    """The nodes that publish on each channel, feedback of goals included."""
+    found: dict[str, list[str]] = {}
+    for machine in machines:
+        for interface in machine.interfaces:
+            ending = _PUBLISHED.get(interface.kind)
+            if ending is not None and interface.channel:
+                found.setdefault(interface.channel + ending, []).append(machine.name)
+    return found
+
+
+POLICY = "policy"
+"""The node that ticks a system's tree, whether it is monitored or not."""
+_PUBLISHED = {InterfaceKind.PUBLISHER: "", InterfaceKind.ACTION_SERVER: "/_action/feedback"}
 _KEPT_TARGETS = 65_536
 
 

@@ -7,6 +7,7 @@ from collections import deque
 
 from moon.monitor.status import UNSEEN, MachineStatus
 from moon.oracle.oracle import Oracle
+from moon.oracle.unconfirmed import UNCONFIRMED
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Outcome
 
@@ -40,6 +41,10 @@ class WatchedNode:
     def is_seen(self) -> bool:
         """Whether anything is known of it; what others send to it tells nothing of it."""
         return self.up or self.said is not None or bool(self.lags)
+
+    def is_news(self, reason: str) -> bool:
+        """Whether ``reason`` is a violation that is not certain yet, and was not said."""
+        return reason.startswith(UNCONFIRMED) and reason != self.last
 
     def leave(self, oracle: Oracle | PolicyOracle) -> None:
         """Another oracle takes the place of ``oracle``."""

@@ -4,14 +4,13 @@ Observations count for good once the latency bound is over. A violation is said 
 could mend it is to be expected any more, going by how late things have been (:mod:`moon.monitor.patience`).
 Should it come all the same, the violation is taken back. What was missed (gaps in the numbers of a
 source, what came too late) makes whatever depends on it inconclusive, from the instant at which it was
-missed: while a gap is known that has not wholly passed, time waits for its end, which is never more
-than one bound away.
+missed (:meth:`moon.properties.monitor.PropertySet.lose`). What is told of a loss before its first instant
+counts says nothing that a lost message could contradict; told later, it takes back what it leaves open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from operator import attrgetter
 from typing import Any
 
 import msgspec
@@ -35,6 +34,8 @@ SHOWN_FACTS = 8
 """So many facts explain a violation, the latest; more would hide the point."""
 MOST_PLACES = 10_000
 """Sources and channels whose numbers are kept; names come from the wire, and never end."""
+REMEMBERED = 256
+"""Violations of a property that a loss that is told of later than it should can still take back."""
 TAKEN_BACK = "the violation is taken back: what it missed came later than anything of late"
 _LONGEST_DATA = 120
 
@@ -53,22 +54,25 @@ class _Loss(msgspec.Struct):
     channel: str
 
 
-_IN_ORDER = attrgetter("start", "end", "channel")
-
-
 class _Tally:
     """What was heard and said of one property."""
 
-    __slots__ = ("channels", "foreseen_ns", "heard", "last", "outcome", "violations")
+    __slots__ = ("channels", "foreseen_ns", "heard", "last", "outcome", "since", "violations")
 
     def __init__(self, channels: frozenset[str]) -> None:
         self.channels = channels
         self.heard = 0
         self.outcome: Outcome | None = None
         self.violations = 0
+        self.since: list[int] = []
+        """Since when, of the latest :data:`REMEMBERED`: they may have to be taken back."""
         self.foreseen_ns: int | None = None
         """Since when it is violated, if that was said and is not certain yet."""
         self.last = ""
+
+    def concerns(self, channel: str) -> bool:
+        """Whether the property listens to ``channel``."""
+        return channel in self.channels or ANY_CHANNEL in self.channels
 
 
 class PropertyWatch:
@@ -126,7 +130,7 @@ class PropertyWatch:
             self._ordered.observe(seen)
         except TimeOrderError:
             self.late += 1
-            self.lose(seen.channel, seen.stamp_ns, self._reached_ns)
+            self.lose(seen.channel, seen.stamp_ns, seen.stamp_ns + 1)
         else:
             soon_ns = seen.stamp_ns + LEAST_NS
             self._quiet_until = min(self._quiet_until, soon_ns)
@@ -145,7 +149,10 @@ class PropertyWatch:
         self._numbers[place] = (seen.sequence, seen.stamp_ns)
         # a smaller number is a node that has started again, with 0
         if last is not None and seen.sequence not in (last[0] + 1, 0):
-            self.lose(seen.channel, last[1] + 1, seen.stamp_ns)
+            start, end = last[1] + 1, seen.stamp_ns
+            if start >= end:  # stamps that do not increase: it was sent at one of them
+                start, end = min(last[1], end), max(last[1], end) + 1
+            self.lose(seen.channel, start, end)
         return False
 
     def lose(self, channel: str, start_ns: int, end_ns: int) -> None:
@@ -216,27 +223,34 @@ class PropertyWatch:
         return bool(self.properties) and self.patience.wait_ns < self._latency_ns
 
     def _count_for_good(self, until: int) -> tuple[list[Verdict], int]:
-        """Everything stamped up to ``until`` counts, or up to a loss that goes on; the instant."""
+        """Everything stamped up to ``until`` counts, and what was missed is unknown; the instant."""
         found: list[Verdict] = []
-        if until <= self._reached_ns:
-            return found, self._reached_ns
-        while self._losses:
-            group, end = self._first_losses()
-            start = group[0].start
-            if start > until:
-                break
-            if end > until:
-                until = start - 1
-                break
-            found += self._pass_to(start - 1)
-            # losing something brings the properties to the end of the loss: other channels first
-            between = sorted({stamp for stamp in self._ordered.held if start <= stamp < end})
-            for stamp in (*between, end):
-                for channel in sorted({loss.channel for loss in group}):
-                    found += self._changes(self._ordered.lose(channel, start, stamp))
-                found += self._pass_to(stamp, even_if_idle=True)
-            del self._losses[: len(group)]
-        return found + self._pass_to(until), until
+        for loss in self._losses:
+            found += self._missed(loss)
+        self._losses.clear()
+        return found + self._pass_to(until), max(until, self._reached_ns)
+
+    def _missed(self, loss: _Loss) -> list[Verdict]:
+        """Tell the properties of ``loss``; what it leaves nothing of is taken back."""
+        changes = dict(self._ordered.lose(loss.channel, loss.start, loss.end))
+        verdicts = self._ordered.verdicts()
+        found: list[Verdict] = []
+        for name, tally in self._tallies.items():
+            standing = verdicts[name]
+            stands = [tally.foreseen_ns]
+            if standing.status is Status.FALSE:
+                stands.append(standing.since_ns)
+            doubted = [ns for ns in tally.since if ns >= loss.start and ns not in stands]
+            if not doubted or not tally.concerns(loss.channel):
+                if name in changes:
+                    found += self._said(name, changes[name])
+                continue
+            tally.since = [ns for ns in tally.since if ns not in doubted]
+            tally.violations -= len(doubted)
+            if standing.status is not Status.FALSE:
+                why = f"the violation is taken back: messages on {loss.channel} were missed"
+                found += self._told(name, msgspec.structs.replace(standing, reason=why))
+        return found
 
     def _foreseen(self, now_ns: int) -> list[Verdict]:
         """Violations that only something later than is to be expected could mend."""
@@ -258,41 +272,25 @@ class PropertyWatch:
         for name, tally in self._tallies.items():
             if tally.foreseen_ns is None or tally.foreseen_ns > until:
                 continue
-            tally.foreseen_ns = None
+            foreseen_ns, tally.foreseen_ns = tally.foreseen_ns, None
             tally.violations -= 1
+            tally.since = [ns for ns in tally.since if ns != foreseen_ns]
             if tally.outcome is Outcome.VIOLATED:
                 standing = self._ordered.verdicts()[name]
                 reason = standing.reason or TAKEN_BACK
                 found += self._told(name, msgspec.structs.replace(standing, reason=reason))
         return found
 
-    def _first_losses(self) -> tuple[list[_Loss], int]:
-        """The earliest loss and those that overlap with it, the earliest first, and when all have ended.
-
-        They are the first of ``_losses`` afterwards. A fleet that is joined has a loss for each of its
-        nodes and channels.
-        """
-        self._losses.sort(key=_IN_ORDER)
-        group: list[_Loss] = []
-        end = self._losses[0].end
-        for loss in self._losses:
-            if loss.start > end:
-                break
-            group.append(loss)
-            end = max(end, loss.end)
-        return group, end
-
-    def _pass_to(self, instant: int, even_if_idle: bool = False) -> list[Verdict]:
+    def _pass_to(self, instant: int) -> list[Verdict]:
         """Everything stamped up to ``instant`` counts.
 
         If nothing is due by then nothing is done, which leaves room for what comes later than it
-        should; not so after a loss, which the properties have been told of up to ``instant``.
+        should.
         """
         if instant <= self._reached_ns:
             return []
         due = self._ordered.next_deadline()
-        idle = self._reached_ns >= 0 and (due is None or due > instant + self._latency_ns)
-        if idle and not even_if_idle:
+        if self._reached_ns >= 0 and (due is None or due > instant + self._latency_ns):
             return []
         self._reached_ns = instant
         return self._changes(self._ordered.advance(instant + self._latency_ns))
@@ -317,7 +315,9 @@ class PropertyWatch:
         tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
         made = verdict_on(self.properties[name], verdict)
         tally.outcome = outcome
-        tally.violations += outcome is Outcome.VIOLATED
+        if outcome is Outcome.VIOLATED:
+            tally.violations += 1
+            tally.since = [*tally.since[1 - REMEMBERED :], verdict.since_ns]
         if made.reason:
             tally.last = made.reason
         return [made]

@@ -15,11 +15,14 @@ from m2c.model.machine import InterfaceKind, Machine
 from m2c.runtime.messages import message_class
 from moon.monitor.status import Counts, Rejected
 from moon.oracle.channels import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
-from transports.interface import Observation, ObservationKind
+from transports.actions import parts_of
+from transports.interface import Action, Observation, ObservationKind, Service
 
 MAX_UNKNOWN = 1_000
 """Channels that no model names, counted by name; names come from the wire, and never end."""
 _OTHERS = "(others)"
+_REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+_RESPONSES = (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 
 class Reception:
@@ -41,19 +44,51 @@ class Reception:
     ) -> None:
         self._latency_ns = latency_ns
         self._counts = counts
-        self._topics: dict[str, tuple[str, type[msgspec.Struct]]] = {}
+        self._shapes: dict[tuple[str, ObservationKind], _Shape] = {}
         self._known: set[str] = set()
         for machine in machines:
             for interface in machine.interfaces:
                 if interface.channel is None or interface.kind is InterfaceKind.TIMER:
                     continue
                 self._known.add(interface.channel)
-                if interface.kind in (InterfaceKind.PUBLISHER, InterfaceKind.SUBSCRIBER):
-                    structure = library.message(interface.type_name)
-                    self._topics[interface.channel] = (
-                        interface.type_name,
-                        message_class(structure),
-                    )
+                self._expect(interface.kind, interface.channel, interface.type_name, library)
+
+    def _expect(
+        self, kind: InterfaceKind, channel: str, type_name: str, library: InterfaceLibrary
+    ) -> None:
+        if kind in (InterfaceKind.PUBLISHER, InterfaceKind.SUBSCRIBER):
+            message = message_class(library.message(type_name))
+            self._shapes[channel, ObservationKind.MESSAGE] = _Shape(type_name, message)
+        elif kind in (InterfaceKind.SERVER, InterfaceKind.CLIENT):
+            service = library.service(type_name)
+            request, response = message_class(service.request), message_class(service.response)
+            self._expect_service(Service(channel, type_name, request, response))
+        else:
+            action = library.action(type_name)
+            parts = parts_of(
+                Action(
+                    channel,
+                    type_name,
+                    message_class(action.goal),
+                    message_class(action.result),
+                    message_class(action.feedback),
+                )
+            )
+            for part in (parts.send_goal, parts.cancel_goal, parts.get_result):
+                self._expect_service(part)
+            for topic in (parts.feedback, parts.status):
+                shape = _Shape(topic.type_name, topic.message)
+                self._shapes[topic.name, ObservationKind.MESSAGE] = shape
+
+    def _expect_service(self, service: Service) -> None:
+        for kind in _REQUESTS:
+            self._shapes[service.name, kind] = _Shape(
+                f"{service.type_name}_Request", service.request
+            )
+        for kind in _RESPONSES:
+            self._shapes[service.name, kind] = _Shape(
+                f"{service.type_name}_Response", service.response
+            )
 
     def judge(self, seen: Observation, now_ns: int) -> Observation | Rejected:
         """``seen``, perhaps with a more careful stamp, or why it cannot be judged."""
@@ -69,12 +104,20 @@ class Reception:
                 f"an event on {channel} is stamped {ahead_ns / 1e9:.1f} s in the future: "
                 "the clocks of its node and of this monitor differ"
             )
-        if seen.kind is not ObservationKind.MESSAGE:
+        shape = self._shapes.get((channel, seen.kind))
+        is_message = seen.kind is ObservationKind.MESSAGE
+        if shape is not None and (
+            is_message or seen.data is not None
+        ):  # an event may have no contents
+            read = shape.read(seen)
+            if read is None:
+                counts.mistyped += 1
+                if is_message:
+                    return Rejected()
+                return Rejected(f"an event on {channel} is not of its type, {shape.type_name}")
+            seen = read
+        if not is_message:
             return seen
-        expected = self._topics.get(channel)
-        if expected is not None and not _is_of(seen, *expected):
-            counts.mistyped += 1
-            return Rejected()
         if not seen.source:
             # perhaps stamped only when it came here: who took it may have had it before
             counts.unnamed += 1
@@ -95,14 +138,21 @@ class Reception:
         unknown[channel] += 1
 
 
-def _is_of(seen: Observation, type_name: str, message: type[msgspec.Struct]) -> bool:
-    """Whether a node that expects ``type_name`` takes the message (else its transport drops it)."""
-    if seen.type_name and seen.type_name != type_name:
-        return False
-    if seen.type_name and seen.sequence >= 0:
-        return True  # encoded by a typed publisher
-    try:
-        msgspec.convert(seen.data, message)
-    except msgspec.ValidationError:
-        return False
-    return True
+class _Shape(msgspec.Struct, frozen=True):
+    """What a channel carries: a node that expects ``type_name`` takes nothing else."""
+
+    type_name: str
+    message: type[msgspec.Struct]
+
+    def read(self, seen: Observation) -> Observation | None:
+        """``seen`` with what a node makes of its data (fields that are not there have their defaults).
+
+        None if no node takes it: its type is another, or is only said to be this one.
+        """
+        if seen.type_name and seen.type_name != self.type_name:
+            return None
+        try:
+            data = msgspec.to_builtins(msgspec.convert(seen.data, self.message))
+        except (msgspec.ValidationError, TypeError, RecursionError):
+            return None
+        return seen if data == seen.data else msgspec.structs.replace(seen, data=data)

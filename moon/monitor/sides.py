@@ -130,6 +130,12 @@ class _Taps:
     def is_complete(self) -> bool:
         return all(tap.is_complete for tap in self._taps)
 
+    def is_contested(self, name: str) -> bool:
+        return any(tap.is_contested(name) for tap in self._taps)
+
+    def take_dropped(self) -> Collection[tuple[str, str]]:
+        return [place for tap in self._taps for place in tap.take_dropped()]
+
     def peers(self) -> Sequence[str]:
         return sorted({peer for tap in self._taps for peer in tap.peers()})
 

@@ -68,6 +68,10 @@ class SystemWatch:
         """By machines."""
         self._transport = transport
         self._machines = tuple(machines)
+        monitored = {machine.name for machine in machines}
+        self._others = {node.name: node for node in system.nodes if node.name not in monitored}
+        """Nodes that are not monitored: what they publish matters all the same."""
+        self._others_up: set[str] = set()
         self._library = system.library
         self._bounds = bounds
         self._sinks = tuple(sinks)
@@ -116,6 +120,12 @@ class SystemWatch:
         self._turns.heard(now_ns)
         if not -self._bounds.latency <= now_ns - pace.now_ns <= pace.limit_ns:
             self._look_at_clock(*read_together(transport.now_ns, self._read_monotonic))
+        if self.listener is not None and self.listener.is_contested(seen.source):
+            # from the node of this name or from another: nothing is concluded from it
+            self._properties.lose(seen.channel, pace.clock_ns, now_ns)
+            for oracle in self._concerned(seen):
+                self._lose(oracle, f"several sessions say that they are {seen.source}")
+            return
         judged = self._reception.judge(seen, now_ns)
         if isinstance(judged, Rejected):
             if judged.reason:
@@ -145,6 +155,16 @@ class SystemWatch:
             judged = _received_at(judged, limit_ns)
         self._properties.observe(seen)
         self._take(self._models.feed(judged))
+
+    def _note_dropped(self, now_ns: int) -> None:
+        """Lose what the tap has dropped: on which channels is known, of what kind it was is not."""
+        for channel, source in () if self.listener is None else self.listener.take_dropped():
+            self._properties.lose(channel, self._pace.clock_ns - self._bounds.latency, now_ns)
+            for name, oracle in self._models.watched.items():
+                if self._nodes[name].is_seen and any(
+                    oracle.concerns(channel, source, kind) for kind in ObservationKind
+                ):
+                    self._lose(oracle, f"messages on {channel} came faster than they were judged")
 
     def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""
@@ -195,6 +215,7 @@ class SystemWatch:
         if self._pace.is_lost:
             why = "this monitor does not keep up with what it hears"
             self._start_anew(now_ns, monotonic_ns, why, held_up=True)
+        self._note_dropped(now_ns)
         up_since = list(map(self._transport.up_since, self._up))
         if up_since != self._up_since:  # hardly ever
             for name, since in zip(self._up, up_since, strict=True):
@@ -259,10 +280,17 @@ class SystemWatch:
                 rate_hz=0.0,
             )
         models = ModelMonitor(
-            self._machines, self._library, self._bounds, synchronised=False, policy=policy
+            self._machines,
+            self._library,
+            self._bounds,
+            synchronised=False,
+            policy=policy,
+            others=self._others.values(),
         )
         for name in models.oracles:
             models.node_found(name, FOREVER)  # it is not known to be there
+        for name in self._others_up:
+            models.node_found(name, self._listening_since)
         return models
 
     # --- nodes -------------------------------------------------------------------------------------
@@ -276,6 +304,9 @@ class SystemWatch:
             since_ns = self._listening_since
             self._properties.lose_all(since_ns, max(since_ns, now_ns) + 1)
         if node is None:
+            if up and name in self._others:
+                self._others_up.add(name)
+                self._models.node_found(name, now_ns)
             return
         if up:
             self._node_up(name, node)
@@ -345,7 +376,11 @@ class SystemWatch:
         """What else has changed: a machine is known again, or no longer."""
         for oracle, node in zip(self._models.watched.values(), self._nodes.values(), strict=True):
             outcome = oracle.outcome
-            if outcome is node.said or outcome is Outcome.VIOLATED:
+            if outcome is Outcome.VIOLATED:
+                continue
+            if outcome is node.said and (
+                outcome is Outcome.CONFORMING or not node.is_news(oracle.verdict().reason)
+            ):
                 continue
             if node.gone_ns is not None or not node.is_seen:
                 continue  # what was known of it stands

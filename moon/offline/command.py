@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.terminal import fail, say, show_painted
+from m2c.output_file import write_whole
+from m2c.terminal import say, show_painted, write_to_nobody
 from moon.monitor.subject_options import Choice, read_or_fail, subject_options
 from moon.monitor.verdict_options import json_option, log_option
 
@@ -89,9 +90,12 @@ def check(
                 say(f"error: {outcome}")
         _write_files(results, failures, log_file, junit_file, report_file)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        write_to_nobody()
     except OSError as error:
-        fail(f"cannot write {error.filename or 'the result'}: {error.strerror}")
+        what = f"cannot write {error.filename}" if error.filename else "cannot check"
+        say(f"error: {what}: {error.strerror or error}")
+        write_to_nobody()
+        sys.exit(2)
     if failures:
         sys.exit(2)
     sys.exit(1 if any(result.violations for result in results) else 0)
@@ -139,7 +143,7 @@ def _write_files(
     if junit_file is not None:
         from moon.offline.junit import junit
 
-        junit_file.write_bytes(junit(results, failures))
+        write_whole(junit_file, junit(results, failures))
     if report_file is not None:
         from moon.report.page import write_report
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 from moon.monitor.pace import NS
 from moon.recording.entries import (
+    UNUSUAL_NS,
     Began,
     Entry,
     Missed,
@@ -19,11 +20,16 @@ from moon.recording.entries import (
     Pulse,
     Turn,
     Whole,
+    set_by_ns,
 )
+from moon.recording.stored import plural
 from transports.interface import Observation, Publisher, Tap, Timer, Topic, TransportError
 
-MAX_QUIET_NS = 24 * 3600 * NS
-"""Time passes step by step over silences up to this; longer ones are clocks that were set."""
+QUIET_AT_FIRST_NS = 3600 * NS
+"""Time passes step by step, which takes time itself: some seconds for an hour in which nothing comes."""
+QUIET_PER_ENTRY_NS = 10 * NS
+"""So much more of it for each entry, so that what a recording costs is bounded by its size. What is quiet
+beyond that is not followed: a clock that was set, a recorder that was stopped, a damaged stamp."""
 
 WHOLE_NS = 20 * NS
 """A recorder hears everything after so long, or says that it does not (``moon.tap.completeness``)."""
@@ -60,6 +66,12 @@ class Player:
         self._whole_by_ns = 0
         self._waiting: list[Entry] | None = None
         """What was recorded before the recorder heard everything; None once it does."""
+        self._looked: Pulse | None = None
+        """When a recorder that was no monitor looked at both clocks last."""
+        self._quiet_ns = QUIET_AT_FIRST_NS
+        """How much of silences can still be passed through step by step."""
+        self._jumps = 0
+        """How many silences were not."""
         self._left_out_ns = 0
         """How long it did not; 0: what was recorded then is judged, too."""
         self._is_over = False
@@ -102,6 +114,14 @@ class Player:
         """The watch is told of nothing before that."""
         return True
 
+    def is_contested(self, name: str) -> bool:
+        """Who sent is as the recorder had it."""
+        return False
+
+    def take_dropped(self) -> Sequence[tuple[str, str]]:
+        """Nothing: what the recorder dropped is among ``problems``."""
+        return ()
+
     def peers(self) -> Sequence[str]:
         """Nobody."""
         return ()
@@ -142,15 +162,21 @@ class Player:
             self._is_over = True
 
     def limits(self) -> list[str]:
-        """What is not judged as the recorder did not hear all of it, one sentence at most."""
-        if not self._left_out_ns:
-            return []
-        if self._is_over:
-            return ["it was over before its recorder heard everything: nothing is judged"]
-        return [
-            f"its recorder heard everything from {self._left_out_ns / NS:.1f} s on: "
-            "what was before is not judged"
-        ]
+        """What is not judged as it was not recorded, or not heard by the recorder, one sentence each."""
+        said = []
+        if self._left_out_ns and self._is_over:
+            said.append("it was over before its recorder heard everything: nothing is judged")
+        elif self._left_out_ns:
+            said.append(
+                f"its recorder heard everything from {self._left_out_ns / NS:.1f} s on: "
+                "what was before is not judged"
+            )
+        if self._jumps:
+            said.append(
+                f"nothing was recorded for too long, {plural(self._jumps, 'time')}: taken for a "
+                "clock that was set, and not for silence"
+            )
+        return said
 
     def _wait(self, entry: Entry) -> None:
         """``entry`` was heard, but perhaps not what belongs to it."""
@@ -185,6 +211,8 @@ class Player:
             return
         if self._paced:
             self._now_ns = entry.received_ns
+        elif type(entry) is Pulse and abs(set_by_ns(self._looked, entry)) > UNUSUAL_NS:
+            self._next_ns = self._now_ns = entry.received_ns
         else:
             self._pass_to(entry.received_ns)
         if type(entry) is Observation:  # nearly all are, or turns
@@ -193,6 +221,8 @@ class Player:
         if type(entry) is Pulse:
             if self._paced:
                 self._take_turn(entry)
+            else:
+                self._looked = entry
             return
         self._note(entry)
 
@@ -232,7 +262,12 @@ class Player:
 
     def _pass_to(self, instant_ns: int) -> None:
         """Time passes to ``instant_ns``, for a watch whose turns were not recorded."""
-        if not -NS < instant_ns - self._next_ns < MAX_QUIET_NS:
+        ahead_ns = instant_ns - self._next_ns
+        self._quiet_ns += QUIET_PER_ENTRY_NS
+        if -NS < ahead_ns < self._quiet_ns:
+            self._quiet_ns -= max(ahead_ns, 0)
+        else:
+            self._jumps += ahead_ns > 0
             self._next_ns = self._now_ns = instant_ns  # the clock was set
         while self._timer is not None and self._next_ns <= instant_ns:
             self._move_to(self._next_ns)

@@ -14,7 +14,7 @@ from itertools import chain
 
 from msgspec.structs import replace
 
-from moon.recording.entries import Began, Entry
+from moon.recording.entries import UNUSUAL_NS, Began, Entry, Pulse, set_by_ns
 from transports.interface import Observation
 
 USUAL_NS = 50_000_000
@@ -46,8 +46,13 @@ def _moving(source: Iterator[Entry]) -> Iterator[Entry]:
     yield first
     held: list[tuple[int, int, Entry]] = []
     newest_ns = first.received_ns
+    looked: Pulse | None = None
     for number, entry in enumerate(source):
-        if entry.received_ns < newest_ns - LATEST_NS:  # the clock was set back
+        is_set_back = entry.received_ns < newest_ns - LATEST_NS
+        if type(entry) is Pulse:
+            is_set_back = is_set_back or set_by_ns(looked, entry) < -UNUSUAL_NS
+            looked = entry
+        if is_set_back:
             while held:
                 yield heapq.heappop(held)[2]
             newest_ns = entry.received_ns

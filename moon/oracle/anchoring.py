@@ -6,7 +6,7 @@ from collections import deque
 
 from moon.oracle.facts import Fact, Role
 
-KEPT_FACTS = 20_000
+KEPT_FACTS = 4096
 """Facts kept while the oracle looks for a moment that is certain."""
 
 _STEPS = (Role.INPUT, Role.OUTPUT, Role.STATUS, Role.RESULT, Role.STRANGE)
@@ -41,8 +41,10 @@ class Anchoring:
         recent = self._recent
         recent.append(fact)
         oldest = finished - 4 * self._latency
-        while recent[0].stamp < oldest or len(recent) > KEPT_FACTS:
+        while recent[0].stamp < oldest:
             recent.popleft()
+        if len(recent) > KEPT_FACTS:  # what is forgotten may have been the beginning of a step
+            self._since = max(self._since, recent.popleft().stamp)
 
     def find(self, settled: int) -> tuple[int, tuple[Fact, ...], list[Fact]] | None:
         """The first moment until ``settled`` (ns) at which the machine was between two steps.

@@ -7,8 +7,14 @@ import msgspec
 FOREVER = 1 << 62
 """Later than any stamp (ns)."""
 
-EXACT = 32
-"""Up to so many hypotheses, each keeps its own messages under way."""
+FEW_HYPOTHESES = 8
+"""Of so many it is not looked whether one follows from another."""
+
+STEPS = 4
+LOOSE_STEPS = 32
+"""So many steps are tried for each hypothesis that may be kept: with all orders told apart, and where they
+are not, and each message leads on from each state. A step takes some microseconds.
+"""
 
 
 class Bounds(msgspec.Struct, frozen=True):

@@ -18,6 +18,8 @@ from moon.oracle.facts import Fact, Role
 from moon.oracle.readers import (
     Port,
     Reader,
+    answered,
+    at_the_server,
     complete,
     giving,
     of_action_client,
@@ -52,6 +54,8 @@ _SENDINGS = (
     ObservationKind.REQUEST_SENT,
     ObservationKind.RESPONSE_SENT,
 )
+
+AT_THE_SERVER = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)
 
 
 class Channels:
@@ -160,12 +164,18 @@ class Channels:
                 return self._called(name, kind, template)
             case InterfaceKind.ACTION_SERVER if own:
                 return self._of_action(port, kind, of_action_server)
+            case InterfaceKind.CLIENT if kind in AT_THE_SERVER:
+                return at_the_server(name, self.node)
             case InterfaceKind.ACTION_SERVER if port.part == "send_goal":
                 return served(name, kind, own, template)
+            case InterfaceKind.ACTION_SERVER if kind is ObservationKind.RESPONSE_RECEIVED:
+                return answered(name)
             case InterfaceKind.ACTION_CLIENT if own or (
                 port.part == "feedback" and kind is ObservationKind.MESSAGE
             ):
                 return self._of_action(port, kind, of_action_client)
+            case InterfaceKind.ACTION_CLIENT if kind in AT_THE_SERVER:
+                return at_the_server(name, self.node)
         return None
 
     def _called(self, name: str, kind: ObservationKind, template: Any) -> Reader | None:

@@ -30,6 +30,10 @@ class Role(IntEnum):
     """The machine's answer to such a request, as that node tells it: the request was taken up."""
     STRANGE = 7
     """Something the machine sent where its model says nothing."""
+    UNANSWERED = 8
+    """Who sent such a request has waited for the answer in vain, as it tells."""
+    OTHER_END = 9
+    """What the server of a call that the machine made tells of it."""
 
 
 class Fact:
@@ -44,6 +48,7 @@ class Fact:
         data: the message.
         call: (client, number) of a call.
         goal: a goal's id (32 hex digits).
+        lane: source and channel: facts of one lane keep their order.
         droppable: whether the machine may never have got it (set by the oracle).
         observation: what was observed.
     """
@@ -57,6 +62,7 @@ class Fact:
         "event",
         "goal",
         "interface",
+        "lane",
         "observation",
         "output",
         "role",
@@ -82,14 +88,10 @@ class Fact:
         self.data = data
         self.goal = goal
         self.call = (observation.client, observation.call)
+        self.lane = (observation.source, observation.channel)
         self.droppable = False
         self._base: Fact | None = None
         self._perhaps: Fact | None = None
-
-    @property
-    def lane(self) -> tuple[str, str]:
-        """Source and channel: facts of one lane keep their order."""
-        return (self.observation.source, self.observation.channel)
 
     @property
     def base(self) -> Fact:

@@ -308,34 +308,6 @@ class Hypothesis:
         """It was changed."""
         self._key = None
 
-    def core(self) -> Any:
-        """The key without the messages under way."""
-        return self.key()[1:]
-
-    def joined(self, other: Hypothesis) -> Hypothesis | None:
-        """One hypothesis for both of one core: a message that only one of them still has may have
-        been taken. That allows more than either, and forgets what belongs together. None: self
-        allows all that ``other`` does.
-        """
-        pending = self.pending
-        if pending != other.pending:
-            mine = {id(fact.base): fact for fact in pending}
-            theirs = {id(fact.base): fact for fact in other.pending}
-            made = []
-            both = {**theirs, **mine}
-            if len(both) == len(mine):
-                both = mine  # as it stands: messages of one stamp would change places for ever
-            for key, fact in both.items():
-                twin = theirs.get(key)
-                firm = key in mine and twin is not None and not twin.droppable
-                made.append(fact if firm else fact.perhaps())
-            made.sort(key=lambda fact: fact.stamp)
-            pending = tuple(made)
-        wide = self.merged(other)
-        if wide is None and pending == self.pending:
-            return None
-        return (wide or self).with_pending(pending)
-
     def copy(self) -> Hypothesis:
         """A hypothesis to be changed before anybody else sees it."""
         return Hypothesis(
@@ -384,6 +356,16 @@ class Hypothesis:
         made.owed, made.posted, made.alarms = owed, posted, alarms
         made.moment = min(self.moment, other.moment)
         return made
+
+    def allows(self, other: Hypothesis) -> bool:
+        """Whether the timers of ``other``, which has the same key, can ring when this one's can, too."""
+        mine, theirs = self.alarms, other.alarms
+        return all(
+            a.low <= b.low and a.high >= b.high for a, b in zip(mine, theirs, strict=True)
+        ) and all(
+            a.low <= b.low and a.high >= b.high
+            for a, b in zip(self.posted, other.posted, strict=True)
+        )
 
 
 Timed = Any

@@ -18,6 +18,7 @@ from moon.oracle.anchoring import Anchoring
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.channels import Channels
 from moon.oracle.clock import Clock
+from moon.oracle.confirmation import Confirmation
 from moon.oracle.explain import explanation_of, told
 from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis
@@ -25,12 +26,22 @@ from moon.oracle.lanes import Lanes
 from moon.oracle.progress import Progress
 from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
-from moon.oracle.suspicions import Losses, Suspicions
+from moon.oracle.unconfirmed import (
+    UNCONFIRMED,
+    Losses,
+    OtherEnds,
+    Publishers,
+    Unconfirmed,
+    Waiting,
+)
 from moon.oracle.uptake import Uptake
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 
 EVIDENCE = 12
 """So many observations are kept for explanations."""
+
+TRIES = 20
+"""So many times in a latency bound it is tried to find a machine of which nothing is known."""
 
 _STAMP = attrgetter("stamp")
 
@@ -47,10 +58,13 @@ class Judging:
         synchronised: bool = True,
         losses: Losses | None = None,
         clock: Clock | None = None,
+        publishers: Publishers | None = None,
     ) -> None:
         self.losses = losses or Losses()
         self._clock = clock or Clock()
-        self._suspicions = Suspicions()
+        self._publishers = publishers or Publishers()
+        self._unconfirmed = Unconfirmed()
+        self._other_ends = OtherEnds()
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
         self.machine = machine
@@ -61,6 +75,15 @@ class Judging:
         self._lanes = Lanes(self.channels, self.node)
         self._latency = self.bounds.latency
         self._progress = Progress()
+        self._confirmation = Confirmation(
+            self.node,
+            self.search,
+            self._lanes,
+            self._progress,
+            self._other_ends,
+            self._publishers,
+            self.losses,
+        )
         self._alone = not self.channels.hears_others
         """Everything that concerns the machine is told by its own node: it is known how far that is."""
         self._certain_since = 0
@@ -86,6 +109,8 @@ class Judging:
         self._uptake = Uptake(self.bounds.deadline)
         self._reason = ""
         self._next_due = FOREVER
+        self._next_try = 0
+        """Not before this (ns) is it tried again to find what the machine does."""
         self.wake = 0
         """Until this is settled (ns), time alone changes nothing."""
         self._droppable_until = 0
@@ -119,6 +144,8 @@ class Judging:
         verdicts: list[Verdict] = []
         if self._progress.ahead:
             self._progress.settle(settled)
+        if self._unconfirmed.kept:
+            verdicts += self._look_at_reports()
         if self._window:
             verdicts += self._judge(settled)
         self._finished = settled
@@ -126,7 +153,7 @@ class Judging:
             verdicts += self._time_passed(settled)
         if self._uptake.due <= settled:
             verdicts += self._not_taken_up(settled)
-        if self._is_to_be_found:
+        if self._is_to_be_found and settled >= self._next_try:
             verdicts += self._try_to_anchor(settled)
         self._wake_at(self._next_time())
         return verdicts
@@ -146,7 +173,7 @@ class Judging:
     def _next_time(self) -> int:
         """Until this time (ns) nothing is settled, due or to be found."""
         if self._base is None:
-            return 0 if self._is_to_be_found else FOREVER
+            return self._next_try if self._is_to_be_found else FOREVER
         wake = self._next_due if self._next_due < self._uptake.due else self._uptake.due
         if self._window and self._window[0].stamp < wake:
             wake = self._window[0].stamp
@@ -189,8 +216,7 @@ class Judging:
             try:
                 after = self.search.after(base, fact)
             except (TooManyError, TooOpenError) as error:
-                text = str(error) or "too many possibilities to follow"
-                return [*verdicts, *self.lose(stamp, text)]
+                return [*verdicts, *self._give_up(stamp, error)]
             if after:
                 self._base = after
                 self._history.append(fact)
@@ -211,8 +237,8 @@ class Judging:
         self._next_due = min(map(next_due, self._base), default=FOREVER) if self._base else FOREVER
 
     def _note_knowledge(self) -> None:
-        """Say so once it is known again what the machine does."""
-        if not self._base:
+        """Say so once it is known again what the machine does, and nothing that it did is open."""
+        if not self._base or self._unconfirmed.kept:
             return
         states = {tuple(state for state, _ in h.instances) for h in self._base}
         if len(states) == 1:
@@ -224,13 +250,13 @@ class Judging:
         base = self._base or []
         try:
             alive = [h for h in base if not self._owes_since(h, settled)]
-            grown = search.reachable(alive, settled, settled)
+            grown = search.passed(alive, settled)
             owing = [*(h for h in base if h.owed), *(h for h in grown if h.owed)]
             grown = [
                 search.normalised(h, settled) for h in grown if not self._owes_since(h, settled)
             ]
         except (TooManyError, TooOpenError) as error:
-            return self.lose(settled, str(error) or "too many possibilities to follow")
+            return self._give_up(settled, error)
         if not grown and base:
             return self._overdue(settled, owing or base)
         self._base = grown
@@ -250,7 +276,14 @@ class Judging:
                 continue  # perhaps its end is not instrumented
             observed = "nothing: the request was not taken up"
             expected = (f"request {fact.call[1]} of {fact.call[0]} to be received",)
-            verdicts += self._say(fact.stamp, observed, expected, "unresponsive: ")
+            evidence = tuple(Evidence(f.stamp, told(f)) for f in self._history)
+            explanation = Explanation(expected, observed, (), evidence)
+            verdict = self._verdict_of(fact.stamp, explanation, "unresponsive: ")
+            place = (self.node, fact.observation.channel, False)
+            verdicts += self._convict(
+                verdict,
+                self._confirmation.needed(verdict, settled, self._certain_since, True, [place]),
+            )
         return verdicts
 
     # --- verdicts ---------------------------------------------------------------------------------
@@ -259,10 +292,22 @@ class Judging:
         """``fact`` cannot be: say so, and go on from what is still certain."""
         before = self._base or []
         explanation = explanation_of(self.search, before, fact, self._history)
+        verdict = self._verdict_of(fact.stamp, explanation)
         certain = fact.role is Role.STRANGE
-        verdicts = self._convict(self._verdict_of(fact.stamp, explanation), certain)
+        needed = (
+            Waiting(verdict)
+            if certain
+            else self._confirmation.needed(
+                verdict,
+                fact.stamp,
+                self._certain_since,
+                False,
+                self._confirmation.places_of(before),
+            )
+        )
+        verdicts = self._convict(verdict, needed)
         self._history.append(fact)
-        if self._is_doubtful() and not certain:
+        if needed is None:
             self._forget(fact.stamp)
         else:
             self._recover(before, fact)
@@ -272,8 +317,14 @@ class Judging:
         if self._is_perhaps_unheard(base, settled):
             return self.lose(settled, "what it sent may not have been heard yet")
         explanation = explanation_of(self.search, base, None, self._history)
-        verdicts = self._convict(self._verdict_of(settled, explanation, "unresponsive: "))
-        if self._is_doubtful():
+        verdict = self._verdict_of(settled, explanation, "unresponsive: ")
+        confirmation = self._confirmation
+        expected = confirmation.places_of(base)
+        needed = confirmation.needed(verdict, settled, self._certain_since, True, expected)
+        if needed is not None:
+            confirmation.may_be_shown_by_its_client(needed, base)
+        verdicts = self._convict(verdict, needed)
+        if needed is None:
             self._forget(settled)
         else:
             self._recover(base, None)
@@ -287,10 +338,6 @@ class Judging:
         channel_of, is_heard = self.search.channel_of_output, self._lanes.is_heard
         owed = [h.owed[0] for h in base if h.owed]
         return not all(is_heard(channel_of(item.kind, item.interface)) for item in owed)
-
-    def _is_doubtful(self) -> bool:
-        """Whether something that its node told since its doing is known was not heard, and may concern it."""
-        return self._progress.gap > self._certain_since
 
     def _recover(self, before: list[Hypothesis], fact: Fact | None) -> None:
         """After a violation: as if what was owed had come, else from any state."""
@@ -321,35 +368,37 @@ class Judging:
             fact.droppable = True
         return tuple(recent)
 
-    def _say(
-        self, stamp: int, observed: str, expected: tuple[str, ...], prefix: str = ""
-    ) -> list[Verdict]:
-        evidence = tuple(Evidence(f.stamp, told(f)) for f in self._history)
-        explanation = Explanation(expected, observed, (), evidence)
-        return self._convict(self._verdict_of(stamp, explanation, prefix))
-
     def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
         expected = " or ".join(explanation.expected) or "nothing"
         reason = f"{prefix}expected {expected}, observed {explanation.observed}"
         return Verdict(self.machine.name, self.node, Outcome.VIOLATED, stamp, reason, explanation)
 
-    def _convict(self, verdict: Verdict, certain: bool = False) -> list[Verdict]:
-        """Say ``verdict``; where observations get lost, only once none can be missing.
+    def _convict(self, verdict: Verdict, needed: Waiting | None) -> list[Verdict]:
+        """Say ``verdict``, once ``needed`` has come; None: what is missing will not come any more."""
+        if needed is not None and needed.is_over:
+            return self._confirm([verdict])
+        if needed is not None:
+            self._unconfirmed.add(needed)
+            if self.outcome is Outcome.VIOLATED:
+                return []  # it is, whether this one is certain or not
+        was, self.outcome = self.outcome, Outcome.INCONCLUSIVE
+        self._reason = f"{UNCONFIRMED}{verdict.reason}"
+        if needed is None:
+            self._reason = f"observations were lost; {self._reason}"
+        return [] if was is Outcome.INCONCLUSIVE else [self.verdict(verdict.stamp_ns)]
 
-        None is, when the next observation of every channel concerned has come and its number
-        follows.
-        """
-        if not certain and (self.losses.happen or self._is_doubtful()):
-            self._suspicions.add(verdict, self._lanes.counts.values())
-            if self.outcome is Outcome.INCONCLUSIVE:
-                return []
-            self.outcome = Outcome.INCONCLUSIVE
-            self._reason = f"observations were lost; if none is missing here: {verdict.reason}"
-            return [self.verdict(verdict.stamp_ns)]
-        self.violations += 1
-        self.outcome = Outcome.VIOLATED
-        self._reason = verdict.reason
-        return [verdict]
+    def _confirm(self, verdicts: list[Verdict]) -> list[Verdict]:
+        """Say ``verdicts``, for which nothing can be missing."""
+        if verdicts:
+            self.violations += len(verdicts)
+            self.outcome = Outcome.VIOLATED
+            self._reason = verdicts[-1].reason
+        return verdicts
+
+    def _look_at_reports(self) -> list[Verdict]:
+        """What the node was heard to do since may confirm a violation."""
+        progress = self._progress
+        return self._confirm(self._unconfirmed.reported(progress.heard, progress.gap))
 
     # --- losing and finding the thread ------------------------------------------------------------
 
@@ -367,6 +416,12 @@ class Judging:
         self._reason = text
         return [self.verdict(stamp)]
 
+    def _give_up(self, stamp: int, why: Exception) -> list[Verdict]:
+        """There is too much to follow; it is tried again after a while, as that costs time."""
+        said = self.lose(stamp, str(why) or "too many possibilities to follow")
+        self._next_try = stamp + self.bounds.deadline
+        return said
+
     def _forget(self, stamp: int) -> None:
         stamps = (min(fact.stamp, fact.observation.received_ns) for fact in self._window)
         newest = max(stamps, default=0)
@@ -375,6 +430,7 @@ class Judging:
         self._synchronised = False
         self._from_start = False
         self._base = None
+        self._next_try = 0
         self._wake_at(0)
         self._window.clear()
         self._uptake.clear()
@@ -384,11 +440,14 @@ class Judging:
 
     def _try_to_anchor(self, settled: int) -> list[Verdict]:
         """Begin anew where the machine was certainly between two steps."""
+        self._next_try = settled + self._latency // TRIES
         found = self._anchoring.find(settled)
         if found is None:
             return []
         anchor, pending, later = found
         try:
+            if pending:
+                self.search.check_pending(len(pending), pending[-1])
             self._base = self.search.anything(anchor, pending)
         except TooManyError:
             return []

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from moon.oracle.channels import Channels
+from moon.oracle.channels import AT_THE_SERVER, Channels
 from moon.oracle.readers import Reader
 from transports.interface import Observation, ObservationKind
 
@@ -39,14 +39,16 @@ class Count:
         place: which.
         next: the number that should follow; negative while none has come.
         stamp: of the last, ns.
+        unknown_until: what came before this was not heard (ns), where the first number was not 0.
     """
 
-    __slots__ = ("next", "place", "stamp")
+    __slots__ = ("next", "place", "stamp", "unknown_until")
 
     def __init__(self, place: Place) -> None:
         self.place = place
         self.next = NONE
         self.stamp = 0
+        self.unknown_until = 0
 
     def sequel(self, number: int, stamp: int) -> Sequel:
         """How ``number`` follows; it is the last one from now on, unless it came before."""
@@ -56,10 +58,14 @@ class Count:
         self.next = number + 1
         self.stamp = stamp
         if expected < 0:
+            self.unknown_until = stamp if number > 0 else 0
             return Sequel.FIRST
         if number == expected:
             return Sequel.NEXT
-        return Sequel.AFTER_A_GAP if number > expected else Sequel.ANEW
+        if number > expected:
+            return Sequel.AFTER_A_GAP
+        self.unknown_until = stamp  # its source has started again: its last ones may be missing
+        return Sequel.ANEW
 
 
 class Lane:
@@ -69,16 +75,20 @@ class Lane:
         read: what makes facts of them; None if nothing does.
         more: what makes further facts of them, where they are part of several interfaces.
         own: whether the machine's own node is their source.
+        other_end: whether they are what a server tells of the machine's calls.
         count: their numbers; None for what is told by others of their calls, which only adds to what
             is known.
     """
 
-    __slots__ = ("count", "more", "own", "read")
+    __slots__ = ("count", "more", "other_end", "own", "read")
 
-    def __init__(self, readers: tuple[Reader, ...], own: bool, count: Count | None) -> None:
+    def __init__(
+        self, readers: tuple[Reader, ...], own: bool, other_end: bool, count: Count | None
+    ) -> None:
         self.read = readers[0] if readers else None
         self.more = readers[1:]
         self.own = own
+        self.other_end = other_end
         self.count = count
 
 
@@ -114,7 +124,9 @@ class Lanes:
         if own or (message and readers):
             place = (source, channel, message)
             count = self.counts.setdefault(place, Count(place))
-        lane = self.opened[source, channel, kind] = Lane(readers, own, count)
+        lane = self.opened[source, channel, kind] = Lane(
+            readers, own, not own and kind in AT_THE_SERVER, count
+        )
         return lane
 
     def is_heard(self, channel: str) -> bool:

@@ -22,6 +22,7 @@ _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 _ASKED, _OUTPUT, _STRANGE, _INPUT = Role.ASKED, Role.OUTPUT, Role.STRANGE, Role.INPUT
 _ANSWERED = Role.ANSWERED
 _INCONCLUSIVE = Outcome.INCONCLUSIVE
+_MESSAGE = ObservationKind.MESSAGE
 
 
 class Oracle(Judging):
@@ -50,6 +51,8 @@ class Oracle(Judging):
         self._heard_since = None
         self._window.clear()
         self._uptake.clear()
+        self._other_ends.clear()
+        self._unconfirmed.restart()
         self._lanes.restart()
         self._progress.restart()
         self._begin(stamp_ns, whole)
@@ -84,11 +87,13 @@ class Oracle(Judging):
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
         key = (observation.source, observation.channel, observation.kind)
         lane = self._lanes.opened.get(key) or self._lanes.of(observation)
+        if lane.other_end and self._progress.heard:
+            return []  # its own node numbers all that it reports: this adds nothing
         verdicts: list[Verdict] = []
         count = lane.count
         if count is not None:
             number = observation.sequence
-            if number == count.next and not self._suspicions.kept:
+            if number == count.next and not self._unconfirmed.kept:
                 count.next, count.stamp = number + 1, observation.stamp_ns
             elif number >= 0 and not self._follows(observation, count, verdicts):
                 return verdicts + self.advance(observation.received_ns)
@@ -110,11 +115,19 @@ class Oracle(Judging):
             self._finished = self._clock.settled
         settled = received_ns - self._latency
         progress, order = self._progress, observation.order
+        if lane.own and order < 0:
+            if observation.kind is not _MESSAGE:
+                kind, channel = observation.kind, observation.channel
+                self._other_ends.report((kind, channel, observation.client, observation.call))
+            if self._unconfirmed.kept and not self._progress.heard:
+                verdicts += self._confirm(self._unconfirmed.counts_per_channel())
         if lane.own and order >= 0:
             if order == progress.next and not progress.ahead:
                 progress.next, progress.heard = order + 1, observation.stamp_ns
             else:
                 progress.take(order, observation.stamp_ns, settled)
+            if self._unconfirmed.kept:
+                verdicts += self._look_at_reports()
             if self._alone and settled >= self._droppable_until:  # before, not all was told
                 heard = progress.heard
                 if heard > settled:
@@ -212,9 +225,8 @@ class Oracle(Judging):
         if sequel is Sequel.AGAIN:
             self.repeated += 1
             return False
-        if self._suspicions.kept:
-            proven = self._suspicions.hear(count.place, number, stamp)
-            verdicts += [v for verdict in proven for v in self._convict(verdict, certain=True)]
+        if self._unconfirmed.kept:
+            verdicts += self._confirm(self._unconfirmed.hear(count.place, number, stamp))
         match sequel:
             case Sequel.FIRST if number > 0 and self._is_expected(observation):
                 # a number above 0 comes first where a tap joins later, or where the first was lost
@@ -226,6 +238,8 @@ class Oracle(Judging):
                 verdicts += self.lose(stamp, text)
             case Sequel.ANEW if observation.source == self.node:
                 self._progress.restart()
+                self._other_ends.clear()
+                self._unconfirmed.restart()
                 verdicts += self.lose(stamp, f"{self.node} was restarted")
         return True
 
@@ -238,12 +252,24 @@ class Oracle(Judging):
     def _take(self, fact: Fact, verdicts: list[Verdict]) -> None:
         role, stamp = fact.role, fact.stamp
         if role is _ASKED:
-            if stamp > self._lost_until and stamp > (self._heard_since or 0):
+            source = fact.observation.source
+            is_known = source == fact.call[0] and self._publishers.is_caller(source)
+            if is_known and stamp > self._lost_until and stamp > (self._heard_since or 0):
                 self._uptake.ask(fact)
                 self._wake_at(min(self.wake, self._uptake.due))
             return
         if role is _ANSWERED:  # that it was taken up was not heard, or not yet
             self._uptake.take(fact, self._finished)
+            self._imply(fact, ObservationKind.REQUEST_RECEIVED)
+            self._imply(fact, ObservationKind.RESPONSE_SENT)
+            return
+        if role is Role.OTHER_END:
+            self._imply(fact, ObservationKind.REQUEST_SENT)
+            if fact.observation.kind is ObservationKind.RESPONSE_SENT:
+                self._imply(fact, ObservationKind.RESPONSE_RECEIVED)
+            return
+        if role is Role.UNANSWERED:
+            verdicts += self._confirm(self._unconfirmed.gave_up(fact.call, stamp))
             return
         if role is _OUTPUT or role is _STRANGE:
             self.outputs += 1
@@ -264,6 +290,12 @@ class Oracle(Judging):
         else:
             fact.droppable = stamp < self._droppable_until
             self._keep(fact)
+
+    def _imply(self, fact: Fact, kind: ObservationKind) -> None:
+        """By the other end of a call, the node did this."""
+        if not self._progress.heard:
+            event = (kind, fact.observation.channel, *fact.call)
+            self._other_ends.imply(event, fact.stamp)
 
     def _listen(self, stamp: int) -> None:
         """The first fact is from ``stamp``."""

@@ -9,7 +9,7 @@ from m2c.model.datatypes import Structure
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from m2c.model.values import zero
 from moon.oracle.facts import Fact, Role
-from transports.interface import Observation, ObservationKind
+from transports.interface import CallOutcome, Observation, ObservationKind
 
 Reader = Callable[[Observation], Fact | None]
 """Makes a fact of an observation, if it is one."""
@@ -40,9 +40,27 @@ def asking(name: str) -> Reader:
     return lambda seen: Fact(seen, Role.ASKED, name)
 
 
+_TIMED_OUT = f"{CallOutcome.TIMEOUT}:"
+_REFUSED = f"{CallOutcome.REMOTE_ERROR}:"
+
+
 def answered(name: str) -> Reader:
-    """What the machine answered to them, as who got it tells it; a call that failed proves nothing."""
-    return lambda seen: None if seen.error else Fact(seen, Role.ANSWERED, name)
+    """What the machine answered to them, as who got it tells it, or that no answer came in time.
+
+    An answer may be a refusal: the request was received then. A call that failed otherwise shows nothing.
+    """
+
+    def answer(seen: Observation) -> Fact | None:
+        if not seen.error or seen.error.startswith(_REFUSED):
+            return Fact(seen, Role.ANSWERED, name)
+        return Fact(seen, Role.UNANSWERED, name) if seen.error.startswith(_TIMED_OUT) else None
+
+    return answer
+
+
+def at_the_server(name: str, node: str) -> Reader:
+    """What the server of a call tells of it, where ``node`` is its client."""
+    return lambda seen: Fact(seen, Role.OTHER_END, name) if seen.client == node else None
 
 
 def taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:

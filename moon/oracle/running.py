@@ -326,6 +326,23 @@ class Running:
         """
         return duration // 1000 + self.bounds.tolerance
 
+    def taken_topics(self) -> frozenset[str]:
+        """Channels of others whose messages can make a difference to what is seen."""
+        found = set()
+        for kind, ending, event in (
+            (InterfaceKind.SUBSCRIBER, "", EventKind.MESSAGE),
+            (InterfaceKind.ACTION_CLIENT, "/_action/feedback", EventKind.FEEDBACK),
+        ):
+            for interface in self.machine.interfaces:
+                channel = interface.channel
+                if (
+                    interface.kind is kind
+                    and channel
+                    and (event, interface.name) in self._effective
+                ):
+                    found.add(channel + ending)
+        return frozenset(found)
+
     def changes_something(self, event: EventKey | None) -> bool:
         """Whether ``event`` can make a difference to what is seen, in any state."""
         return event in self._effective

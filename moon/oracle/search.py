@@ -8,14 +8,14 @@ what may have been taken is followed; equal hypotheses are merged.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from m2c.model.machine import EventKind
-from moon.oracle.bounds import EXACT, FOREVER, TooManyError
+from moon.oracle.bounds import FEW_HYPOTHESES, FOREVER, LOOSE_STEPS, STEPS, TooManyError
 from moon.oracle.facts import Fact, Role
 from moon.oracle.goals import adopt, but, goal_called
-from moon.oracle.hypothesis import Alarm, Hypothesis
+from moon.oracle.hypothesis import Alarm, Hypothesis, distinct
 from moon.oracle.shortcuts import Shortcuts
 from moon.oracle.step import StateProgram
 
@@ -104,6 +104,7 @@ class Search(Shortcuts):
         if fact.role is Role.MESSAGE:
             if not self.changes_something(fact.event):
                 return before
+            self.check_pending(max(len(h.pending) for h in before) + 1, fact)
             return [h.with_pending((*h.pending, fact)) for h in before]
         if fact.role is Role.STRANGE:
             return []
@@ -129,7 +130,17 @@ class Search(Shortcuts):
             else:
                 found = self.take_result(candidates, fact)
         self.last = stamp
-        return found
+        return found if len(found) <= FEW_HYPOTHESES else self._reduced(found, stamp)
+
+    def check_pending(self, count: int, newest: Fact) -> None:
+        """TooManyError if ``count`` messages are under way: each makes one hypothesis more, or two."""
+        most = self.bounds.hypotheses
+        if count > most:
+            source, channel = newest.lane
+            within = f"{self.bounds.latency / 1e9:g} s"
+            raise TooManyError(
+                f"more than {most} messages within {within}, on {channel} from {source} too"
+            )
 
     # --- between fixed points ----------------------------------------------------------------------
 
@@ -156,55 +167,134 @@ class Search(Shortcuts):
         """
         if all(self.is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
-        found = self._explore(hypotheses, now, exactly=True)
+        found = self._explore(hypotheses, now)
         if found is None:
-            found = self._explore(hypotheses, now, exactly=False)
-        if found is None:
-            raise TooManyError
+            return self._loosely(hypotheses, now, due)
         found = [self._without_expired(h, due) for h in found]
         return [h for h in found if h.owed or self._has_taken(h, due)]
+
+    def _loosely(self, hypotheses: list[Hypothesis], now: int, due: int) -> list[Hypothesis]:
+        """As ``reachable``, where there are too many orders to be followed; TooManyError if even so."""
+        found = self._explore_loosely(hypotheses, now)
+        if found is None:
+            raise TooManyError(_crowd(hypotheses))
+        found = [self._without_expired(h, due) for h in found]
+        return [h for h in found if h.owed or self._has_taken(h, due)]
+
+    def passed(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis]:
+        """What can be so at ``now``, where nothing was seen since: all that was due has been taken.
+
+        What may have been taken beyond that is left to :meth:`reachable`: it follows from these as well
+        later. So a machine is followed with few hypotheses between two fixed points, however many
+        messages are on their way to it.
+
+        Args:
+            hypotheses: what could be so before.
+            now: all that happened until then has been heard (ns).
+        """
+        known: dict[Any, Hypothesis] = {}
+        found: list[Hypothesis] = []
+        todo = list(hypotheses)
+        while todo:
+            hypothesis = _news(known, self._without_expired(todo.pop(), now))
+            if hypothesis is None:
+                continue
+            if len(known) > self.bounds.hypotheses:
+                return self._loosely(hypotheses, now, now)
+            if hypothesis.owed or self._has_taken(hypothesis, now):
+                found.append(hypothesis)
+            else:
+                todo.extend(self._moves(hypothesis, now))
+        return distinct(found)
+
+    def _reduced(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis]:
+        """``hypotheses`` without those that others of them become by taking messages after ``now``."""
+        left = {hypothesis.key(): hypothesis for hypothesis in hypotheses}
+        seen: set[Any] = set()
+        for hypothesis in sorted(hypotheses, key=lambda h: -len(h.pending)):
+            first = hypothesis.key()
+            if hypothesis.owed or not hypothesis.pending or first not in left or first in seen:
+                continue
+            todo = [hypothesis]
+            while todo and len(seen) <= self.bounds.hypotheses:
+                for made in self._moves(todo.pop(), now):
+                    key = made.key()
+                    if key in seen or key == first or made.owed:
+                        continue
+                    seen.add(key)
+                    todo.append(made)
+                    follower = left.get(key)
+                    if follower is not None and made.allows(follower):
+                        del left[key]
+        return list(left.values())
 
     def _without_expired(self, hypothesis: Hypothesis, due: int) -> Hypothesis:
         """Messages that were perhaps taken, once they certainly are."""
         limit = due - self.bounds.latency - self.bounds.skew
         pending = hypothesis.pending
-        if not any(fact.droppable and fact.stamp <= limit for fact in pending):
+        for fact in pending:
+            if fact.stamp > limit:
+                return hypothesis
+            if fact.droppable:
+                break
+        else:
             return hypothesis
         return hypothesis.with_pending(
             tuple(fact for fact in pending if not fact.droppable or fact.stamp > limit)
         )
 
-    def _explore(
-        self, hypotheses: list[Hypothesis], now: int, exactly: bool
-    ) -> list[Hypothesis] | None:
-        """All orders of taking what may have been taken; None if there are too many.
-
-        If not ``exactly``, hypotheses that differ in the messages under way only are joined: k
-        messages of different sources can be taken in k! orders, yet leave few different states.
-        """
+    def _explore(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis] | None:
+        """All orders of taking what may have been taken; None if there are too many."""
         known: dict[Any, Hypothesis] = {}
         todo = list(hypotheses)
-        limit = EXACT if exactly else self.bounds.hypotheses
+        limit = self.bounds.hypotheses
+        tried = 0
         while todo:
-            hypothesis = todo.pop()
-            key = hypothesis.key() if exactly else hypothesis.core()
-            before = known.get(key)
-            if before is not None:
-                wide = before.merged(hypothesis) if exactly else before.joined(hypothesis)
-                if wide is None:
-                    continue
-                hypothesis = wide
-            known[key] = hypothesis
-            if len(known) > limit:
-                return None
-            if hypothesis.owed:
-                # no input is taken before the outputs of a step are out
-                if all(owed.optional for owed in hypothesis.owed):
-                    todo.append(hypothesis.with_owed(()))
+            hypothesis = _news(known, todo.pop())
+            if hypothesis is None:
                 continue
-            if hypothesis.pending or hypothesis.posted or hypothesis.alarms:
-                todo.extend(self._moves(hypothesis, now))
+            for made in self._following(hypothesis, now):
+                tried += 1
+                todo.append(made)
+            if len(known) > limit or tried > STEPS * limit:
+                return None
         return list(known.values())
+
+    def _explore_loosely(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis] | None:
+        """The same, without the order in which messages were taken: each perhaps, at any time.
+
+        k messages of several sources can be taken in up to k! orders, yet leave few different states.
+        That allows more than was possible. None if there are too many all the same.
+        """
+        under_way = {id(fact.base): fact for h in hypotheses for fact in h.pending}
+        perhaps = tuple(sorted((f.perhaps() for f in under_way.values()), key=lambda f: f.stamp))
+        known: dict[Any, Hypothesis] = {}
+        todo = [hypothesis.with_pending(perhaps) for hypothesis in hypotheses]
+        limit = self.bounds.hypotheses
+        tried = 0
+        while todo:
+            hypothesis = _news(known, todo.pop())
+            if hypothesis is None:
+                continue
+            for made in self._following(hypothesis, now):
+                tried += 1
+                loose = made.with_pending(perhaps)
+                loose.moment = 0
+                todo.append(loose)
+            if len(known) > limit or tried > LOOSE_STEPS * limit:
+                return None
+        return list(known.values())
+
+    def _following(self, hypothesis: Hypothesis, now: int) -> Iterable[Hypothesis]:
+        """What one thing more that happens before ``now``, and is not seen, makes of ``hypothesis``."""
+        if hypothesis.owed:
+            # no input is taken before the outputs of a step are out
+            if all(owed.optional for owed in hypothesis.owed):
+                return (hypothesis.with_owed(()),)
+            return ()
+        if hypothesis.pending or hypothesis.posted or hypothesis.alarms:
+            return self._moves(hypothesis, now)
+        return ()
 
     def _moves(self, hypothesis: Hypothesis, now: int) -> Iterator[Hypothesis]:
         """What one more input, taken before ``now``, makes of ``hypothesis``.
@@ -243,10 +333,9 @@ class Search(Shortcuts):
         latency = self.bounds.latency
         latest = FOREVER
         for fact in hypothesis.pending:
-            if certainly and fact.droppable:
-                continue
-            if fact.stamp + latency < latest and not self._is_held(hypothesis, fact):
+            if not (certainly and fact.droppable) and not self._is_held(hypothesis, fact):
                 latest = fact.stamp + latency + self.bounds.skew
+                break  # the others are newer
         for posted in hypothesis.posted:
             latest = min(latest, posted.high + latency)
         for alarm in hypothesis.alarms:
@@ -322,6 +411,30 @@ class Search(Shortcuts):
         if not (hypothesis.pending or hypothesis.posted or hypothesis.alarms):
             return FOREVER
         return self._latest(hypothesis)
+
+
+def _news(known: dict[Any, Hypothesis], made: Hypothesis) -> Hypothesis | None:
+    """``made`` with the times ``known`` of its key, known from now on; None: it adds nothing."""
+    key = made.key()
+    before = known.get(key)
+    if before is None:
+        known[key] = made
+        return made
+    wide = before.merged(made)
+    if wide is not None:
+        known[key] = wide
+    return wide
+
+
+def _crowd(hypotheses: list[Hypothesis]) -> str:
+    """Why there are too many possibilities: on which channel most messages are under way."""
+    counts: dict[tuple[str, str], int] = {}
+    for fact in max((hypothesis.pending for hypothesis in hypotheses), key=len, default=()):
+        counts[fact.lane] = counts.get(fact.lane, 0) + 1
+    if not counts:
+        return ""
+    (source, channel), count = max(counts.items(), key=lambda item: item[1])
+    return f"too many possibilities to follow: {count} messages at once on {channel} from {source}"
 
 
 def _can_rest(state: StateProgram) -> bool:

@@ -7,6 +7,8 @@ from moon.oracle.facts import Fact
 
 KEPT_CALLS = 256
 """Requests received whose sending was not heard yet."""
+KEPT_REQUESTS = 1024
+"""Requests sent that were not received yet. Of more, nothing is said of the oldest."""
 
 
 class Uptake:
@@ -32,6 +34,8 @@ class Uptake:
         place = (fact.observation.channel, *fact.call)
         if place not in self._taken:
             self._asked[place] = fact
+            if len(self._asked) > KEPT_REQUESTS:
+                del self._asked[next(iter(self._asked))]
             self.due = min(self.due, fact.stamp + self._deadline)
 
     def take(self, fact: Fact, finished: int) -> None:

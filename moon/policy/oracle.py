@@ -23,6 +23,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.progress import Progress
+from moon.oracle.unconfirmed import UNCONFIRMED, Unconfirmed, Waiting
 from moon.policy.calls import Call, HeardElsewhere, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.run import Ask, Life
@@ -119,6 +121,11 @@ class PolicyOracle:
         """The last calls of the policy that were judged."""
         self._unclear_until = 0
         """Something is known to be missing of what happened until then."""
+        self._progress = Progress()
+        """Of all that the policy's node reports, where it numbers that."""
+        self._since = 0
+        """What was lost before (ns) does not matter: the policy was found anew then."""
+        self._unconfirmed = Unconfirmed()
         self._unanswered: dict[Call, Observation] = {}
         """Calls that were followed by another before their answer was heard."""
         self._life = Life(self._follower.close)  # its runs' threads end with it
@@ -137,6 +144,10 @@ class PolicyOracle:
             whole: nothing was missed; it makes no difference here, as numbers show what was.
         """
         self._synchronised = self._fresh = True
+        self._since = stamp_ns
+        self._unconfirmed.restart()
+        if self._progress.heard < stamp_ns:  # of the life before
+            self._progress.restart()
         # what has come of it already stays, if that is all of it
         window, numbers = self._window, self._numbers
         window[:] = [entry for entry in window if entry[0] >= stamp_ns]
@@ -158,9 +169,9 @@ class PolicyOracle:
 
     def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
         """Whether such an observation tells something of the policy."""
-        if kind is ObservationKind.MESSAGE or _PARTS in channel:
-            return False
-        return source == self.node or channel in self._leaves
+        if source == self.node:
+            return True
+        return channel in self._leaves and kind is not ObservationKind.MESSAGE
 
     def observe(self, observation: Observation) -> Verdict:
         """Take one observation; the verdict as it stands then."""
@@ -177,12 +188,16 @@ class PolicyOracle:
             return []
         channel, kind = observation.channel, observation.kind
         verdicts: list[Verdict] = []
+        settled = observation.received_ns - self.bounds.latency
         if observation.source == self.node:
+            if observation.order >= 0:
+                self._progress.take(observation.order, observation.stamp_ns, settled)
+            if self._unconfirmed.kept:
+                verdicts = self._look_at_reports()
             if kind in _OWN and _PARTS not in channel:
-                verdicts = self._take(observation)
+                verdicts += self._take(observation)
         elif self.concerns(channel, observation.source, kind):
             self._heard_elsewhere(observation)
-        settled = observation.received_ns - self.bounds.latency
         return verdicts if settled <= self._finished else verdicts + self._settle(settled)
 
     def advance(self, now_ns: int) -> list[Verdict]:
@@ -198,6 +213,10 @@ class PolicyOracle:
         """All that happened until ``settled`` (ns) has been heard."""
         self._finished = settled
         verdicts: list[Verdict] = []
+        if self._progress.ahead:
+            self._progress.settle(settled)
+        if self._unconfirmed.kept:
+            verdicts += self._look_at_reports()
         window = self._window
         while window and window[0][0] <= settled:
             verdicts += self._judge(window.pop(self._next())[2])
@@ -238,6 +257,8 @@ class PolicyOracle:
                 self._numbers = {observation.channel: (number, stamp)}  # all are numbered anew
                 self._unanswered.clear()
                 self._own.clear()
+                self._progress.restart()
+                self._unconfirmed.restart()
                 verdicts = self.lose(stamp - 1, f"{self.node} was restarted")
             elif number != last[0] + 1 if last is not None else number > 0 and self._fresh:
                 why = f"observations on {observation.channel} from {self.node} were lost"
@@ -312,8 +333,8 @@ class PolicyOracle:
             fit = Fit.UNKNOWN
             verdicts += self._doubt(stamp, str(error))
         if fit is Fit.WRONG:
-            verdicts.append(self._violation(observation))
-        elif follower.certain and not verdicts:
+            verdicts += self._violation(observation)
+        elif follower.certain and not verdicts and not self._unconfirmed.kept:
             self.outcome, self._reason = Outcome.CONFORMING, ""
         self._remember(stamp, self._told(observation))
         self._pending, self._last_ns, self._owed = observation, stamp, False
@@ -324,7 +345,7 @@ class PolicyOracle:
         self._keep_own(call)
         later = self._unanswered.pop(call, None)
         if later is not None:
-            return [self._impatient(observation, later)]
+            return self._impatient(observation, later)
         pending = self._pending
         if pending is None or call_of(pending) != call:
             if observation.channel not in self._leaves or not self._follower.certain:
@@ -380,7 +401,7 @@ class PolicyOracle:
 
     # --- verdicts ----------------------------------------------------------------------------------
 
-    def _violation(self, observation: Observation) -> Verdict:
+    def _violation(self, observation: Observation) -> list[Verdict]:
         """A call that the tree does not make: say so, and find the policy anew."""
         follower = self._follower
         observed = self._told(observation)
@@ -391,14 +412,17 @@ class PolicyOracle:
     def _overdue(self, settled: int) -> list[Verdict]:
         if self._missed_before(settled):
             return self._doubt(settled, f"a call of {self.node} was heard at its other end only")
-        return [self._say(settled, self._follower.owes(), "nothing", "unresponsive: ")]
+        return self._say(settled, self._follower.owes(), "nothing", "unresponsive: ")
 
-    def _impatient(self, answer: Observation, later: Observation) -> Verdict:
+    def _impatient(self, answer: Observation, later: Observation) -> list[Verdict]:
         expected = f"the answer on {answer.channel}"
         observed = f"{self._told(later)} before it"
-        return self._verdict_of(later.stamp_ns, Explanation((expected,), observed))
+        explanation = Explanation((expected,), observed)
+        return self._convict(self._verdict_of(later.stamp_ns, explanation))
 
-    def _say(self, stamp: int, wanted: Sequence[Ask], observed: str, prefix: str = "") -> Verdict:
+    def _say(
+        self, stamp: int, wanted: Sequence[Ask], observed: str, prefix: str = ""
+    ) -> list[Verdict]:
         expected: list[str] = []
         places: list[str] = []
         for ask in wanted:
@@ -408,15 +432,38 @@ class PolicyOracle:
         told = tuple(dict.fromkeys(expected)), observed, tuple(self.states())
         found = tuple(dict.fromkeys(places))
         verdict = self._verdict_of(stamp, Explanation(*told, tuple(self._history), found), prefix)
-        self._forget()
-        return verdict
+        said = self._convict(verdict, is_silence=bool(prefix))
+        self._forget(stamp)
+        return said
 
     def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
-        self.violations += 1
-        self.outcome = Outcome.VIOLATED
         expected = " or ".join(explanation.expected) or "nothing"
-        self._reason = f"{prefix}expected {expected}, observed {explanation.observed}"
-        return Verdict(self.name, self.node, self.outcome, stamp, self._reason, explanation)
+        reason = f"{prefix}expected {expected}, observed {explanation.observed}"
+        return Verdict(self.name, self.node, Outcome.VIOLATED, stamp, reason, explanation)
+
+    def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
+        """Say ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
+        progress, by = self._progress, verdict.stamp_ns + is_silence
+        if not progress.heard or (progress.heard >= by and progress.gap <= self._since):
+            return self._confirm([verdict])
+        lost = "observations were lost; "
+        if progress.gap <= self._since:
+            self._unconfirmed.add(Waiting(verdict, None, by, self._since))
+            lost = ""
+            if self.outcome is Outcome.VIOLATED:
+                return []  # it is, whether this one is certain or not
+        was, self.outcome = self.outcome, Outcome.INCONCLUSIVE
+        self._reason = f"{lost}{UNCONFIRMED}{verdict.reason}"
+        return [] if was is Outcome.INCONCLUSIVE else [self.verdict(verdict.stamp_ns)]
+
+    def _look_at_reports(self) -> list[Verdict]:
+        return self._confirm(self._unconfirmed.reported(self._progress.heard, self._progress.gap))
+
+    def _confirm(self, verdicts: list[Verdict]) -> list[Verdict]:
+        if verdicts:
+            self.violations += len(verdicts)
+            self.outcome, self._reason = Outcome.VIOLATED, verdicts[-1].reason
+        return verdicts
 
     # --- losing the thread -------------------------------------------------------------------------
 
@@ -429,13 +476,14 @@ class PolicyOracle:
 
     def _doubt(self, stamp: int, text: str) -> list[Verdict]:
         """Something is missing: nothing is said until the policy's doing is certain again."""
-        self._forget()
+        self._forget(stamp)
         if self.outcome is Outcome.INCONCLUSIVE:
             return []
         self.outcome = Outcome.INCONCLUSIVE
         self._reason = text
         return [self.verdict(stamp)]
 
-    def _forget(self) -> None:
+    def _forget(self, stamp: int) -> None:
+        self._since = max(self._since, stamp)
         self._synchronised = self._fresh = self._owed = False
         self._follower.forget()

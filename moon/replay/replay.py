@@ -16,6 +16,8 @@ from moon.replay.player import NS, Counts, Player
 from moon.replay.script import UNNAMED, Script
 from transports.interface import Observation, ObservationKind, Transport, TransportError
 
+_LATE_NS = NS
+"""A timer that ends so far from when it should was not held up: the clock was set."""
 _BATCH = 256
 """So many things happen in one turn of the executor, at most."""
 
@@ -65,6 +67,8 @@ class Replay:
         self._moments: Iterator[_Moment] = iter(())
         self._next: _Moment | None = None
         self._start_ns = 0
+        self._expected_ns = 0
+        """What the clock shows when the timer that runs now is over; 0: none does."""
 
     @property
     def transports(self) -> list[Transport]:
@@ -175,6 +179,9 @@ class Replay:
     def _go_on(self) -> None:
         """Do what is due; come again for what is not."""
         now_ns = self._conductor.now_ns()
+        if self._expected_ns and abs(now_ns - self._expected_ns) > _LATE_NS:
+            self._start_ns += now_ns - self._expected_ns
+        self._expected_ns = 0
         for _ in range(_BATCH):
             if self._next is None:
                 self._end(now_ns)
@@ -182,6 +189,7 @@ class Replay:
             at_ns, player, act = self._next
             wait_ns = self._due_ns(at_ns) - now_ns
             if wait_ns > 0:
+                self._expected_ns = now_ns + wait_ns
                 self._conductor.after(wait_ns / NS, self._go_on)
                 return
             self.behind_s = max(self.behind_s, -wait_ns / NS)

@@ -30,11 +30,13 @@ def when_complete(
     if tap.is_complete:
         begin()
         return
-    deadline_ns = connection.now_ns() + round(AT_MOST_S * 1e9)
+    left = round(AT_MOST_S / LOOK_S)  # the time of day may be set meanwhile
 
     def look() -> None:
+        nonlocal left
+        left -= 1
         is_complete = tap.is_complete
-        if not is_complete and connection.now_ns() <= deadline_ns:
+        if not is_complete and left > 0:
             return
         timer.cancel()
         if not is_complete:

@@ -14,6 +14,9 @@ MAX_OPEN_CALLS = 10_000
 """Calls remembered while their response is awaited, and calls remembered as ended; the oldest is
 forgotten beyond that. Also the number of services whose server is remembered."""
 
+MAX_OPEN_BYTES = 64 * 1024 * 1024
+"""What the messages of these calls may take, as they travelled; the oldest are forgotten beyond that, too."""
+
 OTHER_END_SILENCE_S = 0.5
 """How long the other end of an answered call is awaited before one end alone is shown."""
 
@@ -75,6 +78,7 @@ class _Call(msgspec.Struct):
         answer: the server's end of the response.
         returned: the client's end of the response, kept back until the server's name is known.
         reported: whether it was shown as unanswered.
+        size: of the messages that are kept here, bytes.
     """
 
     request: Observation | None
@@ -82,6 +86,15 @@ class _Call(msgspec.Struct):
     answer: Observation | None = None
     returned: Observation | None = None
     reported: bool = False
+    size: int = 0
+
+
+def _size_of(seen: Observation) -> int:
+    """Of the message, as it travelled, bytes."""
+    return 0 if seen.data is None else len(_encode(seen.data))
+
+
+_encode = msgspec.msgpack.Encoder().encode
 
 
 class CallMatcher:
@@ -95,7 +108,8 @@ class CallMatcher:
     before; the first response of a service waits a moment for it.
 
     Attributes:
-        forgotten: how many calls were dropped because more than :data:`MAX_OPEN_CALLS` were open.
+        forgotten: how many calls were dropped because more than :data:`MAX_OPEN_CALLS` were open, or
+            their messages took more than :data:`MAX_OPEN_BYTES`.
     """
 
     def __init__(self) -> None:
@@ -104,6 +118,7 @@ class CallMatcher:
         self._closed: OrderedDict[Key, None] = OrderedDict()
         self._servers: OrderedDict[str, str] = OrderedDict()  # "": its server says nothing
         self._evicted: list[Line] = []
+        self._bytes = 0
 
     @property
     def open_calls(self) -> int:
@@ -137,6 +152,7 @@ class CallMatcher:
         shown_before = call.request is not None
         if not shown_before or seen.kind is ObservationKind.REQUEST_SENT:
             call.request = seen
+            self._note_size(call, _size_of(seen))
         if seen.kind is ObservationKind.REQUEST_RECEIVED:
             call.server = seen.source
             if call.returned is not None:
@@ -150,6 +166,7 @@ class CallMatcher:
         if seen.kind is ObservationKind.RESPONSE_SENT:
             call.server = seen.source
             call.answer = seen
+            self._note_size(call, _size_of(seen))
             return None if call.returned is None else self._close(key, call, call.returned)
         if (
             not call.server
@@ -157,23 +174,36 @@ class CallMatcher:
             and not nobody_answered(seen.error)
         ):
             call.returned = seen
+            self._note_size(call, _size_of(seen))
             return None
         return self._close(key, call, seen)
 
     def _opened(self, key: Key) -> _Call:
         call = self._open[key] = _Call(None)
         if len(self._open) > MAX_OPEN_CALLS:
-            oldest, evicted = self._open.popitem(last=False)
-            response = evicted.returned or evicted.answer
-            if response is not None:
-                self._evicted.append(self._shown_response(evicted, response))
-                _remember(self._closed, oldest, None)
-            elif not evicted.reported:
-                self.forgotten += 1
+            self._forget_oldest()
         return call
+
+    def _note_size(self, call: _Call, size: int) -> None:
+        """So much more of ``call`` is kept; others may have to go for it."""
+        call.size += size
+        self._bytes += size
+        while self._bytes > MAX_OPEN_BYTES and next(iter(self._open.values())) is not call:
+            self._forget_oldest()
+
+    def _forget_oldest(self) -> None:
+        oldest, evicted = self._open.popitem(last=False)
+        self._bytes -= evicted.size
+        response = evicted.returned or evicted.answer
+        if response is not None:
+            self._evicted.append(self._shown_response(evicted, response))
+            _remember(self._closed, oldest, None)
+        elif not evicted.reported:
+            self.forgotten += 1
 
     def _close(self, key: Key, call: _Call, seen: Observation) -> Line:
         del self._open[key]
+        self._bytes -= call.size
         _remember(self._closed, key, None)
         return self._shown_response(call, seen)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from moon.tap.notices import Notices
 from moon.tap.output import Output
 from moon.tap.selection import Selection
-from moon.tap.stream import MAX_OPEN_CALLS, CallMatcher, Line
+from moon.tap.stream import MAX_OPEN_BYTES, MAX_OPEN_CALLS, CallMatcher, Line
 from transports.interface import Observation, Tap
 
 UNANSWERED_AFTER_S = 10.0
@@ -82,6 +82,7 @@ class Watch:
         if forgotten := self._matcher.forgotten:
             problems.append(
                 f"lost track of {forgotten} call{'s' * (forgotten != 1)}: more than "
-                f"{MAX_OPEN_CALLS:,} waited for a response at once, and the oldest were given up"
+                f"{MAX_OPEN_CALLS:,} waited for a response at once, or {MAX_OPEN_BYTES // 2**20} MB of their "
+                "messages, and the oldest were given up"
             )
         return problems

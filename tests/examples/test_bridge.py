@@ -317,7 +317,7 @@ def test_what_a_bridge_repeats_is_left_out_of_what_all_sides_do(
 @pytest.mark.parametrize(
     ("arguments", "violated"),
     [
-        ([], set()),
+        pytest.param([], set(), marks=pytest.mark.soak),
         (["--replace", f"AlarmSkill={FAULTS / 'T4-AlarmSkill.scxml'}"], {"AlarmSkill"}),
     ],
     ids=["as it is", "T4"],

@@ -154,7 +154,7 @@ def test_ticks_that_fail_are_counted_and_keep_their_time(plant: Plant) -> None:
 
 
 @pytest.mark.zenoh
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_table_is_measured_in_every_way_of_monitoring() -> None:
     names = ("none", "both", "models-in-process", "models-websocket")
     chosen = [item for item in CONFIGURATIONS if item.name in names]
@@ -175,7 +175,7 @@ def test_the_table_is_measured_in_every_way_of_monitoring() -> None:
 
 
 @pytest.mark.zenoh
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_point_of_each_growth_is_measured() -> None:
     plan = growth.GrowthPlan(
         rounds=1, taps=(0, 1), skills=(2,), rates=(0.0,), sizes=(16,), ticks=5, seconds=0.2
@@ -189,7 +189,7 @@ def test_a_point_of_each_growth_is_measured() -> None:
 
 
 @pytest.mark.zenoh
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_tapped_node_sends_more_by_the_operating_systems_account() -> None:
     plan = node_cost.CostPlan(rounds=1, ticks=5, rates=(0.0,), idle_s=0.5)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -64,9 +65,12 @@ class HandDriven:
         self.since: dict[str, int] = {}
         self.set_forward_ns = 0
         """By how much the time of day was set forward since the beginning."""
+        self.level = 100
+        self._later = itertools.count(1000)
         self.said: list[str] = []
         self.verdicts: list[Verdict] = []
         self.heard_by_tap: list[str] = []
+        self.dropped: list[tuple[str, str]] = []
         self._numbers: dict[tuple[str, str, bool], int] = {}
         self._due_ns = 0
         self._turn: Callable[[], None] = lambda: None
@@ -102,6 +106,15 @@ class HandDriven:
     def tap(self, channels, handler):
         self._handler = handler
         return self
+
+    contested = ()
+
+    def take_dropped(self) -> list[tuple[str, str]]:
+        dropped, self.dropped = self.dropped, []
+        return dropped
+
+    def is_contested(self, name: str) -> bool:
+        return name in self.contested
 
     def problems(self):
         return self.heard_by_tap
@@ -149,6 +162,7 @@ class HandDriven:
 
     def message(self, data: int, source: str = "Battery", **changes) -> None:
         """A message on the battery's topic."""
+        self.level = data
         self.hear(
             "/battery", ObservationKind.MESSAGE, "t/msg/Level", {"data": data}, source, **changes
         )
@@ -170,6 +184,13 @@ class HandDriven:
         ):
             data = {"status": status}
             self.hear("/Level/tick", kind, "t/srv/Tick_Response", data, source, call=call)
+
+    def confirm(self) -> None:
+        """All go on: what comes now shows that nothing is missing of what was before."""
+        self.pass_time(300)
+        self.message(self.level)
+        self.tick(next(self._later), status=0 if self.level > 30 else 1)
+        self.pass_time(500)
 
     def hear(self, channel, kind, type_name, data, source, **changes) -> None:
         """The tap hears something; ``changes`` are fields of the observation."""

@@ -86,6 +86,7 @@ def test_a_request_to_a_node_that_was_just_found_may_have_been_taken_up_unheard(
     assert hand.watch.violations == 0
     ask(hand, 3)
     hand.pass_time(1500)
+    hand.confirm()
     assert hand.watch.violations == 1
 
 

@@ -145,6 +145,7 @@ def test_a_missing_answer_is_found_by_time(start, silent, tmp_path) -> None:
     assert [text for text in asked if text.startswith("request ")]
 
 
+@pytest.mark.soak
 def test_a_missing_answer_is_found_by_a_monitor_that_comes_in_the_middle(start, silent) -> None:
     endpoint = free_endpoint()
     run = start(

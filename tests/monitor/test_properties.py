@@ -334,3 +334,65 @@ def test_a_channel_that_no_model_names_is_warned_of(tmp_path) -> None:
     assert code == 2
     assert "p.yaml:2:3: no model of" in text
     assert "names /batery, the channel of `battery`" in text
+
+
+def test_an_answer_that_comes_later_than_the_latency_bound_takes_a_certain_violation_back(watched):
+    watched.message(90)
+    watched.tick(1)
+    watched.pass_time(1400)
+    assert watched.of("answers")[-1] == "violated"
+    assert watched.properties.certain_violations == 1
+    watched.properties.observe(
+        Observation(
+            stamp_ns=watched.now - 500 * MS,
+            received_ns=watched.now,
+            channel="/Level/tick",
+            kind=ObservationKind.RESPONSE_SENT,
+            type_name="t/srv/Tick_Response",
+            data={"status": 0},
+            source="Level",
+        )
+    )
+    watched.pass_time(1000)
+    assert watched.properties.late == 1
+    assert watched.of("answers")[-1] == "inconclusive"
+    assert watched.properties.violations == watched.properties.certain_violations == 0
+    assert any(
+        verdict.reason == "the violation is taken back: messages on /Level/tick were missed"
+        for verdict in watched.verdicts
+    )
+    assert watched.standing()["answers"] == "inconclusive"
+
+
+def test_a_violation_from_before_a_loss_stands(watched) -> None:
+    watched.message(90)
+    watched.tick(1, 1)
+    watched.pass_time(300)
+    assert watched.properties.certain_violations == 1
+    watched.properties.lose("/Level/tick", watched.now - 250 * MS, watched.now)
+    watched.pass_time(1000)
+    assert watched.properties.certain_violations == 1
+    assert watched.standing()["high"] == "violated"
+
+
+def numbered(stamp_ns: int, sequence: int, status: int = 0) -> Observation:
+    return Observation(
+        stamp_ns=stamp_ns,
+        received_ns=stamp_ns,
+        channel="/Level/tick",
+        kind=ObservationKind.RESPONSE_SENT,
+        type_name="t/srv/Tick_Response",
+        data={"status": status},
+        source="Level",
+        sequence=sequence,
+    )
+
+
+@pytest.mark.parametrize("later", [0, 1, 2, 5])
+def test_a_gap_in_the_numbers_is_a_loss_however_close_the_stamps_are(tmp_path, later) -> None:
+    watch = Watched(tmp_path, FILE.replace("before: battery < 30, ", "")).properties
+    said = watch.start(START)
+    watch.observe(numbered(START + S, 5))
+    watch.observe(numbered(START + S + later, 7))  # 6 may have been wrong
+    said += watch.advance(START + 3 * S)
+    assert [str(item.outcome) for item in said if item.node == "high"][-1] == "inconclusive"

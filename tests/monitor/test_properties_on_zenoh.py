@@ -182,12 +182,13 @@ def test_a_violation_is_printed_with_its_witness_for_people(start, robot, proper
     monitor = start(Process, "moon", "monitor", "--properties", properties, "--endpoint", endpoint)
     linked(monitor, node)
     node.say("level", 20)
-    monitor.until(lambda: any("VIOLATED" in line for line in monitor.out))
+    wanted = ("high  VIOLATED", "answers  inconclusive")
+    monitor.until(lambda: all(any(text in line for line in monitor.out) for text in wanted))
     assert monitor.end(signal.SIGINT) == 1, monitor.said
     text = "\n".join(monitor.out)
     assert "high  VIOLATED  warning: At every moment, `level >= 30`." in text
     assert 'not (level >= 30): message on /level of robot {"data":20}' in text
-    assert "answers  inconclusive  messages on /answered were missed" in text
+    assert "answers  inconclusive  messages on /asked were missed" in text
     assert "2 properties: 1 violated, 1 inconclusive" in text
 
 
@@ -213,6 +214,7 @@ def test_beside_models_both_find_a_skill_that_answers_the_opposite(start, wrong,
     ]
 
 
+@pytest.mark.soak
 def test_beside_models_a_nominal_tour_breaks_nothing(start, tmp_path) -> None:
     with router(tmp_path) as (endpoint, config):
         monitor = start(

@@ -62,8 +62,11 @@ def test_what_happens_after_that_is_judged_again(held_up: Repairing) -> None:
     held_up.pass_time(3500)
     held_up.message(90)
     held_up.pass_time(1000)
-    held_up.tick(2, status=1)
-    held_up.pass_time(1000)
+    held_up.tick(2, status=1)  # a level before the first one may have been lost
+    held_up.confirm()
+    held_up.confirm()
+    held_up.tick(3, status=1)
+    held_up.confirm()
     assert held_up.watch.violations == 1
 
 
@@ -84,11 +87,11 @@ def test_what_a_node_that_starts_sends_may_be_heard_seconds_later(
         assert hand.watch.violations == 0
         assert hand.status.verdict == "conforming"
     stops.pass_time(1500)
-    assert stops.watch.violations == 1
+    assert "unresponsive" in stops.verdicts[-1].reason
     silent.pass_time(5000)
-    assert silent.watch.violations == 0
+    assert not any("unresponsive" in verdict.reason for verdict in silent.verdicts)
     silent.pass_time(3000)
-    assert silent.watch.violations == 1
+    assert "unresponsive" in silent.verdicts[-1].reason
 
 
 def test_a_recording_keeps_how_long_the_middleware_repairs() -> None:

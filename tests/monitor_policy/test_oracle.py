@@ -36,7 +36,9 @@ def own() -> list[Observation]:
         for seen in nominal().observations
         if seen.source == "policy" and seen.kind is not ObservationKind.MESSAGE
     ]
-    return sorted(found, key=lambda seen: seen.stamp_ns)
+    found.sort(key=lambda seen: seen.stamp_ns)
+    # all that it reports is numbered; these are all here
+    return [msgspec.structs.replace(seen, order=order) for order, seen in enumerate(found)]
 
 
 def judged(

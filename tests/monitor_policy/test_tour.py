@@ -13,6 +13,7 @@ from m2c.model import DiagnosticLog
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.runner import PolicyRunner
 from moon.monitor.models import ModelMonitor
+from moon.oracle.unconfirmed import UNCONFIRMED
 from moon.policy import policy_oracle
 from moon.verdict import Outcome, Verdict
 from tests.oracle.tour import lab_tour
@@ -60,7 +61,7 @@ def tour(
         seconds: of virtual time.
         conditions: of the network.
         policy: what ticks the skills instead of the tour's own.
-        change: what is heard instead of what was said, or None.
+        change: what was done instead of what is said, or None.
         rate_hz: at which the tree is ticked, if not at the system's rate.
         stop_after_s: nothing happens any more after this time.
     """
@@ -79,9 +80,18 @@ def tour(
     for name in (*monitor.oracles, "policy"):
         monitor.node_started(name, world.now_ns)
 
+    undone: list[tuple[str, int]] = []
+
     def hear(seen: Observation) -> None:
         heard = change(seen)
-        if heard is not None:
+        if heard is None:
+            undone.append((seen.source, seen.order))
+        else:
+            # it did not happen: nobody numbered it
+            before = sum(
+                item < (seen.source, seen.order) for item in undone if item[0] == seen.source
+            )
+            heard = msgspec.structs.replace(heard, order=heard.order - before)
             observations.append(heard)
             verdicts.extend(monitor.feed(heard))
 
@@ -224,7 +234,7 @@ def test_a_tick_that_is_left_out_is_noticed_at_the_next_one(tmp_path: Path) -> N
             moment.append(seen.stamp_ns)
         return None if moment and seen.stamp_ns >= moment[0] else seen
 
-    heard = tour(1, change=without_battery_level)
+    heard = tour(1, 60.0, Conditions(), change=without_battery_level)
     first = heard.of_policy[0]
     assert first.outcome is Outcome.VIOLATED
     assert first.reason.startswith("expected tick BatteryLevel")
@@ -283,7 +293,8 @@ def test_a_policy_that_stops_in_the_middle_of_a_tick_is_unresponsive(
     heard = tour(1, 20.0, Conditions(), change=hung)
     reasons = [v.reason for v in heard.of_policy]
     assert reasons == [
-        "unresponsive: expected tick IsPoiDone1 (/IsPoiDone1Skill/tick), observed nothing"
+        f"{UNCONFIRMED}unresponsive: "
+        "expected tick IsPoiDone1 (/IsPoiDone1Skill/tick), observed nothing"
     ]
 
 

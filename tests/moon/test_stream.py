@@ -211,3 +211,18 @@ def test_topics_of_an_action_are_its_parts(part) -> None:
 def test_a_channel_that_only_looks_like_an_action_is_none() -> None:
     (line,) = lines(message("/go/_action/other", {}))
     assert (line.action, line.part) == ("", "")
+
+
+def test_what_open_calls_hold_is_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream, "MAX_OPEN_BYTES", 10_000)
+    matcher = CallMatcher()
+    for call in range(50):
+        matcher.feed(seen(SENT, call, call, data={"text": "x" * 1000}))
+    assert (matcher.open_calls, matcher.forgotten) == (9, 41)
+    matcher.feed(
+        seen(SENT, 50, 50, data={"text": "x" * 50_000})
+    )  # the last one is kept, whatever it holds
+    assert matcher.open_calls == 1
+    for kind in (RECEIVED, ANSWERED, RETURNED):
+        matcher.feed(seen(kind, 60, 50))
+    assert (matcher.open_calls, matcher._bytes) == (0, 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -74,9 +75,14 @@ class LiveRun:
     """
 
     def __init__(
-        self, path: Path, code: Program, seed: int, conditions: Conditions | None = None
+        self,
+        path: Path,
+        code: Program,
+        seed: int,
+        conditions: Conditions | None = None,
+        world: Callable[[int, Conditions | None], SimulatedWorld] = SimulatedWorld,
     ) -> None:
-        self.world = SimulatedWorld(seed, conditions)
+        self.world = world(seed, conditions)
         self.verdicts: list[Verdict] = []
         self.clock_is_ahead_ns = 0
         transport = _Clocked(self)

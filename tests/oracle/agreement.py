@@ -17,6 +17,7 @@ from msgspec.structs import replace
 
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
+from moon.oracle.unconfirmed import Losses
 from moon.verdict import Outcome
 from tests.oracle.machines import NAME, TIMER_HZ, library
 from tests.oracle.strategies import Case, case
@@ -56,7 +57,7 @@ def answer(found: Case, ordered: bool = False) -> Answer:
         deadline=found.deadline_ns,
         tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
     )
-    oracle = Oracle(found.machine, library(), bounds=bounds)
+    oracle = Oracle(found.machine, library(), bounds=bounds, losses=Losses(possible=False))
     oracle.start(0, whole=True)
     heard = found.trace.observations
     verdicts = [v for item in (numbered(heard) if ordered else heard) for v in oracle.feed(item)]

@@ -45,7 +45,7 @@ def is_paced(transport: str, case: str) -> bool:
 SECONDS = {"nominal": 5.0}
 """How long a run goes on after the tree began to tick, if nothing is to be found in it."""
 LONGEST_S = 90.0
-AFTER_S = 0.5
+AFTER_S = 3.0
 """How long a run goes on after what should be found is found."""
 STOP_S = 60.0
 TRIES = 3

@@ -167,3 +167,38 @@ def _with_poi(seen: Observation, poi: int) -> Observation:
     import msgspec
 
     return msgspec.structs.replace(seen, data={"poi": poi})
+
+
+class SetClock(SimulatedTransport):
+    """A connection whose time of day is set after two seconds."""
+
+    step_ns = 0
+
+    def now_ns(self) -> int:
+        began_ns = self.__dict__.setdefault("began_ns", super().now_ns())
+        is_set = super().now_ns() > began_ns + 2 * 10**9
+        return super().now_ns() + (self.step_ns if is_set else 0)
+
+
+@pytest.mark.parametrize("step_s", [-86_400, -3600, -5, 5, 3600, 86_400])
+def test_a_clock_that_is_set_neither_stops_a_replay_nor_hurries_it(step_s: int):
+    heard = tour(4.0)
+    world, now = SimulatedWorld(4), []
+    SimulatedTransport(world, "tap").tap([], now.append)
+    conductor = SetClock(world, "moon_replay_1")
+    conductor.step_ns = step_s * 10**9
+    recording = cast(Recording, heard)
+    replay = Replay(
+        script_of(recording, Selected()),
+        conductor,
+        lambda name: SimulatedTransport(world, name),
+        lambda name: True,
+        1.0,
+        lambda said: None,
+    )
+    replay.prepare()
+    replay.begin(recording)
+    began_ns = world.now_ns
+    assert world.run_until(lambda: replay.finished, 30.0)
+    span_ns = heard.observations[-1].stamp_ns - heard.observations[0].stamp_ns
+    assert abs(world.now_ns - began_ns - span_ns) < 10**9
