@@ -10,7 +10,6 @@ import functools
 import math
 import os
 import select
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,11 +20,9 @@ import click
 
 from m2c.terminal import fail, say, write_to_nobody
 from transports.options import DEFAULT_ENDPOINT, transport_options
-from transports.stop_signals import stopping
+from transports.stop_signals import StopSignals, end_by
 
 if TYPE_CHECKING:
-    from types import FrameType
-
     from transports.interface import Transport
 
 REFRESH_S = 0.5
@@ -172,16 +169,12 @@ class Watching:
                 raise BrokenPipeError
             look_around()
 
-        for number in stopping():
-            signal.signal(number, self._asked_to_stop)
+        # asked twice: a reader that is stuck holds us up
+        StopSignals().call(lambda: self._connection.post(self.stop), again=end_by)
         self._connection.every(REFRESH_S, look)
         if seconds is not None:
             self._connection.after(seconds, self.stop)
         self._connection.spin(until=lambda: self._stopped or is_over())
-
-    def _asked_to_stop(self, number: int, _: FrameType | None) -> None:
-        signal.signal(number, signal.SIG_DFL)  # asked twice: a reader that is stuck holds us up
-        self._connection.post(self.stop)
 
 
 def _reader_is_gone() -> bool:

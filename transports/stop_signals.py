@@ -9,7 +9,11 @@ import or of a constructor leaves half of a participant, whose threads go on.
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable
+
+AGAIN_S = 1.0
+"""What comes so soon behind a signal asks for the same thing."""
 
 
 def stopping() -> tuple[signal.Signals, ...]:
@@ -22,38 +26,52 @@ def stopping() -> tuple[signal.Signals, ...]:
     return both if outlives else (*both, signal.SIGHUP)
 
 
+def end_by(number: int) -> None:
+    """End this process by the signal ``number``, as if it had no handler."""
+    signal.signal(number, signal.SIG_DFL)
+    signal.raise_signal(number)
+
+
 class StopSignals:
     """From now on, these signals are kept until ``call`` says what they stop.
 
     For the main thread, before it connects. A second signal that finds nothing to stop yet ends the
-    process at once.
+    process at once. What follows within ``again_s`` seconds belongs to the signal before: timeout(1)
+    sends one to the process that it has started and one to its process group.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, again_s: float = AGAIN_S) -> None:
         self._stop: Callable[[], None] | None = None
-        self._asked = False
+        self._again: Callable[[int], None] | None = None
+        self._again_s = again_s
+        self._asked_s: float | None = None
         for number in stopping():
             signal.signal(number, self._came)
 
     @property
     def asked(self) -> bool:
         """Whether a signal has come."""
-        return self._asked
+        return self._asked_s is not None
 
-    def call(self, stop: Callable[[], None]) -> None:
-        """Call ``stop()`` at every signal, and now if one has come already.
+    def call(self, stop: Callable[[], None], again: Callable[[int], None] | None = None) -> None:
+        """Call ``stop()`` at the first signal (now if it has come) and ``again(number)`` at the others.
 
-        It runs between any two instructions of the main thread, so it must take no lock that this
-        thread may hold: ``Transport.post`` is made for that.
+        Without ``again``, ``stop()`` is called again. Both run between any two instructions of the main
+        thread, so they must take no lock that this thread may hold: ``Transport.post`` is made for that.
         """
-        self._stop = stop
-        if self._asked:
+        self._stop, self._again = stop, again
+        if self.asked:
             stop()
 
     def _came(self, number: int, _: object) -> None:
-        again, self._asked = self._asked, True
-        if self._stop is not None:
+        before_s, now_s = self._asked_s, time.monotonic()
+        if before_s is not None and now_s - before_s < self._again_s:
+            return
+        self._asked_s = now_s
+        if self._stop is None:
+            if before_s is not None:
+                end_by(number)
+        elif before_s is not None and self._again is not None:
+            self._again(number)
+        else:
             self._stop()
-        elif again:
-            signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)

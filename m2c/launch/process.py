@@ -35,6 +35,7 @@ class NodeProcess:
         arguments: the node's command line.
         line: called with ``(name, text)`` for each line of output, on a thread of the process's own.
         ended: called with ``(name, exit code)`` once, on a thread of the process's own.
+        files: open files that it inherits, under the same numbers.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class NodeProcess:
         arguments: Sequence[str],
         line: Callable[[str, str], None],
         ended: Callable[[str, int], None],
+        files: Sequence[int] = (),
     ) -> None:
         self.name = name
         self.last_lines: collections.deque[str] = collections.deque(maxlen=KEPT_LINES)
@@ -60,6 +62,7 @@ class NodeProcess:
             text=True,
             errors="replace",
             start_new_session=True,
+            pass_fds=files,
         )
         self._thread = threading.Thread(target=self._follow, name=f"{name}-output", daemon=True)
         self._thread.start()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +14,7 @@ import msgspec
 from m2c.launch.description import LaunchDescription, LaunchError, Package
 from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, describe_end
 from m2c.launch.screen import Guarded, Screen
-from m2c.policy.runner import TICKS, TreeTick
+from m2c.policy.runner import TreeTick
 from transports.interface import Timer, Transport
 from transports.stop_signals import StopSignals
 
@@ -22,7 +24,7 @@ STARTING = 2 * (os.cpu_count() or 1)
 """So many nodes come up at a time. More would not be faster, and what listens to them from the start (a
 monitor, say) would not get its turn beside them."""
 LAST_TICK_S = 1.0
-"""How long the last tick is waited for when the policy has ended."""
+"""How long the policy's last reports may take when it has ended; a child of its own may hold them open."""
 
 
 class RunSettings(msgspec.Struct, frozen=True):
@@ -68,6 +70,8 @@ class RunningSystem:
         self._stopping = False
         self._interrupted_by_signal = False
         self._ticks = 0
+        self._reports: threading.Thread | None = None
+        """Reads what the policy reports of its ticks."""
         self._missing = {node.name for node in description.nodes}
         self._waiting = list(description.nodes)
         """Started from the end. Systems list what acts by itself (a battery that drains) before what
@@ -91,13 +95,12 @@ class RunningSystem:
             OSError: a process cannot be started, or the screen cannot be written to.
         """
         transport = self._transport
-        signals.call(self._interrupted)
+        signals.call(self._interrupted, self._interrupted_again)
         nodes = len(self._description.nodes)
         self._screen.line(
             f"{self._description.system}: starting {nodes} {'node' if nodes == 1 else 'nodes'} "
             f"{self._settings.where}"
         )
-        transport.subscribe(TICKS, self._show_tick)
         transport.watch_nodes(self._changed)
         try:
             self._start_next()
@@ -114,10 +117,12 @@ class RunningSystem:
                 self._up = True
                 self._start_policy()
                 transport.spin(lambda: self._stopping)
-                self._hear_last_ticks()
+                if not self._interrupted_by_signal:
+                    self._show_last_ticks()
         finally:
             self._stopping = True
             self._stop_all()
+        self._show_last_ticks()
         code = self._report()
         if self._unshown is not None and not self._interrupted_by_signal:
             raise self._unshown
@@ -149,13 +154,16 @@ class RunningSystem:
         self._late = True
 
     def _interrupted(self) -> None:
-        """A signal: stop; a second one does not wait for the processes."""
+        """A signal: stop."""
         self._interrupted_by_signal = True
-        if self._stopping:
-            self._killed = True
-            for process in list(self._processes.values()):
-                process.kill()
         self._transport.post(self._stop)
+
+    def _interrupted_again(self, _: int) -> None:
+        """A second one: do not wait for the processes."""
+        self._killed = True
+        for process in list(self._processes.values()):
+            process.kill()
+        self._interrupted()
 
     def _stop_all(self) -> None:
         """The policy first: it halts its tree, for which the skills must still be there."""
@@ -169,7 +177,7 @@ class RunningSystem:
                 if how := process.finish(deadline):
                     self._ended_badly[process.name] = how
 
-    def _start(self, node: Package, arguments: Sequence[str]) -> None:
+    def _start(self, node: Package, arguments: Sequence[str], files: Sequence[int] = ()) -> None:
         self._processes[node.name] = NodeProcess(
             node.name,
             node.package,
@@ -177,6 +185,7 @@ class RunningSystem:
             [*arguments, "--node-name", node.name],
             self._line,
             self._ended,
+            files,
         )
 
     def _start_policy(self) -> None:
@@ -191,7 +200,21 @@ class RunningSystem:
         for node in self._description.nodes:
             arguments += ["--wait-for", node.name]
         self._screen.line(f"ticking the tree {rate:g} times a second")
-        self._start(policy, arguments)
+        reports, report_to = os.pipe()
+        try:
+            self._start(policy, [*arguments, "--report-to", str(report_to)], [report_to])
+        finally:
+            os.close(report_to)
+            self._reports = threading.Thread(
+                target=self._follow_ticks, args=[reports], name="ticks", daemon=True
+            )
+            self._reports.start()
+
+    def _follow_ticks(self, reports: int) -> None:
+        with open(reports, "rb") as lines:
+            for line in lines:
+                tick = msgspec.json.decode(line, type=TreeTick)
+                self._transport.post(functools.partial(self._show_tick, tick))
 
     def _line(self, name: str, text: str) -> None:
         self._screen.line(f"{name:>{self._width}} | {text}")
@@ -217,19 +240,19 @@ class RunningSystem:
         self._ticks = tick.tick
         self._screen.tick(tick)
 
-    def _hear_last_ticks(self) -> None:
-        """The policy has ended with its last tick: what it said of it may still be on its way."""
-        if self._died is not None or self._interrupted_by_signal:
+    def _show_last_ticks(self) -> None:
+        """What the policy has reported until its end."""
+        if self._reports is None:
             return
-        late = False
+        over = False
 
-        def give_up() -> None:
-            nonlocal late
-            late = True
+        def end() -> None:
+            nonlocal over
+            over = True
 
-        timer = self._transport.after(LAST_TICK_S, give_up)
-        self._transport.spin(lambda: late or self._ticks >= self._settings.ticks)
-        timer.cancel()
+        self._reports.join(LAST_TICK_S)
+        self._transport.post(end)
+        self._transport.spin(lambda: over)
 
     def _report(self) -> int:
         if self._died is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +13,7 @@ from typing import Any, NoReturn
 import msgspec
 
 from m2c.policy.program import Policy
-from m2c.policy.runner import PolicyRunner
+from m2c.policy.runner import PolicyRunner, TreeTick
 from m2c.policy.ticking import PolicyError
 from m2c.runtime.main import (
     add_transport_options,
@@ -55,6 +56,12 @@ def main(
     parser.add_argument(
         "--wait-for", action="append", default=[], metavar="NODE", help="tick once this node is up"
     )
+    parser.add_argument(
+        "--report-to",
+        type=int,
+        metavar="FD",
+        help="write a line of JSON per tick to this open file",
+    )
     parser.add_argument("--tick-timeout", type=positive, default=5.0, help="seconds, for one leaf")
     own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parsed = parser.parse_args(own)
@@ -64,8 +71,9 @@ def main(
     connection = connect_or_exit(parsed, ros_arguments)
     log_on(connection)
     rate = parsed.rate or policy.tick_rate_hz
+    report = None if parsed.report_to is None else _report_to(parsed.report_to)
     try:
-        runner = PolicyRunner(connection, policy, plugins, parsed.tick_timeout)
+        runner = PolicyRunner(connection, policy, plugins, parsed.tick_timeout, report)
     except PolicyError as error:
         say(f"error: {error}")
         connection.close()
@@ -103,6 +111,19 @@ def main(
     thread.join()
     connection.close()
     sys.exit(code)
+
+
+def _report_to(descriptor: int) -> Callable[[TreeTick], None]:
+    """Who writes each tick to ``descriptor``: whoever started the policy shows it.
+
+    The middleware is no way for that: a subscription that is discovered late has missed the first ticks.
+    """
+    file = os.fdopen(descriptor, "wb", buffering=0)
+
+    def write(tick: TreeTick) -> None:
+        file.write(msgspec.json.encode(tick) + b"\n")
+
+    return write
 
 
 class _Awaited:

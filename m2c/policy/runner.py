@@ -57,6 +57,7 @@ class PolicyRunner:
         policy: the tree and its leaves.
         plugins: generated node class per plugin name, for leaves that a plugin runs.
         tick_timeout_s: how long a skill may take to answer; it counts as FAILURE then.
+        ticked: called with each tick when it is over, on the thread that ticks.
 
     Raises:
         PolicyError: BehaviorTree.CPP refuses the tree.
@@ -68,11 +69,13 @@ class PolicyRunner:
         policy: Policy,
         plugins: Mapping[str, Callable[..., Any]] | None = None,
         tick_timeout_s: float = 5.0,
+        ticked: Callable[[TreeTick], None] | None = None,
     ) -> None:
         import behaviortreepy
 
         self._transport = transport
         self._timeout_s = tick_timeout_s
+        self._report = ticked
         self._log = logging.getLogger("policy")
         self._statuses = {
             name: getattr(behaviortreepy.NodeStatus, name) for name in STATUS_CODES.values()
@@ -164,6 +167,8 @@ class PolicyRunner:
         self._count += 1
         record = TreeTick(self._count, status, self._ticked)
         self._publisher.publish(record)
+        if self._report is not None:
+            self._report(record)
         if self._faults:
             raise self._faults.pop(0)
         return record

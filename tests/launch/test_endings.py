@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.launch.system import LIMIT_S, Run, System
+from transports.stop_signals import AGAIN_S
 
 pytestmark = [pytest.mark.zenoh]
 
@@ -86,10 +87,12 @@ def test_a_node_that_does_not_end_is_killed_and_says_where_it_stood(system: Syst
 
 def test_a_second_signal_kills_who_has_not_ended(system: System) -> None:
     run = with_a_deaf_node(system)
-    first = os.pidfd_open(run.children()["LevelSkill"])
-    run.process.send_signal(signal.SIGINT)
-    with open(first, "rb", buffering=0):
+    children = run.children()
+    first, deaf = (os.pidfd_open(children[name]) for name in ("LevelSkill", "MoveSkill"))
+    with open(first, "rb", buffering=0), open(deaf, "rb", buffering=0):
+        run.process.send_signal(signal.SIGINT)
         assert select.select([first], [], [], LIMIT_S)[0]
+        assert not select.select([deaf], [], [], AGAIN_S)[0]
     run.process.send_signal(signal.SIGINT)
     assert run.end() == 0, run.output
     assert run.lines[-1] == (
@@ -106,6 +109,18 @@ def test_a_signal_stops_everything_and_is_no_fault(system: System, number: signa
     run.process.send_signal(number)
     assert run.end() == 0, run.output
     assert re.search(r"stopped after \d+ ticks?; all nodes have ended", run.output)
+    assert "halted: Move" in run.output
+    assert all(gone(pid) for pid in children.values())
+
+
+def test_a_run_that_timeout_ends_ends_in_order(system: System) -> None:
+    run = Run(system.path)
+    run.until("tick ")
+    children = run.children()
+    for _ in range(2):  # timeout(1) tells the process that it has started, and its process group
+        run.process.send_signal(signal.SIGTERM)
+    assert run.end() == 0, run.output
+    assert re.fullmatch(r"stopped after \d+ ticks?; all nodes have ended", run.lines[-1])
     assert "halted: Move" in run.output
     assert all(gone(pid) for pid in children.values())
 

@@ -37,13 +37,31 @@ def test_a_signal_that_comes_too_early_stops_what_there_is_to_stop_later(
 
 
 def test_every_signal_stops_again() -> None:
-    signals = StopSignals()
+    signals = StopSignals(again_s=0.0)
     stopped: list[str] = []
     signals.call(lambda: stopped.append("stopped"))
     assert stopped == []
     signal.raise_signal(signal.SIGINT)
     signal.raise_signal(signal.SIGTERM)
     assert stopped == ["stopped", "stopped"]
+
+
+def test_the_second_signal_asks_for_more() -> None:
+    signals = StopSignals(again_s=0.0)
+    done: list[object] = []
+    signals.call(lambda: done.append("stopped"), again=done.append)
+    for number in ALL:
+        signal.raise_signal(number)
+    assert done == ["stopped", signal.SIGTERM, signal.SIGHUP]
+
+
+def test_two_signals_at_once_as_timeout_sends_them_are_one() -> None:
+    signals = StopSignals()
+    done: list[object] = []
+    signals.call(lambda: done.append("stopped"), again=done.append)
+    signal.raise_signal(signal.SIGTERM)
+    signal.raise_signal(signal.SIGTERM)
+    assert done == ["stopped"]
 
 
 @pytest.mark.parametrize("number", ALL)
@@ -53,7 +71,7 @@ def test_a_second_signal_ends_a_process_that_has_nothing_to_stop_yet(
     code = (
         "import signal\n"
         "from transports.stop_signals import StopSignals\n"
-        "StopSignals()\n"
+        "StopSignals(again_s=0.0)\n"
         f"signal.raise_signal({int(number)})\n"
         "print('goes on', flush=True)\n"
         f"signal.raise_signal({int(number)})\n"
