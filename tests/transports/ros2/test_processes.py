@@ -244,3 +244,17 @@ def test_the_lab_tour_runs_and_is_heard(lab_tour: dict[str, str]) -> None:
     last_shown = [line.split()[1] for line in run.out if line.startswith("tick ")][-1]
     ticks = "1 tick" if last_shown == "1" else f"{last_shown} ticks"
     assert run.out[-1].strip() == f"stopped after {ticks}; all nodes have ended", run.said
+
+
+def test_every_tick_is_shown_and_counted(lab_tour: dict[str, str]) -> None:
+    only = [word for name in ("BatteryLevelSkill", "policy") for word in ("--only", name)]
+    run = Process(
+        *("m2c", "run", LAB_TOUR / "system.xml", "--transport", "ros2", *only),
+        *("--rate", 50, "--ticks", 5),
+        env=lab_tour,
+    )
+    with contextlib.closing(run):
+        assert run.end() == 0, run.said
+    shown = [int(line.split()[1]) for line in run.out if line.startswith("tick ")]
+    assert shown == [1, 2, 3, 4, 5], run.said
+    assert run.out[-1].strip() == "stopped after 5 ticks; all nodes have ended", run.said
