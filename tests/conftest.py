@@ -7,6 +7,7 @@ are for ``make soak``; what they find is kept as ``@example`` beside the test.
 from __future__ import annotations
 
 import shlex
+import signal
 
 import hypothesis
 import pytest
@@ -25,6 +26,7 @@ _IS_OWN = pytest.StashKey[bool]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup(1) has it ignored, also by what tests start
     if not hasattr(config, "workerinput"):  # those of pytest-xdist start later, and inherit it
         config.stash[_IS_OWN] = shared_memory.separate()
         config.stash[_BEFORE] = shared_memory.unused()
