@@ -26,7 +26,9 @@ _IS_OWN = pytest.StashKey[bool]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup(1) has it ignored, also by what tests start
+    signal.signal(
+        signal.SIGHUP, signal.SIG_DFL
+    )  # nohup(1) has it ignored, also by what tests start
     if not hasattr(config, "workerinput"):  # those of pytest-xdist start later, and inherit it
         config.stash[_IS_OWN] = shared_memory.separate()
         config.stash[_BEFORE] = shared_memory.unused()

@@ -12,10 +12,13 @@ import subprocess
 import threading
 from collections.abc import Iterator
 
+import msgspec
 import pytest
 
+from m2c.policy.runner import TreeTick
 from tests.launch.system import LEVEL, LIMIT_S, LOW, M2C, MOVE, Run, System
 from tests.monitor.processes import free_endpoint
+from transports.zenoh.session import open_session
 
 pytestmark = [pytest.mark.zenoh]
 
@@ -130,6 +133,32 @@ def test_a_namespace_keeps_two_systems_apart(system: System) -> None:
             run.process.send_signal(signal.SIGINT)
             assert run.end() == 0
             assert "two nodes" not in run.output
+
+
+def test_ticks_are_those_of_its_own_policy_whatever_the_middleware_brings(system: System) -> None:
+    """What the launcher subscribes to may come late, not at all, or from another system."""
+    endpoint = free_endpoint()
+    run = Run(system.path, "--ticks", 3, "--rate", 5, endpoint=endpoint)
+    run.until("nodes are up")
+    stranger = open_session({"endpoint": endpoint})
+    forged = msgspec.msgpack.encode(TreeTick(99, "SUCCESS"))
+    encoding = "application/msgpack;m2c/msg/TreeTick"
+    is_over = threading.Event()
+
+    def forge() -> None:
+        while not is_over.wait(0.001):
+            stranger.put("policy/ticks", forged, encoding=encoding)
+
+    forger = threading.Thread(target=forge)
+    forger.start()
+    try:
+        assert run.end() == 0, run.output
+    finally:
+        is_over.set()
+        forger.join()
+        stranger.close()
+    assert [line.split()[1] for line in run.lines if line.startswith("tick ")] == ["1", "2", "3"]
+    assert run.lines[-1] == "stopped after 3 ticks; all nodes have ended"
 
 
 def test_two_servers_of_one_service_are_reported(system: System) -> None:
