@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 import click
 
 from m2c.terminal import fail, say, write_to_nobody
-from transports.options import DEFAULT_ENDPOINT, transport_options
+from transports.options import DEFAULT_ENDPOINT, meeting_at, transport_options
 from transports.stop_signals import StopSignals, end_by
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ _NETWORK_OPTIONS = (
     click.option(
         "--endpoint",
         multiple=True,
-        help=f"Where to connect (repeatable); for zenoh without a configuration file by default "
+        help=f"Where the nodes meet (repeatable); for zenoh without a configuration file by default "
         f"{DEFAULT_ENDPOINT}.",
     ),
     click.option(
@@ -90,12 +90,16 @@ def finite(_: click.Context, parameter: click.Parameter, value: _Number) -> _Num
 
 
 def options_of(network: Network) -> dict[str, str]:
-    """The options of the transport by which ``network`` is met."""
+    """The options of the transport by which ``network`` is met.
+
+    On Zenoh whoever comes first, this process or the system, is where the others meet.
+    """
     endpoints = network.endpoints
     if not endpoints and network.zenoh_config is None and network.transport == "zenoh":
         endpoints = (DEFAULT_ENDPOINT,)
     config = str(network.zenoh_config) if network.zenoh_config is not None else ""
-    return transport_options(endpoints, config, network.namespace)
+    options = transport_options(endpoints, config, network.namespace)
+    return meeting_at(options) if network.transport == "zenoh" else options
 
 
 @contextmanager

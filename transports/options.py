@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-"""Where the nodes of a system meet on Zenoh unless somebody says otherwise: ``m2c run`` listens
-there, and what watches the system connects to it.
+"""Where the nodes of a system meet on Zenoh unless somebody says otherwise: of ``m2c run`` and what watches
+the system, whoever comes first listens there.
 """
 
 
@@ -20,3 +20,8 @@ def transport_options(endpoints: Sequence[str], config: str, namespace: str) -> 
     """
     options = {"endpoint": ",".join(endpoints), "config": config, "namespace": namespace}
     return {name: value for name, value in options.items() if value}
+
+
+def meeting_at(options: dict[str, str]) -> dict[str, str]:
+    """``options`` of a process on Zenoh that listens where it is to connect, if nobody does yet."""
+    return {"rendezvous" if name == "endpoint" else name: options[name] for name in options}

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from m2c.terminal import fail
-from transports.options import DEFAULT_ENDPOINT
+from transports.options import DEFAULT_ENDPOINT, meeting_at
 
 FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
@@ -117,9 +117,8 @@ def run(
             processes = len(description.nodes) + 1
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * processes)
             options = _transport_options(transport, endpoint, zenoh_config, namespace)
-            listen = {"listen" if name == "endpoint" else name: options[name] for name in options}
             signals = StopSignals()
-            connection = connect(transport, "m2c_run", listen)
+            connection = connect(transport, "m2c_run", meeting_at(options))
             where = f"on {transport}"
             if transport == "zenoh":
                 where = f"at {options.get('endpoint') or f'the endpoints of {zenoh_config}'}"

@@ -78,6 +78,9 @@ class RunningSystem:
         listens to it, and while many nodes come up, much can happen that nobody hears yet."""
         self._timeout: Timer | None = None
         self._late = False
+        self._elsewhere = ""
+        """A node of ours that was up before, as somebody else's."""
+        self._began_ns = transport.now_ns()
         self._up = False
         self._width = max((len(name) for name in self._missing), default=len("policy"))
 
@@ -105,8 +108,15 @@ class RunningSystem:
         try:
             self._start_next()
             self._restart_timeout()
-            transport.spin(lambda: self._stopping or self._late or not self._missing)
+            transport.spin(
+                lambda: bool(self._stopping or self._late or self._elsewhere or not self._missing)
+            )
             self._cancel_timeout()
+            if self._elsewhere:
+                raise LaunchError(
+                    f"{self._elsewhere} is up already {self._settings.where}: is the system running? "
+                    "Another one needs another --endpoint or --namespace"
+                )
             if self._late:
                 missing = ", ".join(sorted(self._missing))
                 raise LaunchError(
@@ -129,7 +139,10 @@ class RunningSystem:
         return code
 
     def _changed(self, name: str, up: bool) -> None:
-        if up and name in self._missing:
+        is_older = 0 < self._transport.up_since(name) < self._began_ns
+        if up and is_older and name in {node.name for node in self._description.nodes}:
+            self._elsewhere = name
+        elif up and name in self._missing:
             self._missing.discard(name)
             self._restart_timeout()
             self._start_next()

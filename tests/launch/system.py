@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -124,11 +125,13 @@ class Run:
 
     started: ClassVar[list[Run]] = []
 
-    def __init__(self, *arguments: object, endpoint: str | None = "") -> None:
+    def __init__(
+        self, *arguments: object, endpoint: str | None = "", inside: Sequence[str] = ()
+    ) -> None:
         self.lines: list[str] = []
         meeting = [] if endpoint is None else ["--endpoint", endpoint or free_endpoint()]
         self.process = subprocess.Popen(
-            [str(M2C), "run", *map(str, arguments), *meeting],
+            [*inside, str(M2C), "run", *map(str, arguments), *meeting],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

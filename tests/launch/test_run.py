@@ -100,7 +100,36 @@ def test_an_endpoint_in_use_is_one_error(system: System) -> None:
         run = Run(generated, endpoint=endpoint)
         assert run.end() == 2
     assert len(run.lines) == 1
-    assert run.lines[0].startswith(f"error: cannot listen on {endpoint}: the port is in use")
+    assert run.lines[0].startswith(
+        f"error: cannot reach {endpoint} within 5 s: is a node or router "
+    )
+    assert run.lines[0].endswith("Address already in use (os error 98)]")
+
+
+def test_a_system_that_is_running_there_already_is_one_error(system: System) -> None:
+    endpoint = free_endpoint()
+    first = Run(system.path, endpoint=endpoint)
+    first.until("tick ")
+    second = Run(system.path, endpoint=endpoint)
+    assert second.end() == 2, second.output
+    assert re.fullmatch(
+        rf"error: (Level|Move)Skill is up already at {endpoint}: is the system running\? "
+        "Another one needs another --endpoint or --namespace",
+        second.lines[-1],
+    )
+    first.process.send_signal(signal.SIGINT)
+    assert first.end() == 0, first.output
+
+
+def test_a_system_may_be_started_in_parts(system: System) -> None:
+    endpoint = free_endpoint()
+    parts = [Run(system.path, "--only", "MoveSkill", endpoint=endpoint)]
+    parts[0].until("1 node is up")
+    parts.append(Run(system.path, "--without", "MoveSkill", "--ticks", 3, endpoint=endpoint))
+    assert parts[1].end() == 0, parts[1].output
+    assert "tick    3  RUNNING  Level ok  Move .." in parts[1].output
+    parts[0].process.send_signal(signal.SIGINT)
+    assert parts[0].end() == 0, parts[0].output
 
 
 def test_the_nodes_meet_at_the_router_that_a_zenoh_configuration_names(system: System) -> None:

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,14 +48,22 @@ def router(folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 class Process:
-    """A process whose lines are collected while it runs; ``env`` as of ``subprocess.Popen``."""
+    """A process whose lines are collected while it runs; ``env`` as of ``subprocess.Popen``.
 
-    def __init__(self, *command: object, env: Mapping[str, str] | None = None) -> None:
+    ``inside`` is what it is run by (``tests.transports.hosts``).
+    """
+
+    def __init__(
+        self,
+        *command: object,
+        env: Mapping[str, str] | None = None,
+        inside: Sequence[str] = (),
+    ) -> None:
         self.out: list[str] = []
         self.err: list[str] = []
         self._changed = threading.Condition()
         self.process = subprocess.Popen(
-            [str(BIN / str(command[0])), *map(str, command[1:])],
+            [*inside, str(BIN / str(command[0])), *map(str, command[1:])],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -1,6 +1,7 @@
 """How a node joins a Zenoh network, and leaves it."""
 
 import json
+import threading
 
 import pytest
 
@@ -44,7 +45,7 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(network):
         (
             {"endpont": "x"},
             "the zenoh transport has no option 'endpont'; "
-            "it has endpoint, listen, config, namespace",
+            "it has endpoint, rendezvous, listen, config, namespace",
         ),
         (
             {"endpoint": "localhost"},
@@ -92,3 +93,58 @@ def test_the_configuration_file_wins_over_defaults_and_options_over_the_file(tmp
     assert json.loads(config.get_json("namespace")) == "option"
     assert json.loads(config.get_json("connect/endpoints")) == ["tcp/127.0.0.1:1"]
     assert json.loads(config.get_json("timestamping/enabled")) is True
+
+
+def test_who_comes_first_is_where_the_others_meet_and_so_is_who_comes_when_it_has_gone(network):
+    meeting = {"rendezvous": network.endpoint}
+    names = ("first", "second", "third")
+    first, second, third = (connect(name, meeting) for name in names)
+    spinning = [threading.Thread(target=node.spin) for node in (second, third)]
+    for thread in spinning:
+        thread.start()
+    try:
+        for node in (first, second, third):
+            node.announce()
+        assert not second.wait_for_nodes(names, WAIT_S)
+        assert not third.wait_for_nodes(names, WAIT_S)
+        first.close()
+        late = connect("late", meeting)  # listens there now
+        late.announce()
+        assert not late.wait_for_nodes(["second", "third"], WAIT_S)
+        assert not third.wait_for_nodes(["second", "late"], WAIT_S)
+        late.close()
+    finally:
+        for node in (first, second, third):
+            node.close()
+        for thread in spinning:
+            thread.join(WAIT_S)
+
+
+def test_a_file_that_a_configuration_names_and_that_is_not_there_is_named(tmp_path):
+    config = tmp_path / "tls.json5"
+    config.write_text(
+        '{connect: {endpoints: ["tls/127.0.0.1:7447"]},'
+        ' transport: {link: {tls: {root_ca_certificate: "/no/such/ca.pem"}}}}'
+    )
+    with pytest.raises(TransportError) as error:
+        connect("node", {"config": str(config)})
+    assert str(error.value) == (
+        f"{config}: transport/link/tls/root_ca_certificate: the file /no/such/ca.pem does not exist"
+    )
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "listening"),
+    [
+        ("tcp/127.0.0.1:7447", ["tcp/127.0.0.1:0"]),
+        ("tcp/localhost:7447", ["tcp/127.0.0.1:0"]),
+        ("tcp/0.0.0.0:7447", ["tcp/0.0.0.0:0"]),
+        ("tcp/[::]:7447", ["tcp/[::]:0"]),
+        ("tcp/no.such.host.invalid:7447", ["tcp/127.0.0.1:0"]),
+        ("unixsock-stream//tmp/meeting", ["tcp/127.0.0.1:0"]),
+        ("tls/0.0.0.0:7447", ["tcp/127.0.0.1:0"]),  # nobody listens there without a certificate
+    ],
+)
+def test_a_node_listens_where_its_endpoint_says_that_others_may_reach_it(endpoint, listening):
+    config = session.configuration({"endpoint": endpoint})
+    assert json.loads(config.get_json("listen/endpoints")) == {"peer": listening}

@@ -2,7 +2,10 @@
 
 Options (all strings, all optional):
     endpoint: comma-separated endpoints to connect to, e.g. ``tcp/192.168.1.10:7447``.
-    listen: comma-separated endpoints to listen on; default ``tcp/127.0.0.1:0``.
+    rendezvous: an endpoint to listen on if nobody does yet, and to connect to otherwise: who comes first
+        is where all the others meet.
+    listen: comma-separated endpoints to listen on; by default a free port of the address by which this
+        host reaches the endpoint: loopback if that is on loopback (see ``_reachable_at``).
     config: a Zenoh configuration file (JSON5): TLS, access control, routers, other modes.
     namespace: a prefix of all keys, so that several systems share one network.
 
@@ -12,17 +15,21 @@ that finds the other peers by gossip from those it connects to, and stamps what 
 
 from __future__ import annotations
 
+import errno
+import ipaddress
 import json
 import os
 import re
+import socket
 from collections.abc import Mapping
 from pathlib import Path
 
 import zenoh
 
 from transports.interface import TransportError
+from transports.zenoh.wire import LOG
 
-OPTIONS = ("endpoint", "listen", "config", "namespace")
+OPTIONS = ("endpoint", "rendezvous", "listen", "config", "namespace")
 
 CONNECT_TIMEOUT_MS = 5_000
 """How long opening a session tries to reach its endpoints before it fails."""
@@ -44,6 +51,13 @@ _DEFAULTS: Mapping[str, object] = {
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
 }
 
+_LOOPBACK = "tcp/127.0.0.1:0"
+_ON_LOOPBACK = ("tcp/127.", "tcp/localhost", "tcp/[::1]", "tls/127.", "tls/localhost", "tls/[::1]")
+_WITH_CERTIFICATE = ("tls/", "quic/")
+"""Whoever listens there must have a certificate."""
+_PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
+"""Zenoh's protocols whose endpoints are a host and a port."""
+
 _THREADS = (
     "(rx: (worker_threads: 5), app: (handover: rx), acc: (handover: rx), net: (handover: rx))"
 )
@@ -51,6 +65,16 @@ _THREADS = (
 comes is noticed by one pool of threads and handled by another, as its link belongs to the pool that opened
 it; here it is one pool, as large as those together: a tick wakes a third fewer threads. Sending keeps its own
 thread, so that a receiver that waits for room in a queue cannot wait for itself."""
+
+_FILES = (
+    *("transport/link/tls/root_ca_certificate", "transport/auth/usrpwd/dictionary_file"),
+    *("transport/link/tls/listen_certificate", "transport/link/tls/listen_private_key"),
+    *("transport/link/tls/connect_certificate", "transport/link/tls/connect_private_key"),
+)
+"""Settings that name a file. Zenoh says of one that is missing that it cannot connect."""
+
+_ELSEWHERE = os.strerror(errno.EADDRNOTAVAIL)
+"""Why one cannot listen on the address of another host."""
 
 _RUST_PLACE = re.compile(r" at /\S+\.rs:\d+\.?")
 
@@ -62,12 +86,62 @@ def open_session(options: Mapping[str, str]) -> zenoh.Session:
         raise TransportError(
             f"the zenoh transport has no option {unknown[0]!r}; it has {', '.join(OPTIONS)}"
         )
-    config = configuration(options)
     os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # read once, when the first session is opened
+    rendezvous = options.get("rendezvous", "")
+    return _open_at(rendezvous, options) if rendezvous else _open(options)
+
+
+def _open_at(rendezvous: str, options: Mapping[str, str]) -> zenoh.Session:
+    """Listen on ``rendezvous`` if that is possible; else somebody does, or it is another host's."""
+    others = {name: value for name, value in options.items() if name != "rendezvous"}
+    connecting = {**others, "endpoint": rendezvous}
+    if json.loads(configuration(connecting).get_json("mode")) == "client":  # which listens nowhere
+        return _open(connecting)
     try:
-        return zenoh.open(config)
+        return zenoh.open(configuration({**others, "listen": rendezvous}))
     except zenoh.ZError as error:
-        raise TransportError(_why_not_open(options, str(error))) from error
+        plain = _plain(str(error))
+        if "listener" not in plain:
+            raise TransportError(_why_not_open(options, plain)) from error
+        try:
+            return _open(connecting)
+        except TransportError as unreachable:
+            raise TransportError(
+                f"{unreachable}; nor can this process listen there: {plain}"
+            ) from None
+
+
+def _open(options: Mapping[str, str]) -> zenoh.Session:
+    config = configuration(options)
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise TransportError(_why_not_open(options, _plain(str(error)))) from error
+    if not session.info.routers_zid():
+        _warn_if_half_reachable(config)
+    return session
+
+
+def _warn_if_half_reachable(config: zenoh.Config) -> None:
+    """Peers do not relay, as routers do: who listens on loopback only is not there for everybody."""
+    away = [
+        e for e in _endpoints(config, "connect") if not _listening_for(e).startswith(_ON_LOOPBACK)
+    ]
+    here = _endpoints(config, "listen")
+    if away and here and all(e.startswith(_ON_LOOPBACK) for e in here):
+        LOG.warning(
+            "this node meets others at %s and listens on %s only: nodes of a third host cannot reach it; "
+            "set listen/endpoints in a Zenoh configuration file to an address of this host, or run a router",
+            ", ".join(away),
+            ", ".join(here),
+        )
+
+
+def _endpoints(config: zenoh.Config, key: str) -> list[str]:
+    """What a peer of ``config`` connects to or listens on."""
+    endpoints = json.loads(config.get_json(f"{key}/endpoints"))
+    found = endpoints.get("peer", []) if isinstance(endpoints, dict) else endpoints
+    return [found] if isinstance(found, str) else list(found or ())
 
 
 def configuration(options: Mapping[str, str]) -> zenoh.Config:
@@ -83,7 +157,8 @@ def configuration(options: Mapping[str, str]) -> zenoh.Config:
         if endpoints:
             _set_endpoints(config, option, key, endpoints)
     if config.get_json("listen/endpoints") == blank.get_json("listen/endpoints"):
-        config.insert_json5("listen/endpoints", '{"peer": ["tcp/127.0.0.1:0"]}')
+        reachable = json.dumps({"peer": _reachable_at(config)})
+        config.insert_json5("listen/endpoints", reachable)
     if namespace := options.get("namespace", "").strip("/"):
         try:
             zenoh.KeyExpr(namespace)
@@ -93,13 +168,54 @@ def configuration(options: Mapping[str, str]) -> zenoh.Config:
     return config
 
 
+def _reachable_at(config: zenoh.Config) -> list[str]:
+    """Where a peer listens if nobody says it: where those who meet it at its endpoints can reach it.
+
+    Peers do not relay for one another, so each needs a link to each: nodes on loopback would be half there
+    for those of another host. An endpoint on loopback keeps a system on its host.
+    """
+    may_listen = bool(json.loads(config.get_json("transport/link/tls"))["listen_certificate"])
+    found = {_listening_for(endpoint) for endpoint in _endpoints(config, "connect")}
+    found = {e for e in found if may_listen or not e.startswith(_WITH_CERTIFICATE)}
+    return sorted(found) or [_LOOPBACK]
+
+
+def _listening_for(endpoint: str) -> str:
+    """Any port of the address from which this host reaches ``endpoint``, by the same protocol."""
+    protocol, _, rest = endpoint.partition("/")
+    host, _, port = re.split("[?#]", rest, maxsplit=1)[0].rpartition(":")
+    if protocol not in _PROTOCOLS or not port.isdecimal():
+        return _LOOPBACK
+    host = host.strip("[]")
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, kind) as probe:
+            probe.connect(address)  # sends nothing: it looks for the way
+            here = ipaddress.ip_address(probe.getsockname()[0].partition("%")[0])
+        there = ipaddress.ip_address(str(address[0]).partition("%")[0])
+    except OSError:  # no such host, or no way there: opening says so
+        return _LOOPBACK
+    if there.is_unspecified:  # all addresses of this host
+        here = there
+    elif here.is_loopback:
+        return _LOOPBACK
+    return f"{protocol}/[{here}]:0" if here.version == 6 else f"{protocol}/{here}:0"
+
+
 def _read(path: Path) -> zenoh.Config:
     if not path.is_file():
         raise TransportError(f"there is no Zenoh configuration file {path}")
     try:
-        return zenoh.Config.from_file(path)
+        config = zenoh.Config.from_file(path)
     except zenoh.ZError as error:
         raise TransportError(f"{path}: {_plain(str(error))}") from error
+    for place in _FILES:
+        section, _, key = place.rpartition("/")
+        named = json.loads(config.get_json(section))[key]
+        if named is not None and not os.access(named, os.R_OK):
+            why = "cannot be read" if os.path.exists(named) else "does not exist"
+            raise TransportError(f"{path}: {place}: the file {named} {why}")
+    return config
 
 
 def _set_endpoints(config: zenoh.Config, option: str, key: str, endpoints: list[str]) -> None:
@@ -114,8 +230,7 @@ def _set_endpoints(config: zenoh.Config, option: str, key: str, endpoints: list[
     config.insert_json5(key, json.dumps(endpoints))
 
 
-def _why_not_open(options: Mapping[str, str], error: str) -> str:
-    plain = _plain(error)
+def _why_not_open(options: Mapping[str, str], plain: str) -> str:
     if "connect" in plain.lower():
         return (
             f"cannot reach {options.get('endpoint') or 'the endpoints of the configuration'} "

@@ -1,0 +1,84 @@
+"""One system on two hosts: whoever meets at an address that both reach hears all the others."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.launch.system import Run, System
+from tests.monitor.processes import Process
+from tests.transports.hosts import ADDRESSES, two_hosts
+
+pytestmark = [
+    pytest.mark.zenoh,
+    pytest.mark.skipif(os.geteuid() != 0, reason="only root may make network namespaces"),
+]
+
+MEETING = f"tcp/{ADDRESSES[0]}:7447"
+
+
+@pytest.fixture
+def hosts() -> Iterator[tuple[list[str], list[str]]]:
+    with two_hosts() as both:
+        yield both
+
+
+def test_nodes_of_two_hosts_call_one_another_and_are_heard_on_both(
+    system: System, hosts: tuple[list[str], list[str]]
+) -> None:
+    here, there = hosts
+    with contextlib.ExitStack() as stack:
+        taps = [
+            stack.enter_context(
+                contextlib.closing(
+                    Process("moon", "tap", "--json", "--endpoint", MEETING, inside=host)
+                )
+            )
+            for host in hosts
+        ]
+        runs = [
+            Run(system.path, "--only", "LevelSkill", endpoint=MEETING, inside=here),
+            Run(system.path, "--only", "MoveSkill", endpoint=MEETING, inside=there),
+        ]
+        for run in runs:
+            run.until("1 node is up")
+        runs.append(
+            Run(system.path, "--only", "policy", "--rate", 20, endpoint=MEETING, inside=there)
+        )
+        runs[-1].until("RUNNING  Level ok  Move ..")
+        for tap in taps:
+            for node in ("LevelSkill", "MoveSkill"):
+                answer = f'"kind":"response","channel":"/{node}/tick","source":"{node}"'
+                tap.until(lambda tap=tap, answer=answer: answer in tap.said)
+        for run in reversed(runs):
+            run.process.send_signal(signal.SIGINT)
+            assert run.end() == 0, run.output
+        for tap in taps:
+            assert tap.end(signal.SIGINT) == 0, tap.said
+            assert "warning" not in tap.said
+
+
+def test_who_listens_on_loopback_only_says_that_a_third_host_cannot_reach_it(
+    hosts: tuple[list[str], list[str]], tmp_path: Path
+) -> None:
+    here, there = hosts
+    config = tmp_path / "loopback.json5"
+    config.write_text(
+        f'{{connect: {{endpoints: ["{MEETING}"]}}, listen: {{endpoints: ["tcp/127.0.0.1:0"]}}}}'
+    )
+    with (
+        contextlib.closing(Process("moon", "tap", "--endpoint", MEETING, inside=here)) as first,
+        contextlib.closing(Process("moon", "tap", "--zenoh-config", config, inside=there)) as tap,
+    ):
+        tap.until(lambda: "nodes of a third host cannot reach it" in tap.said)
+        (said,) = [line for line in tap.err if "third host" in line]
+        assert f"meets others at {MEETING} and listens on tcp/127.0.0.1:0 only" in said
+        assert "set listen/endpoints in a Zenoh configuration file" in said
+        for process in (tap, first):
+            process.end(signal.SIGINT)
+            assert "Traceback" not in process.said
