@@ -6,6 +6,7 @@ until a signal, a time or what they have seen ends them.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import os
@@ -89,6 +90,23 @@ def finite(_: click.Context, parameter: click.Parameter, value: _Number) -> _Num
     return value
 
 
+ready_option = click.option(
+    "--ready-fd",
+    type=int,
+    metavar="FD",
+    help="Write a line to this open file once everything is heard: what is started then is heard from its "
+    "first act.",
+)
+"""Readiness as the s6 supervisor has it told, and ``m2c run``."""
+
+
+def say_ready(descriptor: int | None) -> None:
+    """Tell who started this process with ``--ready-fd``, if anybody did; nobody need wait for it."""
+    if descriptor is not None:
+        with contextlib.suppress(BrokenPipeError), open(descriptor, "wb") as file:
+            file.write(b"\n")
+
+
 def options_of(network: Network) -> dict[str, str]:
     """The options of the transport by which ``network`` is met.
 
@@ -159,10 +177,12 @@ class Watching:
         look_around: Callable[[], None],
         seconds: float | None = None,
         is_over: Callable[[], bool] = lambda: False,
+        settling_s: float = 0.0,
     ) -> None:
         """Run, for at most ``seconds``, until ``stop()``, a signal, or ``is_over()`` holds.
 
-        ``look_around`` is called every :data:`REFRESH_S`.
+        ``look_around`` is called every :data:`REFRESH_S`. Unless ``is_over()``, it goes on for
+        ``settling_s`` then: what has been heard is judged when nothing older can come any more.
 
         Raises:
             BrokenPipeError: nobody reads standard output any more.
@@ -178,7 +198,12 @@ class Watching:
         self._connection.every(REFRESH_S, look)
         if seconds is not None:
             self._connection.after(seconds, self.stop)
-        self._connection.spin(until=lambda: self._stopped or is_over())
+        connection = self._connection
+        connection.spin(until=lambda: self._stopped or is_over())
+        if settling_s and not is_over():
+            self._stopped = False
+            connection.after(settling_s, self.stop)
+            connection.spin(until=lambda: self._stopped)
 
 
 def _reader_is_gone() -> bool:

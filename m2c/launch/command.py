@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 import signal
 import sys
 import tempfile
@@ -16,6 +17,7 @@ from transports.options import DEFAULT_ENDPOINT, meeting_at
 
 FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
+_MONITOR_OPTIONS = "--monitor-options"
 CLOSE_TIMEOUT_S = 10.0
 """How long the launcher's own connection may take to close, when all nodes have ended."""
 
@@ -27,7 +29,19 @@ def _finite(_: click.Context, parameter: click.Parameter, value: float | None) -
     return value
 
 
-@click.command()
+class _Run(click.Command):
+    """``--monitor`` with options or without: to click, what begins with a dash is no option's value."""
+
+    def parse_args(self, context: click.Context, arguments: list[str]) -> list[str]:
+        """As ``click.Command``."""
+        words = []
+        for argument in arguments:
+            name, equals, value = argument.partition("=")
+            words += [_MONITOR_OPTIONS, value] if name == "--monitor" and equals else [argument]
+        return super().parse_args(context, words)
+
+
+@click.command(cls=_Run)
 @click.argument("system", type=click.Path(path_type=Path))
 @click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
 @click.option(
@@ -53,6 +67,20 @@ def _finite(_: click.Context, parameter: click.Parameter, value: float | None) -
     help="Zenoh: configuration file for every process (TLS, routers…).",
 )
 @click.option("--namespace", default="", help="Prefix of every channel.")
+@click.option(
+    "--monitor",
+    "monitored",
+    is_flag=True,
+    help='Have `moon monitor` watch the run from its beginning; --monitor="OPTIONS" gives it options of '
+    "its own.",
+)
+@click.option(_MONITOR_OPTIONS, "monitor", hidden=True)
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Record the run from its beginning to this MCAP file.",
+)
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
 def run(
     system: Path,
@@ -65,15 +93,20 @@ def run(
     endpoint: str | None,
     zenoh_config: Path | None,
     namespace: str,
+    monitored: bool,
+    monitor: str | None,
+    record: Path | None,
     quiet: bool,
 ) -> None:
-    """Run a system: every node as a process of its own, and the policy.
+    r"""Run a system: every node as a process of its own, and the policy.
 
     SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The tree is
     ticked once all nodes are up. Exit code 0: the last tick was made, or Ctrl-C; 1: a node died, or
-    did not end when it should; 2: it could not be started.
+    did not end when it should, or --monitor found a violation; 2: it could not be started.
 
+    \b
     Example: m2c run generated --ticks 100
+             m2c run system.xml --monitor="--properties safety.yaml" --record run.mcap
     """
     from m2c.launch.description import (
         LaunchError,
@@ -97,11 +130,13 @@ def run(
         )
     changed = _parse_replacements(replacements)
     log_as_lines()
+    watch_options = _watch_options(system, "" if monitored and monitor is None else monitor)
+    interfaces: tuple[Path, ...] = ()
     with tempfile.TemporaryDirectory(prefix="m2c-run-") as scratch:
         try:
             folder = system if system.is_dir() else Path(scratch) / "system"
             if not system.is_dir():
-                _generate(system, folder, changed)
+                interfaces = _generate(system, folder, changed)
             models = {name: path for name, path in changed.items() if path.is_file()}
             if system.is_dir() and models:
                 name, path = next(iter(models.items()))
@@ -125,7 +160,8 @@ def run(
             arguments = ["--transport", transport]
             for name, value in options.items():
                 arguments += [_NODE_OPTIONS[name], value]
-            settings = RunSettings(tuple(arguments), where, rate, ticks or 0)
+            watcher = _watcher(system, watch_options, record, interfaces)
+            settings = RunSettings(tuple(arguments), where, rate, ticks or 0, watcher)
             try:
                 with screen_for(policy, quiet) as screen:
                     system_run = RunningSystem(description, folder, connection, settings, screen)
@@ -174,6 +210,36 @@ def _transport_options(
     return options
 
 
+def _watch_options(system: Path, written: str | None) -> list[str] | None:
+    """What ``--monitor`` says; None without it."""
+    if written is None:
+        return None
+    if system.is_dir():
+        fail("--monitor: monitoring needs the models: give the system file as SYSTEM")
+    try:
+        return shlex.split(written)
+    except ValueError as error:
+        fail(f"--monitor={written}: {error}")
+
+
+def _watcher(
+    system: Path,
+    watch_options: list[str] | None,
+    record: Path | None,
+    interfaces: tuple[Path, ...],
+) -> tuple[str, ...]:
+    """The command line of ``moon`` that watches this run; empty if nothing is to."""
+    if record is not None and record.exists():
+        fail(f"{record}: is there already; a recording is not written over")
+    if watch_options is not None:
+        recorded = ["--record", str(record)] if record is not None else []
+        return ("monitor", str(system), *recorded, *watch_options)
+    if record is not None:
+        types = [word for folder in interfaces for word in ("--interfaces", str(folder))]
+        return ("record", "-o", str(record), *types)
+    return ()
+
+
 def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
     found = {}
     for text in written:
@@ -184,8 +250,12 @@ def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
     return found
 
 
-def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> None:
-    """Generate the system in ``path``, with the models of ``changed`` in place of its own."""
+def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> tuple[Path, ...]:
+    """Generate the system in ``path``, with the models of ``changed`` in place of its own.
+
+    Returns:
+        The folders of its interface packages.
+    """
     import msgspec
 
     from m2c.check import check_system
@@ -221,3 +291,4 @@ def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> None:
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
+    return system.library.folders

@@ -75,6 +75,11 @@ class NodeProcess:
             self._line(self.name, stripped)
         self._ended(self.name, self._process.wait())
 
+    @property
+    def code(self) -> int | None:
+        """Its exit code; None while it runs."""
+        return self._process.poll()
+
     def terminate(self) -> None:
         """Ask the process to end."""
         if self._process.poll() is None:

@@ -23,17 +23,30 @@ START_TIMEOUT_S = 30.0
 STARTING = 2 * (os.cpu_count() or 1)
 """So many nodes come up at a time. More would not be faster, and what listens to them from the start (a
 monitor, say) would not get its turn beside them."""
+WATCHER = "moon"
+"""The process that watches, and its package."""
+FOUND_VIOLATIONS = 1
+"""Its exit code when something was violated."""
 LAST_TICK_S = 1.0
 """How long the policy's last reports may take when it has ended; a child of its own may hold them open."""
 
 
 class RunSettings(msgspec.Struct, frozen=True):
-    """How a system is run; see ``m2c run --help``. ``where`` says where its nodes meet."""
+    """How a system is run; see ``m2c run --help``.
+
+    Attributes:
+        node_arguments: how each process finds its middleware.
+        where: where they meet, in words.
+        rate_hz: ticks a second; by default the system's.
+        ticks: after how many to stop; 0: never.
+        watcher: the command line of ``moon`` that watches the run from its beginning to its end.
+    """
 
     node_arguments: tuple[str, ...]
     where: str
     rate_hz: float | None = None
     ticks: int = 0
+    watcher: tuple[str, ...] = ()
 
 
 class RunningSystem:
@@ -82,6 +95,9 @@ class RunningSystem:
         """A node of ours that was up before, as somebody else's."""
         self._began_ns = transport.now_ns()
         self._up = False
+        self._watched = False
+        self._violated = False
+        """What watches the run says so as it ends."""
         self._width = max((len(name) for name in self._missing), default=len("policy"))
 
     def run(self, signals: StopSignals) -> int:
@@ -106,6 +122,9 @@ class RunningSystem:
         )
         transport.watch_nodes(self._changed)
         try:
+            if self._settings.watcher:
+                self._start_watcher()
+                self._wait_for_watcher()
             self._start_next()
             self._restart_timeout()
             transport.spin(
@@ -115,7 +134,7 @@ class RunningSystem:
             if self._elsewhere:
                 raise LaunchError(
                     f"{self._elsewhere} is up already {self._settings.where}: is the system running? "
-                    "Another one needs another --endpoint or --namespace"
+                    "Another one needs a --namespace of its own"
                 )
             if self._late:
                 missing = ", ".join(sorted(self._missing))
@@ -137,6 +156,43 @@ class RunningSystem:
         if self._unshown is not None and not self._interrupted_by_signal:
             raise self._unshown
         return code
+
+    def _start_watcher(self) -> None:
+        """What is to hear everything is there first."""
+        ready, say_ready = os.pipe()
+        arguments = [*self._settings.watcher, *self._settings.node_arguments]
+        try:
+            self._processes[WATCHER] = NodeProcess(
+                WATCHER,
+                WATCHER,
+                self._folder,
+                [*arguments, "--ready-fd", str(say_ready)],
+                self._line,
+                self._ended,
+                [say_ready],
+            )
+        finally:
+            os.close(say_ready)
+
+        def follow() -> None:
+            with open(ready, "rb") as lines:
+                if lines.readline():
+                    self._transport.post(self._watcher_is_ready)
+
+        threading.Thread(target=follow, name="ready", daemon=True).start()
+
+    def _watcher_is_ready(self) -> None:
+        self._watched = True
+
+    def _wait_for_watcher(self) -> None:
+        self._restart_timeout()
+        self._transport.spin(lambda: self._stopping or self._late or self._watched)
+        self._cancel_timeout()
+        if self._late:
+            raise LaunchError(f"{WATCHER} is not ready after {START_TIMEOUT_S:g} s")
+        if self._died is not None and not self._watched:
+            name, code = self._died
+            raise LaunchError(f"{name} {describe_end(code)}; it says why above")
 
     def _changed(self, name: str, up: bool) -> None:
         is_older = 0 < self._transport.up_since(name) < self._began_ns
@@ -179,15 +235,20 @@ class RunningSystem:
         self._interrupted()
 
     def _stop_all(self) -> None:
-        """The policy first: it halts its tree, for which the skills must still be there."""
+        """The policy first: it halts its tree, for which the skills must be there. What watches, last."""
         policy = self._description.policy
-        first = self._processes.get(policy.name) if policy is not None else None
-        for processes in ([first] if first is not None else [], self._processes.values()):
+        first = [policy.name] if policy is not None else []
+        rest = [name for name in self._processes if name not in (*first, WATCHER)]
+        for names in (first, rest, [WATCHER]):
+            processes = [self._processes[name] for name in names if name in self._processes]
             for process in processes:
                 process.terminate()
             deadline = time.monotonic() + STOP_TIMEOUT_S
             for process in processes:
-                if how := process.finish(deadline):
+                how = process.finish(deadline)
+                if process.name == WATCHER and process.code == FOUND_VIOLATIONS:
+                    self._violated = True
+                elif how:
                     self._ended_badly[process.name] = how
 
     def _start(self, node: Package, arguments: Sequence[str], files: Sequence[int] = ()) -> None:
@@ -268,6 +329,9 @@ class RunningSystem:
         self._transport.spin(lambda: over)
 
     def _report(self) -> int:
+        if self._died == (WATCHER, FOUND_VIOLATIONS):  # --exit-on-violation
+            self._screen.line(f"{WATCHER} found a violation; everything was stopped")
+            return 1
         if self._died is not None:
             name, code = self._died
             self._report_end(name, f"{describe_end(code)}; everything was stopped")
@@ -280,8 +344,9 @@ class RunningSystem:
             self._screen.line(f"{stopped}; nodes that had not ended yet were killed")
             return 0
         if not self._ended_badly:
-            self._screen.line(f"{stopped}; all nodes have ended")
-            return 0
+            found = f"; {WATCHER} found violations" if self._violated else ""
+            self._screen.line(f"{stopped}; all nodes have ended{found}")
+            return 1 if self._violated else 0
         for name, how in self._ended_badly.items():
             self._report_end(name, f"{how} when everything was stopped")
         self._screen.line(f"{stopped}; not all nodes have ended well")

@@ -111,6 +111,11 @@ class InterfaceLibrary:
                     library._files[f"{path.parent.parent.name}/{kind}/{path.stem}"] = path
         return library
 
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """The folders of packages in which definitions were found."""
+        return tuple(sorted({path.parents[2] for path in self._files.values()}))
+
     def names(self, kind: str) -> list[str]:
         """The custom types of ``kind`` (``msg``, ``srv``, ``action``), sorted."""
         return sorted(name for name in self._files if name.split("/")[1] == kind)

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING
 import click
 
 from m2c.terminal import fail, say
-from moon.connection import Network, Watching, connected, finite, network_options
+from moon.connection import (
+    Network,
+    Watching,
+    connected,
+    finite,
+    network_options,
+    ready_option,
+    say_ready,
+)
 from moon.monitor.subject_options import SECONDS, Choice, read_or_fail, subject_options
 from moon.monitor.verdict_options import json_option, log_option
 
@@ -23,6 +31,8 @@ if TYPE_CHECKING:
     from moon.recording.writer import RecordingWriter
     from transports.interface import Transport
 
+SETTLING_BOUNDS = 2
+"""A monitor that is to end goes on for so many latency bounds: what it has heard by then is judged."""
 FLUSH_S = 0.5
 """How often what was recorded is handed to the system: no more is lost with the process."""
 
@@ -40,6 +50,7 @@ FLUSH_S = 0.5
     metavar="FILE",
     help="Record the run, verdicts included, to this MCAP file.",
 )
+@ready_option
 @click.option("--exit-on-violation", is_flag=True, help="Stop at the first one.")
 @click.option(
     "--for", "seconds", type=SECONDS, callback=finite, help="Stop after this many seconds."
@@ -51,6 +62,7 @@ def monitor(
     as_json: bool,
     log_file: Path | None,
     record_file: Path | None,
+    ready_fd: int | None,
     exit_on_violation: bool,
     seconds: float | None,
 ) -> None:
@@ -77,6 +89,7 @@ def monitor(
             recorder,
             as_json,
             log_file,
+            ready_fd,
             exit_on_violation,
             seconds,
         )
@@ -114,11 +127,13 @@ def _monitor(
     recorder: RecordingWriter | None,
     as_json: bool,
     log_file: Path | None,
+    ready_fd: int | None,
     exit_on_violation: bool,
     seconds: float | None,
 ) -> int:
     """Monitor until it is to end; how many violations there were."""
     from moon.monitor.joining import Joining
+    from moon.monitor.pace import NS
     from moon.monitor.screen import screen_for
     from moon.monitor.watch import SystemWatch
     from moon.recording.recorded import RecordedConnection, RecordedRun
@@ -153,7 +168,12 @@ def _monitor(
     )
     notices = Notices(say)
     try:
-        joining.when_complete(watch.start, say)
+
+        def begin() -> None:
+            watch.start()
+            say_ready(ready_fd)
+
+        joining.when_complete(begin, say)
 
         def look_around() -> None:
             screen.refresh(watch.statuses)
@@ -168,7 +188,8 @@ def _monitor(
             return exit_on_violation and watch.certain_violations > 0
 
         gc.freeze()  # models and modules stay: looking for garbage among them held a tick up by 50 ms
-        Watching(connection).run(look_around, seconds, is_over)
+        settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
+        Watching(connection).run(look_around, seconds, is_over, settling_s)
         if watch.listener is None:
             watch.start()  # stopped before it began
         assert watch.listener is not None

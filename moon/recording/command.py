@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import re
 import sys
@@ -15,7 +16,15 @@ import click
 from m2c.inputs import interface_folders
 from m2c.printable import printable
 from m2c.terminal import fail, say
-from moon.connection import Network, Watching, connected, finite, network_options
+from moon.connection import (
+    Network,
+    Watching,
+    connected,
+    finite,
+    network_options,
+    ready_option,
+    say_ready,
+)
 
 if TYPE_CHECKING:
     from moon.recording.definitions import Definitions
@@ -24,6 +33,9 @@ if TYPE_CHECKING:
 _SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _TIMES = {"s": 1, "min": 60, "h": 3600}
 _AMOUNT = re.compile(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)")
+SETTLING_S = 0.4
+"""Recording goes on for so long: `moon check` judges what it knows nothing older than to be missing, which
+takes two latency bounds."""
 _LEAST_BYTES = 1_000_000
 """Smaller files would hold less than a chunk."""
 
@@ -52,6 +64,7 @@ _LEAST_BYTES = 1_000_000
     show_default=True,
     help="How to compress the file.",
 )
+@ready_option
 @click.option(
     "--for",
     "seconds",
@@ -66,6 +79,7 @@ def record(
     interfaces: tuple[Path, ...],
     split: str | None,
     compression: str,
+    ready_fd: int | None,
     seconds: float | None,
 ) -> None:
     """Record everything that happens to an MCAP file, as `ros2 bag record` would, and more.
@@ -80,6 +94,7 @@ def record(
     from moon.recording.mcap_writing import Compression
     from moon.recording.recorder import Recorder
     from moon.recording.writer import RecordingWriter
+    from moon.tap.completeness import when_complete
     from moon.tap.notices import Notices
     from moon.tap.selection import GlobError, check
 
@@ -103,6 +118,8 @@ def record(
             recorder.start()
             listener = recorder.listener
             assert listener is not None
+            ready = functools.partial(say_ready, ready_fd)
+            when_complete(connection, listener, ready, lambda: None)
             notices = Notices(say)
             line = _Line(writer)
 
@@ -113,7 +130,7 @@ def record(
                 line.show(time.monotonic() - start_s)
 
             with contextlib.suppress(BrokenPipeError):  # a recording ends as well as any other then
-                Watching(connection).run(look_around, seconds)
+                Watching(connection).run(look_around, seconds, settling_s=SETTLING_S)
             recorder.finish()
             notices.last_problems(listener.problems())
             line.finish(time.monotonic() - start_s)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from moon.monitor.pace import read_together
 from moon.recording.entries import UNUSUAL_NS, Began, Ended, Missed, NodeChange, Pulse, Turn, Whole
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
@@ -62,12 +63,11 @@ class Recorder:
         """Begin to listen (on the executor, or before it spins)."""
         connection, writer = self._connection, self._writer
         now_ns = connection.now_ns()
-        self._looked_ns = now_ns
         self.listener = tap = connection.tap(Selection(self._globs).to_hear(), self._observe)
         whole = tap.is_complete
         repair_s = connection.repair_s
         writer.add(Began(now_ns, connection.node, self._transport, repair_s=repair_s, whole=whole))
-        self._look_at_clocks(now_ns)
+        self._look_at_clocks()
         connection.watch_nodes(self._node_changed)
         if not whole:
             when_complete(connection, tap, self._note_whole, self._give_up)
@@ -84,7 +84,7 @@ class Recorder:
             if text not in self._problems:
                 self._note_missed(text)
         self._problems = frozenset(problems)
-        self._look_at_clocks(self._connection.now_ns())
+        self._look_at_clocks()
         self._writer.flush()
 
     def finish(self) -> None:
@@ -93,16 +93,19 @@ class Recorder:
         self._writer.add(Ended(self._connection.now_ns()))
         self._writer.close()
 
-    def _look_at_clocks(self, now_ns: int) -> None:
+    def _look_at_clocks(self) -> None:
+        """Both at the same instant, or a clock seems to be set: not one when something was received."""
+        now_ns, monotonic_ns = read_together(self._connection.now_ns, self._read_monotonic)
         self._looked_ns = now_ns
-        self._writer.add(Pulse(now_ns, Turn.CLOCK, self._read_monotonic()))
+        self._writer.add(Pulse(now_ns, Turn.CLOCK, monotonic_ns))
 
     def _observe(self, seen: Observation) -> None:
         received_ns = seen.received_ns
         if -UNUSUAL_NS <= received_ns - self._looked_ns <= UNUSUAL_NS:
             self._looked_ns = received_ns
         else:
-            self._look_at_clocks(received_ns)
+            self._look_at_clocks()
+            self._looked_ns = received_ns  # who was held up has more of that time to come
         if not self._globs:
             self._writer.add(seen)
             return

@@ -114,7 +114,7 @@ def test_a_system_that_is_running_there_already_is_one_error(system: System) -> 
     assert second.end() == 2, second.output
     assert re.fullmatch(
         rf"error: (Level|Move)Skill is up already at {endpoint}: is the system running\? "
-        "Another one needs another --endpoint or --namespace",
+        "Another one needs a --namespace of its own",
         second.lines[-1],
     )
     first.process.send_signal(signal.SIGINT)
