@@ -2,8 +2,8 @@
 
 The oracle against a brute-force checker, properties against Reelay and their readers against damaged
 files and lost observations, recordings of every form damaged, the nominal tour under every condition, on a
-busy machine and with observations lost, strangers against a live tour, models of hostile text, and what is
-tested on ROS 2 twenty times. A step that fails prints the command that repeats it, and the others go on; exit
+busy machine and with observations lost, strangers against a live tour, models of hostile text, nodes started
+and stopped a thousand times, and what is tested on ROS 2 twenty times. A step that fails prints the command that repeats it, and the others go on; exit
 code 1 then.
 """
 
@@ -39,6 +39,10 @@ def steps(seed: int) -> list[list[str]]:
         ["examples/lab_tour/faults/run.py", "--nominal", "1800", "--busy", "2"],
         ["-m", "tests.hostile.soak", "20000", "--seed", first],
         ["-m", "tests.codegen.limits", "--models", "20000", "--seed", first],
+        *(
+            ["-m", "tests.launch.starts", "--transport", name, "--seed", first]
+            for name in ("zenoh", "ros2")
+        ),
         ["-m", "tests.transports.ros2_soak", "20"],
     ]
 

@@ -80,24 +80,24 @@ class NodeProcess:
         """Its exit code; None while it runs."""
         return self._process.poll()
 
-    def terminate(self) -> None:
-        """Ask the process to end."""
-        if self._process.poll() is None:
-            self._process.terminate()
+    def terminate(self, number: signal.Signals = signal.SIGTERM) -> None:
+        """Ask the process to end, by the signal ``number``."""
+        self._process.send_signal(number)
 
     def kill(self) -> None:
         """End the process without asking."""
         self._process.kill()
 
-    def finish(self, deadline: float) -> str:
+    def finish(self, deadline: float, number: signal.Signals = signal.SIGTERM) -> str:
         """Wait for its end; kill it if it has not ended by ``deadline`` (of ``time.monotonic``).
 
         Returns:
-            How it ended, in words; "" if as it was asked to (by SIGTERM itself, if it had just begun).
+            How it ended, in words; "" if as it was asked to (by the signal ``number`` itself, if it had just
+            begun).
         """
         try:
             code = self._process.wait(max(deadline - time.monotonic(), 0.0))
-            how = "" if code in (0, -signal.SIGTERM) else describe_end(code)
+            how = "" if code in (0, -number) else describe_end(code)
         except subprocess.TimeoutExpired:
             self._process.send_signal(child.SAY_WHERE_AND_END)
             with contextlib.suppress(subprocess.TimeoutExpired):
