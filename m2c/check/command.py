@@ -19,11 +19,17 @@ from m2c.inputs import Inputs, input_options
     show_default=True,
     help="How findings are printed.",
 )
+@click.option(
+    "--transport",
+    help="Where the nodes will run: a name that it does not take is an error.  "
+    "[default: any; a name that one does not take is a warning]",
+)
 @input_options
 def check(
     inputs: Inputs,
     strict: bool,
     form: str,
+    transport: str | None,
 ) -> None:
     """Check models before anything is generated from them.
 
@@ -36,10 +42,11 @@ def check(
     from m2c.check.reading import read_and_check
     from m2c.check.report import as_json, as_sarif, count, print_findings, summary
     from m2c.model import DiagnosticLog, Severity
+    from m2c.naming import naming_for
     from m2c.terminal import show
 
     log = DiagnosticLog()
-    system = read_and_check(*inputs, log)
+    system = read_and_check(*inputs, log, naming=naming_for(transport))
     models = len(system.nodes) + len(system.plugins) if system is not None else 0
     found = sorted(log.diagnostics, key=lambda item: (item.position, item.rule))
     if form == "json":

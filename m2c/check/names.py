@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterable, Iterator
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import Variable
-from m2c.model.machine import Cancel, EventKind, InterfaceKind, Machine, Raise
+from m2c.model.machine import CHANNEL_KINDS, Cancel, EventKind, InterfaceKind, Machine, Raise
+from m2c.model.naming import ANYWHERE, Naming, check_channel, check_node
 from m2c.model.system import System
 from m2c.model.walk import statements_of
 
@@ -37,33 +38,40 @@ _RESERVED = frozenset(
 """Words that are no identifiers (ECMA-262, section 12.7.2), except those that are in a script."""
 
 
-def check_names(system: System, log: DiagnosticLog) -> None:
-    """Report ``bad-name`` for every name of ``system`` that no tool could use.
+def check_names(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) -> None:
+    """Report ``bad-name`` for every name of ``system`` that cannot be used.
+
+    Names of nodes and channels that single transports refuse are ``bad-name`` where these were chosen,
+    else ``unportable-name``.
 
     Args:
         system: whose own name, machines, states, events, ids, variables, ports and channels are read.
         log: where the findings go; each has a name that would work.
+        naming: the transports that are asked.
     """
     whole = Position(str(system.path))
     _check(system.name, "the system's name", whole, "", log)
     if system.policy is not None:
         _check(system.policy.stem, "the policy's name", Position(str(system.policy)), "", log)
     for machine in (*system.nodes, *system.plugins):
-        _check_machine(machine, log)
-        _check_declarations(machine, log)
+        fine = _check_machine(machine, log)
+        if fine and machine in system.nodes:  # a plugin runs in the policy's node
+            check_node(machine.name, machine.position, "scxml", naming, log)
+        _check_declarations(machine, naming, log)
         for owner in (machine, *(thread.machine for thread in machine.threads)):
             _check_content(owner, log)
 
 
-def _check_machine(machine: Machine, log: DiagnosticLog) -> None:
+def _check_machine(machine: Machine, log: DiagnosticLog) -> bool:
     if machine.name:
-        _check(machine.name, "the machine's name", machine.position, "scxml", log)
-    else:  # plain SCXML: what is left of `Action` without its suffix
-        message = "nothing is left of the machine's name without `Action` and `Condition`"
-        log.error("bad-name", machine.position, "scxml", message, "write it like BatteryAction")
+        return _check(machine.name, "the machine's name", machine.position, "scxml", log)
+    # plain SCXML: what is left of `Action` without its suffix
+    message = "nothing is left of the machine's name without `Action` and `Condition`"
+    log.error("bad-name", machine.position, "scxml", message, "write it like BatteryAction")
+    return False
 
 
-def _check_declarations(machine: Machine, log: DiagnosticLog) -> None:
+def _check_declarations(machine: Machine, naming: Naming, log: DiagnosticLog) -> None:
     for interface in machine.interfaces:
         is_timer = interface.kind is InterfaceKind.TIMER
         at = interface.position
@@ -71,22 +79,14 @@ def _check_declarations(machine: Machine, log: DiagnosticLog) -> None:
             _check(interface.name, f"the name of a {interface.kind.noun}", at, "", log)
         if interface.channel is not None:
             what = "the timer's name" if is_timer else "the channel"
-            _check(interface.channel, what, at, "", log)
-            if not is_timer:
-                _check_parts(interface.channel, at, log)
+            fine = _check(interface.channel, what, at, "", log)
+            if fine and not is_timer:
+                kind = CHANNEL_KINDS[interface.kind]
+                check_channel(kind, interface.channel, at, "", naming, log)
         if interface.port is not None:
             _check(interface.port, "the port", at, "", log)
     for port in machine.ports:
         _check(port.key, "the port", port.position, "", log)
-
-
-def _check_parts(channel: str, position: Position, log: DiagnosticLog) -> None:
-    """A channel is absolute and has no empty parts (``transports.interface``)."""
-    parts = channel.removeprefix("/").split("/")
-    if any(not part.strip() for part in parts):
-        named = "/".join(part for part in parts if part.strip()) or "node/value"
-        message = f"the channel `{channel}` has an empty part"
-        log.error("bad-name", position, "", message, f"write it like /{named}")
 
 
 def _check_content(machine: Machine, log: DiagnosticLog) -> None:

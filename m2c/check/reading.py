@@ -7,6 +7,7 @@ from pathlib import Path
 
 from m2c.check.system import check_system
 from m2c.model import DiagnosticLog, System, load
+from m2c.model.naming import ANYWHERE, Naming
 
 
 def read_and_check(
@@ -14,6 +15,7 @@ def read_and_check(
     interfaces: Sequence[Path],
     log: DiagnosticLog,
     with_policy: bool = True,
+    naming: Naming = ANYWHERE,
 ) -> System | None:
     """The system in ``paths``, or None if there is none; with errors in ``log``, it is no good.
 
@@ -23,6 +25,7 @@ def read_and_check(
             (``INTERFACES.xml``), with which the models are compared.
         log: where findings go.
         with_policy: check the policy against its machines too.
+        naming: the transports that must take the names of nodes and channels.
     """
     system = load(paths, log, [path for path in interfaces if path.is_dir()])
     if system is None:
@@ -34,11 +37,11 @@ def read_and_check(
 
         for path in lists:
             cross_check(system, read_interface_list(path, log), log)
-    check_system(system, log)
+    check_system(system, log, naming)
     # leaves are bound to machines and types: where some are missing, the tree is not to blame
     whole = whole and all(found.rule != "unknown-type" for found in log.diagnostics)
     if with_policy and system.policy is not None and whole:
         from m2c.policy.program import read_policy
 
-        read_policy(system.policy, system, log)
+        read_policy(system.policy, system, log, naming)
     return system

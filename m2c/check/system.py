@@ -10,7 +10,8 @@ from m2c.check.flow import check_flow
 from m2c.check.names import check_names
 from m2c.check.types import check_types
 from m2c.model.diagnostics import DiagnosticLog
-from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.machine import CHANNEL_KINDS, Interface, InterfaceKind, Machine
+from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
 from m2c.model.typing import nearest
 
@@ -26,14 +27,6 @@ _LONG = 10
 """From so many letters on, two may be wrong (``increase`` and ``decrease`` are two names)."""
 
 _POLICY_NODE = "policy"
-_NAMESPACES = {
-    InterfaceKind.PUBLISHER: "topic",
-    InterfaceKind.SUBSCRIBER: "topic",
-    InterfaceKind.SERVER: "service",
-    InterfaceKind.CLIENT: "service",
-    InterfaceKind.ACTION_SERVER: "action",
-    InterfaceKind.ACTION_CLIENT: "action",
-}
 
 
 class _End(msgspec.Struct, frozen=True):
@@ -44,16 +37,16 @@ class _End(msgspec.Struct, frozen=True):
     channel: str
 
 
-def check_system(system: System, log: DiagnosticLog) -> None:
+def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) -> None:
     """Check every machine of ``system``, and what they say of each other's channels.
 
     Rules across machines: ``duplicate-node``, ``duplicate-server``, ``type-disagreement``, that of
     :func:`m2c.check.names.check_names`, and the warning ``nobody-serves``. A policy makes a system a
     whole one: every channel needs its other end. Without one (some models, a folder of them) the
     other end may be elsewhere, so only a near miss is reported: nobody has the other end, but
-    somebody that of a name almost the same.
+    somebody that of a name almost the same. ``naming`` are the transports that must take the names.
     """
-    check_names(system, log)
+    check_names(system, log, naming)
     for machine in [*system.nodes, *system.plugins]:
         if check_types(machine, system.library, log):
             check_flow(machine, log)
@@ -93,8 +86,7 @@ def _check_ends(ends: list[_End], log: DiagnosticLog) -> None:
     servers: dict[tuple[str, str], _End] = {}
     for end in ends:
         interface = end.interface
-        # topics, services and actions have names of their own: /x may be one of each
-        channel = (_NAMESPACES[interface.kind], end.channel)
+        channel = (CHANNEL_KINDS[interface.kind], end.channel)
         first = types.setdefault(channel, end)
         if first.interface.type_name != interface.type_name:
             log.error(

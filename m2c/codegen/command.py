@@ -54,20 +54,18 @@ def generate(
     from m2c.codegen.rendering import TemplateFault, Templates
     from m2c.codegen.writer import EditedFilesError, counted, write_files
     from m2c.model import DiagnosticLog, ModelError
-    from transports.registry import available
+    from m2c.naming import naming_for
 
-    if transport not in available():
-        known = ", ".join(available())
-        fail(f"no transport `{transport}` is installed; installed: {known}")
+    naming = naming_for(transport)
     log = DiagnosticLog()
-    system = read_and_check(*inputs, log, with_policy=False)
+    system = read_and_check(*inputs, log, with_policy=False, naming=naming)
     print_findings(log.diagnostics)
     if system is None or log.has_errors:
         sys.exit(2)
     packaging = packaging_of(transport)
     try:
         made_from = Templates(templates)
-        files = system_files(system, packaging, made_from)
+        files = system_files(system, packaging, made_from, naming)
         other = _packed_otherwise(files, output, MARKS[packaging], MARKS.values())
         if other is not None:
             fail(

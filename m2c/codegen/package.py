@@ -15,6 +15,7 @@ from m2c.codegen.source import Source, name
 from m2c.codegen.writer import SEALED, sealed
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
+from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
 
 LAUNCH_FORMAT = 1
@@ -92,8 +93,15 @@ def system_files(
     system: System,
     packaging: Packaging = Packaging.WHEEL,
     templates: Templates | None = None,
+    naming: Naming = ANYWHERE,
 ) -> dict[str, str]:
     """Every file of the generated ``system``: relative path → content, sealed with its hash.
+
+    Args:
+        system: what is generated, without errors.
+        packaging: what its packages are installed with.
+        templates: what they are made from; ours by default.
+        naming: the transports that must take the channels that the policy names.
 
     Raises:
         ModelError: the policy cannot be used.
@@ -111,7 +119,7 @@ def system_files(
         from m2c.policy.generate import add_policy_package
 
         policy = distinct(f"{snake(system.name)}_policy", {*used, *nodes})
-        add_policy_package(draft, system, policy)
+        add_policy_package(draft, system, policy, naming)
     launch = {
         "format": LAUNCH_FORMAT,
         "system": system.name,

@@ -136,7 +136,7 @@ def run(
         try:
             folder = system if system.is_dir() else Path(scratch) / "system"
             if not system.is_dir():
-                interfaces = _generate(system, folder, changed)
+                interfaces = _generate(system, folder, changed, transport)
             models = {name: path for name, path in changed.items() if path.is_file()}
             if system.is_dir() and models:
                 name, path = next(iter(models.items()))
@@ -250,7 +250,9 @@ def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
     return found
 
 
-def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> tuple[Path, ...]:
+def _generate(
+    path: Path, folder: Path, changed: dict[str, Path], transport: str
+) -> tuple[Path, ...]:
     """Generate the system in ``path``, with the models of ``changed`` in place of its own.
 
     Returns:
@@ -265,7 +267,9 @@ def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> tuple[Path,
     from m2c.model import DiagnosticLog, ModelError, load
     from m2c.model.system import read_with_reference
     from m2c.model.typing import nearest
+    from m2c.naming import naming_for
 
+    naming = naming_for(transport)
     log = DiagnosticLog()
     system = load([path], log)
     if system is not None:
@@ -282,12 +286,12 @@ def _generate(path: Path, folder: Path, changed: dict[str, Path]) -> tuple[Path,
                 if machine is not None:
                     nodes[index] = machine
         system = msgspec.structs.replace(system, nodes=tuple(nodes))
-        check_system(system, log)
+        check_system(system, log, naming)
     if system is None or log.has_errors:
         print_findings(log.diagnostics)
         sys.exit(2)
     try:
-        write_files(system_files(system), folder)
+        write_files(system_files(system, naming=naming), folder)
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)

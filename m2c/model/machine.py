@@ -42,6 +42,17 @@ class InterfaceKind(StrEnum):
         return self.value.replace("_", " ")
 
 
+CHANNEL_KINDS = {
+    InterfaceKind.PUBLISHER: "topic",
+    InterfaceKind.SUBSCRIBER: "topic",
+    InterfaceKind.SERVER: "service",
+    InterfaceKind.CLIENT: "service",
+    InterfaceKind.ACTION_SERVER: "action",
+    InterfaceKind.ACTION_CLIENT: "action",
+}
+"""What a channel is: topics, services and actions have names of their own, ``/x`` may be one of each."""
+
+
 class Interface(msgspec.Struct, frozen=True, kw_only=True):
     """One declared end of a channel (or a timer).
 

@@ -11,11 +11,14 @@ from m2c.codegen.packaging import code_package
 from m2c.codegen.program import PluginClass, PolicyProgram
 from m2c.codegen.source import name
 from m2c.model.diagnostics import DiagnosticLog, ModelError
+from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
 from m2c.policy.program import read_policy
 
 
-def add_policy_package(draft: Draft, system: System, package: str) -> None:
+def add_policy_package(
+    draft: Draft, system: System, package: str, naming: Naming = ANYWHERE
+) -> None:
     """Add the package of the policy of ``system``, its plugins' modules included.
 
     Raises:
@@ -23,7 +26,7 @@ def add_policy_package(draft: Draft, system: System, package: str) -> None:
     """
     assert system.policy is not None
     log = DiagnosticLog()
-    policy = read_policy(system.policy, system, log)
+    policy = read_policy(system.policy, system, log, naming)
     if policy is None:
         raise ModelError(log.diagnostics)
     modules = plugin_modules(system.plugins)

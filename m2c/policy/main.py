@@ -24,6 +24,7 @@ from m2c.runtime.main import (
     split_ros_arguments,
 )
 from m2c.terminal import say
+from transports.interface import TransportError
 from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
@@ -74,7 +75,7 @@ def main(
     report = None if parsed.report_to is None else _report_to(parsed.report_to)
     try:
         runner = PolicyRunner(connection, policy, plugins, parsed.tick_timeout, report)
-    except PolicyError as error:
+    except (PolicyError, TransportError) as error:
         say(f"error: {error}")
         connection.close()
         sys.exit(2)

@@ -112,6 +112,8 @@ def port_values(
                 outputs.append(PortValue(key=port.key, kind=kind, entry=entry))
                 continue
             value = "" if entry else _value(text, kind)
+            if port.key in channels and not text.startswith("/"):
+                value = f"/{text}"  # a channel's name is absolute, as where a model writes it
             if value is not None:
                 inputs.append(PortValue(key=port.key, kind=kind, entry=entry, value=value))
                 continue

@@ -5,7 +5,7 @@ This is what a generated policy package holds, so that running it needs no model
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import msgspec
@@ -13,6 +13,8 @@ import msgspec
 from m2c.model.datatypes import Structure
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import CHANNEL_KINDS
+from m2c.model.naming import ANYWHERE, Naming, check_channel
 from m2c.model.system import System
 from m2c.policy.forwarding import only_forwards
 from m2c.policy.leaves import BoundLeaf, bind_leaves
@@ -66,8 +68,16 @@ class Policy(msgspec.Struct, frozen=True):
     tick_rate_hz: float = 1.0
 
 
-def read_policy(path: Path, system: System, log: DiagnosticLog) -> Policy | None:
+def read_policy(
+    path: Path, system: System, log: DiagnosticLog, naming: Naming = ANYWHERE
+) -> Policy | None:
     """Read the policy in ``path`` and bind its leaves to the machines of ``system``.
+
+    Args:
+        path: the policy's XML file.
+        system: whose machines serve its leaves.
+        log: where findings go.
+        naming: the transports that must take the channels that the policy names.
 
     Returns:
         The policy, or None after an error (rules: see ``read_policy_file`` and ``bind_leaves``;
@@ -79,6 +89,7 @@ def read_policy(path: Path, system: System, log: DiagnosticLog) -> Policy | None
     policy = None
     if file is not None:
         bound = bind_leaves(file, system, own)
+        _check_channels(bound.values(), system, naming, own)
         if not own.has_errors:
             direct = {plugin.name for plugin in system.plugins if only_forwards(plugin)}
             leaves = {leaf.name: _runnable(leaf, system.library, direct) for leaf in bound.values()}
@@ -91,6 +102,30 @@ def read_policy(path: Path, system: System, log: DiagnosticLog) -> Policy | None
                 policy = None
     log.diagnostics += own.diagnostics
     return policy
+
+
+def _check_channels(
+    leaves: Iterable[BoundLeaf], system: System, naming: Naming, log: DiagnosticLog
+) -> None:
+    """Check the names of channels that only the policy has: addresses and ports of its leaves."""
+    machines = (*system.nodes, *system.plugins)
+    known = {interface.channel for machine in machines for interface in machine.interfaces}
+    of_port = {
+        (plugin.name, interface.port): CHANNEL_KINDS[interface.kind]
+        for plugin in system.plugins
+        for interface in plugin.interfaces
+        if interface.port
+    }
+    for leaf in leaves:
+        named = [("service", leaf.tick), ("service", leaf.halt)]
+        named += [
+            (of_port[leaf.plugin, port.key], str(port.value))
+            for port in leaf.inputs
+            if (leaf.plugin, port.key) in of_port
+        ]
+        for kind, channel in dict.fromkeys(named):
+            if channel and channel not in known:
+                check_channel(kind, channel, leaf.position, "", naming, log)
 
 
 def _refusal(policy: Policy) -> str:

@@ -114,6 +114,8 @@ def test_a_name_of_more_than_255_characters_is_refused_and_one_of_255_is_not(
 def test_a_name_may_have_any_character_that_can_be_seen(tmp_path: Path, name: str) -> None:
     slots = {slot: name for slot in SLOTS if slot != "variable"}
     slots["in"], slots["out"] = f"{name}1", f"{name}2"
+    if name == "#":  # Zenoh's: see the test of channels
+        del slots["topic"]
     assert errors(tmp_path, model(slots)) == []
 
 

@@ -288,6 +288,11 @@ RULE_EXAMPLES: dict[str, Example] = {
     "undeclared-list-entry": listed(READER, function("t", "topic"), ' interface="levle"'),
     "function-kind": listed(READER, function("t", "async-service")),
     "duplicate-input": Example({"m.scxml": machine(STATE)}, ("m.scxml", "m.scxml")),
+    "unportable-name": model(
+        '<ros_topic_publisher name="out" topic="/tank/fill-level" type="std_msgs/Int32"/>'
+        '<state id="a"><onentry><ros_topic_publish name="out"><field name="data" expr="1"/>'
+        "</ros_topic_publish></onentry></state>"
+    ),
     "path-case": Example(
         {
             "system.xml": '<roaml><node_models><input type="ros-scxml" src="M.scxml"/></node_models></roaml>',

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import gc
+import subprocess
+import sys
 import threading
 import weakref
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
+import msgspec
 import pytest
 
 from m2c.model.datatypes import Primitive, Structure
@@ -232,3 +236,31 @@ def test_a_runner_that_nobody_holds_is_freed_with_its_tree():
     del tree
     gc.collect()
     assert known() is None
+
+
+@pytest.mark.zenoh
+def test_a_policy_with_a_channel_that_its_middleware_refuses_ends_with_one_line(
+    tmp_path: Path,
+) -> None:
+    leaf = Leaf(
+        id="Go",
+        name="Go",
+        action=True,
+        tick="/tank/**",
+        tick_type="t/srv/TickAction",
+        tick_request=REQUEST,
+        tick_response=RESPONSE,
+    )
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Go/></BehaviorTree></root>'
+    policy = Policy("policy", "Main", xml, (leaf,))
+    (tmp_path / "policy.json").write_bytes(msgspec.json.encode(policy))
+    code = (
+        "from pathlib import Path; from m2c.policy.main import main;"
+        f"main(Path({str(tmp_path)!r}), {{}}, ['--ticks', '1'])"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 2
+    assert "error: channel '/tank/**' cannot be named on Zenoh" in ended.stderr
+    assert "Traceback" not in ended.stderr

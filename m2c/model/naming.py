@@ -1,0 +1,97 @@
+"""Names as a middleware takes them: what no transport carries, and what a single one does not.
+
+A transport says itself what else it refuses (``transports.registry.name_rules``): here a rule is a
+function, so that reading and checking models needs no middleware.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+
+import msgspec
+
+from m2c.model.diagnostics import DiagnosticLog, Position
+
+NameRule = Callable[[str, str], tuple[str, str] | None]
+"""Of what (``node``, ``topic``, ``service``, ``action``) and the name: why it is refused, and one that
+works ("" if only the writer can find one); None if it is taken."""
+
+_WILD = "*$?#"
+"""Zenoh's wildcards and separators; ROS 2 has none of them either."""
+_EXAMPLE = "node/value"
+_NAMED = {"node": "name of a node"}
+
+
+class Naming(msgspec.Struct, frozen=True):
+    """Where names must work.
+
+    Attributes:
+        rules: what each transport refuses, by the transport's name.
+        chosen: the nodes run on these: a refusal is an error; else they might, and it is a warning.
+    """
+
+    rules: Mapping[str, NameRule] = {}
+    chosen: bool = False
+
+
+ANYWHERE = Naming()
+"""No transport is asked: only what none of them takes is refused."""
+
+
+def check_node(
+    name: str, position: Position, element: str, naming: Naming, log: DiagnosticLog
+) -> None:
+    """Report a transport that does not take ``name`` for a node (``bad-name``, ``unportable-name``)."""
+    _ask("node", name, position, element, naming, log)
+
+
+def check_channel(
+    kind: str, name: str, position: Position, element: str, naming: Naming, log: DiagnosticLog
+) -> None:
+    """Report ``bad-name`` or ``unportable-name`` for a channel that cannot be called ``name``.
+
+    Args:
+        kind: ``topic``, ``service`` or ``action``.
+        name: absolute.
+        position: where it is written.
+        element: in which element; "" if that says nothing.
+        naming: the transports that must take it.
+        log: where the finding goes, with a name that works.
+    """
+    parts = name.removeprefix("/").split("/")
+    wild = next((letter for letter in name if letter in _WILD), "")
+    hidden = next((part for part in parts if part.startswith("@")), "")
+    if any(not part.strip() for part in parts):
+        what = "has an empty part"
+    elif wild:
+        what = f"has `{wild}`, which no transport takes in a name"
+    elif hidden:
+        what = f"has a part that begins with @, `{hidden}`, which no transport takes"
+    else:
+        _ask(kind, name, position, element, naming, log)
+        return
+    message = f"the channel `{name}` {what}"
+    log.error("bad-name", position, element, message, f"write it like /{_without_wild(parts)}")
+
+
+def _without_wild(parts: list[str]) -> str:
+    plain = (re.sub(r"[*$?#]+", "_", part.strip()).lstrip("@").strip("_") for part in parts)
+    return "/".join(part for part in plain if part) or _EXAMPLE
+
+
+def _ask(
+    kind: str, name: str, position: Position, element: str, naming: Naming, log: DiagnosticLog
+) -> None:
+    for transport, rule in naming.rules.items():
+        refusal = rule(kind, name)
+        if refusal is None:
+            continue
+        why, instead = refusal
+        called = _NAMED.get(kind, kind)
+        what = f"the {transport} transport does not take the {called} `{name}`: {why}"
+        hint = f"write {instead}" if instead else "write a shorter one"
+        if naming.chosen:
+            log.error("bad-name", position, element, what, hint)
+        else:
+            log.warning("unportable-name", position, element, what, hint)

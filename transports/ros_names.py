@@ -1,0 +1,62 @@
+"""Names that ROS 2 takes, told without ROS 2: models are checked where it is not installed.
+
+Rules: https://design.ros2.org/articles/topic_and_service_names.html and the headers
+``rmw/validate_full_topic_name.h``, ``rmw/validate_node_name.h``. A test compares with rclpy's own.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+_TOPIC = 255 - 8
+"""RMW_TOPIC_MAX_NAME_LENGTH: eight characters of DDS's 255 are for prefixes."""
+_EVENTS = len("/_service_event")
+MOST = {
+    "node": 255,  # RMW_NODE_NAME_MAX_NAME_LENGTH
+    "topic": _TOPIC,
+    "service": _TOPIC - _EVENTS,  # its events are a topic
+    "action": _TOPIC - len("/_action/cancel_goal") - _EVENTS,  # its longest service
+}
+"""Characters that a name may have, by what it names."""
+
+_OTHER = re.compile(r"[^A-Za-z0-9_]")
+
+
+def refusal(kind: str, name: str) -> tuple[str, str] | None:
+    """Why ROS 2 does not take ``name``, and a name that it takes; None if it takes it.
+
+    Args:
+        kind: ``node``, ``topic``, ``service`` or ``action``.
+        name: without a namespace; absolute, unless it is a node's.
+    """
+    parts = [name] if kind == "node" else name.removeprefix("/").split("/")
+    for part in parts:
+        other = _OTHER.search(part)
+        if other is not None:
+            shown = "a blank" if other[0] == " " else f"`{other[0]}`"
+            return f"it has {shown}; a-z, A-Z, 0-9 and _ may be in it", _written(parts, kind)
+        if not part:
+            return "it has an empty part", _written(parts, kind)
+        if part[0].isdigit():
+            within = "it" if kind == "node" else f"its part `{part}`"
+            return f"{within} begins with a digit", _written(parts, kind)
+    if len(name) > MOST[kind]:
+        return f"it has {len(name)} characters; at most {MOST[kind]} are allowed", ""
+    return None
+
+
+def _written(parts: list[str], kind: str) -> str:
+    """The nearest name: ``/tank/fill it-é`` is ``/tank/fill_it_e``."""
+    plain = "/".join(filter(None, map(_plain, parts))) or "name"
+    return plain if kind == "node" else f"/{plain}"
+
+
+def _plain(part: str) -> str:
+    if part and not _OTHER.search(part) and not part[0].isdigit():
+        return part
+    letters = (
+        item for item in unicodedata.normalize("NFKD", part) if not unicodedata.combining(item)
+    )
+    word = re.sub(r"_+", "_", _OTHER.sub("_", "".join(letters))).strip("_")
+    return f"n{word}" if word[:1].isdigit() else word
