@@ -6,7 +6,7 @@ import codecs
 import re
 
 from m2c.model.diagnostics import shortened
-from m2c.model.xml_fault import MalformedXml, malformed
+from m2c.model.xml_fault import MalformedXml, malformed, place_of
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -33,13 +33,22 @@ def decoded(content: bytes) -> str:
     """
     mark, encoding = next(((m, e) for m, e in _MARKS if content.startswith(m)), (b"", ""))
     body = content[len(mark) :]
-    encoding = encoding or next((e for start, e in _UNMARKED if body.startswith(start)), "")
-    encoding = encoding or _declared(body)
+    why = "which its byte-order mark names"
+    if not encoding:
+        encoding = next((e for start, e in _UNMARKED if body.startswith(start)), "")
+        why = "in which it begins"
+    if not encoding:
+        encoding = _declared(body)
+        declares = _DECLARED.match(body) is not None
+        why = "which it declares" if declares else "which is read where none is declared"
     try:
         return _with_newlines(body.decode(encoding))
     except UnicodeDecodeError as error:
         before = _with_newlines(body[: error.start].decode(encoding))
-        what = f"the byte 0x{body[error.start]:02x} is not {encoding.upper()} here"
+        byte = (
+            f"the byte 0x{body[error.start]:02x}, number {len(mark) + error.start + 1} of the file"
+        )
+        what = f"{byte}, is not {encoding.upper()}, {why}"
         raise malformed(before, len(before), what, _HINT) from None
 
 
@@ -53,11 +62,14 @@ def _declared(body: bytes) -> str:
         codec = codecs.lookup(name).name if _ALLOWED.fullmatch(name) else ""
     except LookupError:  # iso-8859-12, for one, was never made
         codec = ""
+    before = body[: found.start(1)].decode("ascii", "replace")
+    line, column = place_of(before, len(before))
     if not codec:
         what = f"unknown encoding: {shortened(name, _MAX_SHOWN)}"
-        raise MalformedXml(1, 1, what, _HINT)
+        raise MalformedXml(line, column, what, _HINT)
     if codec.startswith("utf-16"):  # then the declaration could not have been read as ASCII
-        raise MalformedXml(1, 1, f"the file is not in {name}, as it declares", _HINT)
+        what = f"the file declares {name}, and is not in it"
+        raise MalformedXml(line, column, what, _HINT)
     return codec
 
 

@@ -30,14 +30,14 @@ class HostileXml(XmlFault):
 
 def malformed(text: str, offset: int, reason: str, hint: str = "") -> MalformedXml:
     """That ``text`` is not XML at ``offset``."""
-    return MalformedXml(*_place_of(text, offset), f"malformed XML: {reason}", hint)
+    return MalformedXml(*place_of(text, offset), f"malformed XML: {reason}", hint)
 
 
 def hostile(text: str, offset: int, message: str, hint: str) -> HostileXml:
     """That what stands at ``offset`` of ``text`` is not read, whoever wrote it."""
-    return HostileXml(*_place_of(text, offset), message, hint)
+    return HostileXml(*place_of(text, offset), message, hint)
 
 
-def _place_of(text: str, offset: int) -> tuple[int, int]:
+def place_of(text: str, offset: int) -> tuple[int, int]:
     """Line and column, from 1, of the character at ``offset``."""
     return text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset)

@@ -12,13 +12,14 @@ there, lxml is the judge of them.
 
 from __future__ import annotations
 
+import difflib
 import re
 from typing import NoReturn
 
 import msgspec
 
 from m2c.model.diagnostics import shortened
-from m2c.model.xml_fault import hostile, malformed
+from m2c.model.xml_fault import hostile, malformed, place_of
 
 MAX_DEPTH = 64
 """Executable content nests a handful deep; the bound keeps every later walk recursion-safe."""
@@ -54,10 +55,16 @@ _BROKEN_START = re.compile(
     rf"(?:{_BLANK}*+/|{_BLANK}++(?:{_NAME}(?:{_BLANK}*+=(?:{_BLANK}*+(?:{_DOUBLE}|{_SINGLE})?+)?+)?+)?+)?+"
 )
 """After the attributes of a start tag that goes wrong: up to the character that is wrong."""
+_BROKEN_ATTRIBUTE = re.compile(
+    rf"{_BLANK}++({_NAME}){_BLANK}*+={_BLANK}*+((?:{_DOUBLE}|{_SINGLE})?+)\Z"
+)
+"""All of that, if it is an attribute whose value has no opening, or no closing, quote."""
 _BROKEN_END = re.compile(rf"</(?:{_NAME}{_BLANK}*+)?+")
 
 _UNCLOSED = "unclosed token"
 _JUNK = "junk after document element"
+_ALIKE = 0.8
+"""From here on one name is the other one misspelt (``difflib``'s measure, from 0 to 1)."""
 _MAX_SHOWN = 80
 """Characters of a name that a message repeats."""
 
@@ -88,7 +95,7 @@ def start_tags(text: str, begin: int = 0) -> list[StartTag]:
 class _Pass:
     def __init__(self, text: str) -> None:
         self._text = text
-        self._open: list[str] = []
+        self._open: list[StartTag] = []
         self._tags: list[StartTag] = []
 
     def run(self, at: int) -> list[StartTag]:
@@ -106,7 +113,9 @@ class _Pass:
             else:
                 self._refuse_markup(at)
         if self._open or not self._tags:
-            self._malformed(at, "the document ends" if self._tags else "no element")
+            inner = _shown(self._open[-1].name) if self._open else ""
+            hint = f"write </{inner}> where it ends" if inner else ""
+            self._malformed(at, "the document ends" if self._tags else "no element", hint)
         return self._tags
 
     def _start(self, at: int) -> int:
@@ -133,7 +142,7 @@ class _Pass:
             attributes[found[1]] = found.start(2) + 1
         self._tags.append(StartTag(name, at, attributes))
         if not close[1]:
-            self._open.append(name)
+            self._open.append(self._tags[-1])
         return close.end()
 
     def _end(self, at: int) -> int:
@@ -143,10 +152,21 @@ class _Pass:
         end = _END.match(self._text, at)
         if end is None:
             self._refuse_token(_BROKEN_END, at, at)
-        if end[1] != self._open[-1]:
-            self._malformed(end.start(1), "mismatched tag")
+        if end[1] != self._open[-1].name:
+            self._malformed(
+                end.start(1), f"mismatched tag </{_shown(end[1])}>", self._which(end[1])
+            )
         self._open.pop()
         return end.end()
+
+    def _which(self, name: str) -> str:
+        """What would be right where ``</name>`` ends another element than the one that is open."""
+        inner = self._open[-1].name
+        if any(tag.name == name for tag in self._open):
+            return f"write </{_shown(inner)}> before it"
+        if difflib.SequenceMatcher(None, inner[:_MAX_SHOWN], name[:_MAX_SHOWN]).ratio() >= _ALIKE:
+            return "one of the two is misspelt"
+        return f"</{_shown(inner)}> is due"
 
     def _bound(self, at: int) -> None:
         if len(self._open) >= MAX_DEPTH:
@@ -166,6 +186,12 @@ class _Pass:
         assert reached is not None  # it matches nothing, too
         if reached.end() == len(self._text):
             self._malformed(at, _UNCLOSED)
+        attribute = _BROKEN_ATTRIBUTE.match(self._text, begin, reached.end())
+        if attribute is not None and not attribute[2]:
+            self._malformed(reached.end(), "a value without quotes", 'write it like name="value"')
+        if attribute is not None and ("\n" in attribute[2] or ">" in attribute[2]):
+            what = f"the value of `{_shown(attribute[1])}` does not end"
+            self._malformed(attribute.start(2), what, f"write {attribute[2][0]} after it")
         self._invalid(reached.end())
 
     def _refuse_markup(self, at: int) -> NoReturn:
@@ -189,7 +215,11 @@ class _Pass:
         self._malformed(at, "not well-formed (invalid token)", hint)
 
     def _malformed(self, at: int, reason: str, hint: str = "") -> NoReturn:
-        opened = f"; <{_shown(self._open[-1])}> is open" if self._open else ""
+        opened = ""
+        if self._open:
+            inner = self._open[-1]
+            line, column = place_of(self._text, inner.offset)
+            opened = f"; <{_shown(inner.name)}> of {line}:{column} is open"
         raise malformed(self._text, at, f"{reason}{opened}", hint)
 
 

@@ -50,7 +50,7 @@ def test_a_document_that_was_cut_off_anywhere_is_one_error() -> None:
 
 def test_a_document_that_ends_says_which_element_is_open() -> None:
     assert refusal(b"<scxml>\n<state>") == (
-        "f:2:8: error: malformed XML: the document ends; <state> is open [malformed-xml]"
+        "f:2:8: error: malformed XML: the document ends; <state> of 2:1 is open; write </state> where it ends [malformed-xml]"
     )
 
 
@@ -126,22 +126,22 @@ def test_a_long_value_is_kept_whole() -> None:
     [
         (b"<a>&#0;</a>", "1:4: error: malformed XML: reference to invalid character number"),
         (b"<a x='\xc3\xa4&#xD800;'/>", "1:8: error: malformed XML: reference to invalid character number"),
-        (b"<a>\xed\xa0\x80</a>", "1:4: error: malformed XML: the byte 0xed is not UTF-8 here; write the file in UTF-8"),
-        (b"<a>\0</a>", "1:4: error: malformed XML: not well-formed (invalid token); <a> is open"),
-        (b"<a>\n<b x='\x1b[2J'/></a>", "2:7: error: malformed XML: not well-formed (invalid token); <a> is open"),
-        (b"<a>x & y</a>", "1:6: error: malformed XML: not well-formed (invalid token); <a> is open; write &amp; for &"),
-        (b"<a>x < y</a>", "1:6: error: malformed XML: not well-formed (invalid token); <a> is open; write &lt; for <"),
+        (b"<a>\xed\xa0\x80</a>", "1:4: error: malformed XML: the byte 0xed, number 4 of the file, is not UTF-8, which is read where none is declared; write the file in UTF-8"),
+        (b"<a>\0</a>", "1:4: error: malformed XML: not well-formed (invalid token); <a> of 1:1 is open"),
+        (b"<a>\n<b x='\x1b[2J'/></a>", "2:7: error: malformed XML: not well-formed (invalid token); <a> of 1:1 is open"),
+        (b"<a>x & y</a>", "1:6: error: malformed XML: not well-formed (invalid token); <a> of 1:1 is open; write &amp; for &"),
+        (b"<a>x < y</a>", "1:6: error: malformed XML: not well-formed (invalid token); <a> of 1:1 is open; write &lt; for <"),
         (b"<a x='&lol;'/>", "1:7: error: malformed XML: undefined entity"),
-        (b"<a x=1/>", "1:6: error: malformed XML: not well-formed (invalid token)"),
+        (b"<a x=1/>", "1:6: error: malformed XML: a value without quotes; write it like name=\"value\""),
         (b"<a x/>", "1:5: error: malformed XML: not well-formed (invalid token)"),
         (b"<a x='1'y='2'/>", "1:9: error: malformed XML: not well-formed (invalid token)"),
-        (b"<a><b></a>", "1:9: error: malformed XML: mismatched tag; <b> is open"),
+        (b"<a><b></a>", "1:9: error: malformed XML: mismatched tag </a>; <b> of 1:4 is open; write </b> before it"),
         (b"</a>", "1:1: error: malformed XML: not well-formed (invalid token); write &lt; for <"),
         (b"text", "1:1: error: malformed XML: not well-formed (invalid token)"),
         (b"<!-- nothing -->", "1:17: error: malformed XML: no element"),
         (b"<a/>\n&lt;", "2:1: error: malformed XML: junk after document element"),
         (b"<a/><!DOCTYPE a []>", "1:5: error: malformed XML: junk after document element"),
-        (b"<a><!DOCTYPE a []></a>", "1:4: error: malformed XML: not well-formed (invalid token); <a> is open; write &lt; for <"),
+        (b"<a><!DOCTYPE a []></a>", "1:4: error: malformed XML: not well-formed (invalid token); <a> of 1:1 is open; write &lt; for <"),
         (b"<?xml version='1'?><a/>", "1:18: error: malformed XML: Malformed declaration expecting version; write <?xml version=\"1.0\" encoding=\"UTF-8\"?>"),
         (b"<a x:='1'/>", "1:6: error: malformed XML: Failed to parse QName 'x:'"),
     ],
@@ -201,7 +201,7 @@ def test_an_inclusion_is_an_element_like_any_other() -> None:
 )
 def test_an_encoding_that_hides_markup_or_does_not_exist_is_refused(encoding: str) -> None:
     assert refusal(f'<?xml version="1.0" encoding="{encoding}"?><a/>'.encode()) == (
-        f"f:1:1: error: unknown encoding: {encoding}; write the file in UTF-8 [malformed-xml]"
+        f"f:1:31: error: unknown encoding: {encoding}; write the file in UTF-8 [malformed-xml]"
     )
 
 
@@ -215,11 +215,11 @@ def test_markup_in_utf_7_stays_text() -> None:
 
 def test_an_encoding_that_the_bytes_are_not_in_is_refused() -> None:
     assert refusal(b'<?xml version="1.0" encoding="utf-16"?><a/>') == (
-        "f:1:1: error: the file is not in utf-16, as it declares; write the file in UTF-8 "
+        "f:1:31: error: the file declares utf-16, and is not in it; write the file in UTF-8 "
         "[malformed-xml]"
     )
     assert refusal(b'<?xml version="1.0" encoding="us-ascii"?>\n<a x="\xc3\xa4"/>') == (
-        "f:2:7: error: malformed XML: the byte 0xc3 is not ASCII here; write the file in UTF-8 "
+        "f:2:7: error: malformed XML: the byte 0xc3, number 49 of the file, is not ASCII, which it declares; write the file in UTF-8 "
         "[malformed-xml]"
     )
 
@@ -326,3 +326,68 @@ def test_the_command_line_says_one_error(tmp_path: Path, name: str, content: byt
     assert isinstance(result.exception, SystemExit)
     (line,) = [line for line in result.output.splitlines() if ": error: " in line]
     assert re.match(rf"{re.escape(str(path))}:1:\d+: error: ", line)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (
+            "<a>\n <b>\n</a>",
+            "3:3: error: malformed XML: mismatched tag </a>; <b> of 2:2 is open; write </b> before it",
+        ),
+        (
+            "<a>\n <state>\n</stat></a>",
+            "3:3: error: malformed XML: mismatched tag </stat>; <state> of 2:2 is open; one of the two is misspelt",
+        ),
+        (
+            "<a>\n <b></xyz></a>",
+            "2:7: error: malformed XML: mismatched tag </xyz>; <b> of 2:2 is open; </b> is due",
+        ),
+        (
+            "<a>\n <b>",
+            "2:5: error: malformed XML: the document ends; <b> of 2:2 is open; write </b> where it ends",
+        ),
+        (
+            '<a>\n <b x="1>\n <c/></b></a>',
+            '2:7: error: malformed XML: the value of `x` does not end; <a> of 1:1 is open; write " after it',
+        ),
+        (
+            "<a x='1>\n<c/></a>",
+            "1:6: error: malformed XML: the value of `x` does not end; write ' after it",
+        ),
+        (
+            '<a x="1 < 2"/>',
+            "1:9: error: malformed XML: not well-formed (invalid token); write &lt; for <",
+        ),
+    ],
+)
+def test_an_xml_error_names_the_tag_that_was_left_open_and_its_place(
+    content: str, expected: str
+) -> None:
+    log = DiagnosticLog()
+    parse_xml(content.encode(), "f", log)
+    assert [str(item) for item in log.diagnostics] == [f"f:{expected} [malformed-xml]"]
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (
+            b'<?xml version="1.0" encoding="UTF-8"?>\r\n<a>\xe9</a>',
+            "2:4: error: malformed XML: the byte 0xe9, number 44 of the file, is not UTF-8, which it declares",
+        ),
+        (
+            b"\xef\xbb\xbf<a>\xe9</a>",
+            "1:4: error: malformed XML: the byte 0xe9, number 7 of the file, is not UTF-8, which its byte-order mark names",
+        ),
+        (
+            b"<a>\xe9</a>",
+            "1:4: error: malformed XML: the byte 0xe9, number 4 of the file, is not UTF-8, which is read where none is declared",
+        ),
+    ],
+)
+def test_an_encoding_error_names_the_encoding_and_the_byte(content: bytes, expected: str) -> None:
+    log = DiagnosticLog()
+    parse_xml(content, "f", log)
+    hint = "write the file in UTF-8"
+    assert [str(item) for item in log.diagnostics] == [f"f:{expected}; {hint} [malformed-xml]"]

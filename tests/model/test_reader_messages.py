@@ -14,7 +14,7 @@ HEAD = '<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="M" in
 
 ERRORS = [
     # (body from line 2 on, line:column, the rest of the message)
-    ('<state id="a"><onentry></state></scxml>', "2:26", "error: malformed XML: mismatched tag; <onentry> is open [malformed-xml]"),
+    ('<state id="a"><onentry></state></scxml>', "2:26", "error: malformed XML: mismatched tag </state>; <onentry> of 2:15 is open; write </onentry> before it [malformed-xml]"),
     ('<stat id="a"/></scxml>', "2:1", "error: <stat>: not an element of <scxml>; did you mean state? [unknown-tag]"),
     ('<state id="a"><transition tarket="a"/></state></scxml>', "2:35", "error: <transition>: unknown attribute `tarket`; did you mean target? [unknown-attribute]"),
     ('<state id="a"><transition event="e" target="b"/></state></scxml>', "2:45", "error: <transition>: the target state `b` does not exist; known: a [unknown-target]"),
@@ -197,13 +197,13 @@ def test_attributes_without_number_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b'<?xml version="1.0" encoding="none-8"?><scxml/>', "1:1: error: unknown encoding: none-8; write the file in UTF-8 [malformed-xml]"),
-        (b'<scxml name="\xff"/>', "1:14: error: malformed XML: the byte 0xff is not UTF-8 here; write the file in UTF-8 [malformed-xml]"),
+        (b'<?xml version="1.0" encoding="none-8"?><scxml/>', "1:31: error: unknown encoding: none-8; write the file in UTF-8 [malformed-xml]"),
+        (b'<scxml name="\xff"/>', "1:14: error: malformed XML: the byte 0xff, number 14 of the file, is not UTF-8, which is read where none is declared; write the file in UTF-8 [malformed-xml]"),
         (b'<scxml name="a\0"/>', "1:15: error: malformed XML: not well-formed (invalid token) [malformed-xml]"),
         (b"\x7fELF\x02\x01", "1:1: error: malformed XML: not well-formed (invalid token) [malformed-xml]"),
         (b"<scxml/><scxml/>", "1:9: error: malformed XML: junk after document element [malformed-xml]"),
         (b'<scxml a="1" a="2"/>', "1:14: error: malformed XML: duplicate attribute [malformed-xml]"),
-        (b"<scxml>&lol;</scxml>", "1:8: error: malformed XML: undefined entity; <scxml> is open [malformed-xml]"),
+        (b"<scxml>&lol;</scxml>", "1:8: error: malformed XML: undefined entity; <scxml> of 1:1 is open [malformed-xml]"),
         (b"<html/>", "1:1: error: <html>: not a state machine; the root of a model is <scxml> or <ascxml> [unknown-tag]"),
     ],
 )  # fmt: skip
