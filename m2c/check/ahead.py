@@ -42,7 +42,7 @@ class Ahead:
             self._outputs[interface] = self._outputs_of(interface)
         known = self._outputs[interface]
         found = self._sent_by_threads(interface)
-        for after, statements in self._steps(state, transition):
+        for after, statements in self.steps(state, transition):
             found |= _sent(statements, interface) | known[after.name]
         return found
 
@@ -59,7 +59,7 @@ class Ahead:
         answering = self._answering[service]
         return any(
             _most_responses(statements, service) or (after.name, False) in answering
-            for after, statements in self._steps(state, transition)
+            for after, statements in self.steps(state, transition)
         )
 
     def _outputs_of(self, interface: str) -> dict[str, set[OutputKind]]:
@@ -68,7 +68,7 @@ class Ahead:
         before: dict[str, list[str]] = {}
         for name, state in self._states.items():
             for transition in self.takable[name]:
-                for after, statements in self._steps(state, transition):
+                for after, statements in self.steps(state, transition):
                     found[name] |= _sent(statements, interface)
                     before.setdefault(after.name, []).append(name)
         pending = list(self._states)
@@ -87,7 +87,7 @@ class Ahead:
         before: dict[_Place, list[_Place]] = {}
         for name, state in self._states.items():
             for transition in self.takable[name]:
-                for after, statements in self._steps(state, transition):
+                for after, statements in self.steps(state, transition):
                     responses = _most_responses(statements, service)
                     for other in (False, True):
                         for processing in _during(transition, request, other):
@@ -107,7 +107,7 @@ class Ahead:
             if isinstance(item, Emit) and item.interface == interface
         }
 
-    def _steps(
+    def steps(
         self, state: State, transition: Transition
     ) -> Iterator[tuple[State, tuple[Statement, ...]]]:
         """Each way ``transition`` can go: the state it ends in, and the statements that run."""

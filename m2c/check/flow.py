@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from m2c.check.answers import check_answers
 from m2c.check.paths import leaving_at_once, reachable, shadows, truth
+from m2c.check.responses import check_responses
 from m2c.check.unused import check_interfaces
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine, State, Transition
@@ -13,10 +14,12 @@ def check_flow(machine: Machine, log: DiagnosticLog) -> None:
     """Warn of what a machine can never do.
 
     Rules: ``unreachable-state``, ``shadowed-transition``, ``never-taken``, ``eventless-cycle``, those
-    of :func:`m2c.check.answers.check_answers` and of :func:`m2c.check.unused.check_interfaces`.
+    of :func:`m2c.check.answers.check_answers`, of :func:`m2c.check.responses.check_responses` and of
+    :func:`m2c.check.unused.check_interfaces`.
     """
     _check_states(machine, log)
     check_answers(machine, log)
+    check_responses(machine, log)
     check_interfaces(machine, log)
     for thread in machine.threads:  # its interfaces belong to the machine around it
         _check_states(thread.machine, log)

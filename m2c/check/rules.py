@@ -96,6 +96,7 @@ _ERRORS = {
 _WARNINGS = {
     "request-discarded": "a state in which nothing takes a request that the machine serves",
     "request-unanswered": "a request, goal or tick is taken, and no path ever answers it",
+    "response-without-request": "a response that no request waits for: a second one, or one of no request",
     "unreachable-state": "no run enters the state",
     "shadowed-transition": "an earlier transition always takes this one's turn",
     "never-taken": "the transition's condition never holds",

@@ -44,9 +44,11 @@ def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) 
     :func:`m2c.check.names.check_names`, and the warning ``nobody-serves``. A policy makes a system a
     whole one: every channel needs its other end. Without one (some models, a folder of them) the
     other end may be elsewhere, so only a near miss is reported: nobody has the other end, but
-    somebody that of a name almost the same. ``naming`` are the transports that must take the names.
+    somebody that of a name almost the same. Where ``log`` has errors already (a model that was not
+    read), nobody is said to be missing. ``naming`` are the transports that must take the names.
     """
     check_names(system, log, naming)
+    incomplete = log.has_errors  # a machine may be missing, or a channel be called otherwise
     for machine in [*system.nodes, *system.plugins]:
         if check_types(machine, system.library, log):
             check_flow(machine, log)
@@ -60,7 +62,8 @@ def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) 
         if interface.channel and interface.kind is not InterfaceKind.TIMER
     ]
     _check_ends(ends, log)
-    _check_counterparts(ends, system.policy is not None, log)
+    if not incomplete:
+        _check_counterparts(ends, system.policy is not None, log)
 
 
 def _check_policy_node(system: System, log: DiagnosticLog) -> None:

@@ -271,6 +271,9 @@ RULE_EXAMPLES: dict[str, Example] = {
         f'{TICK}<state id="a">{SERVE}<transition event="e" target="b"/></state><state id="b"/>'
     ),
     "request-unanswered": model(f'{TICK}<state id="a">{TAKE}/></state>'),
+    "response-without-request": model(
+        f'{TICK}<state id="a">{TAKE}>{ANSWER}{ANSWER}</ros_service_handle_request></state>'
+    ),
     "unreachable-state": model(f'{STATE}<state id="b"/>'),
     "shadowed-transition": model(
         '<state id="a"><transition event="e"/><transition event="e" target="a"/></state>'
