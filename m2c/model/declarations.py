@@ -37,23 +37,23 @@ class DeclarationReader:
             self._declare_channel(element)
         elif element.tag == "ros_time_rate":
             name = require(element, "name", self._log)
-            rate = number(element.get("rate_hz"))
-            if rate is None or rate <= 0:
+            written = require(element, "rate_hz", self._log)
+            rate = number(written)
+            if written and (rate is None or rate <= 0):
                 self._log.error(
                     "bad-rate",
                     element.at("rate_hz"),
                     element.tag,
-                    f"`{element.get('rate_hz')}` is not a rate",
+                    f"`{written}` is not a rate",
                     "rate_hz is a number of callbacks a second, greater than 0",
                 )
-                rate = 1.0
             self._add(
                 Interface(
                     kind=InterfaceKind.TIMER,
                     name=name,
                     position=element.position,
                     channel=name,
-                    rate_hz=rate,
+                    rate_hz=rate or 1.0,
                 )
             )
         elif element.tag in ("bt_declare_port_in", "bt_declare_port_out"):

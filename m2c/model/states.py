@@ -148,6 +148,9 @@ class StateReader:
         if written:
             self._check_target(written, element, "target")
             return (Target(written),)
+        if "target" in element.attributes:
+            what, hint = "the target is empty", "name a state, or leave the attribute out to stay"
+            self._log.error("unknown-target", element.at("target"), element.tag, what, hint)
         targets = []
         left = 1.0
         for child in children:

@@ -157,6 +157,7 @@ class _SystemReader:
         self._interfaces: list[Path] = []
         self._policy: Path | None = None
         self._qualities: list[TopicQuality] = []
+        self._names_any = False
         self._rate = DEFAULT_TICK_RATE_HZ
 
     def read(self, root: Element, interface_directories: Sequence[Path]) -> System:
@@ -187,6 +188,9 @@ class _SystemReader:
                     )
                     what = f"not an element of <{root.tag}>"
                     self._log.error("unknown-tag", child.position, tag, what, nearest(tag, known))
+        if not self._names_any and not self._log.has_errors:
+            hint = 'name them: <node_models><input type="ros-scxml" src="…"/></node_models>'
+            self._log.error("no-models", root.position, root.tag, "no model in this system", hint)
         models = [*self._nodes, *self._plugins]
         library = library_for(models, [*interface_directories, *self._interfaces], self._log)
         sources = [self._path, *models, *([self._policy] if self._policy else [])]
@@ -244,6 +248,7 @@ class _SystemReader:
         """
         found = []
         for child in element.children:
+            self._names_any = self._names_any or not wants_folder
             kind = child.get("type")
             if child.tag != "input" or kind not in types:
                 if others is not None and (child.tag != "input" or kind not in others):

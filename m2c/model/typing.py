@@ -139,7 +139,7 @@ def _lengths_meet(value: Array, target: Array) -> bool:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """``did you mean x?`` for the closest of ``known``, else the list of them (the first twelve)."""
-    names = _sorted(frozenset(known))
+    names = _sorted(frozenset(name for name in known if name))
     near = difflib.get_close_matches(name[:COMPARED], names[:COMPARED], 1)
     if near:
         return f"did you mean {near[0]}?"

@@ -137,6 +137,10 @@ class _Binder:
         if not tick:
             what = f"the leaf `{node.name}` has no address"
             hint = f'write service_name="/…/tick", or interface="{_BY_NAME}"'
+            plugin_named = nearest(node.id, self._plugins)
+            if plugin_named.startswith("did you mean"):
+                what += f", and no plugin is called `{node.id}`"
+                hint = plugin_named
             self._log.error("leaf-address", node.position, node.element, what, hint)
             return None
         server = self._servers.get(tick)

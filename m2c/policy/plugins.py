@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 
 import msgspec
@@ -92,6 +93,12 @@ def port_values(
                 f"the port `{port.key}` of `{plugin.name}` is not given",
                 f'write {port.key}="{example}"',
             )
+            others = [key for key, _ in node.attributes if key not in known]
+            if near := difflib.get_close_matches(port.key, others, 1):
+                problem = (
+                    problem[0],
+                    f"`{near[0]}` is none of its ports: did you mean `{port.key}`?",
+                )
         elif kind is None:
             problem = (
                 f"the port `{port.key}` of `{plugin.name}` has type {describe(port.type)}",

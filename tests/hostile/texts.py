@@ -292,7 +292,9 @@ def _is_event(text: str) -> bool:
 
 
 def _is_channel(text: str) -> bool:
-    return _is_name(text) and len(text) <= 254 and all(part.strip() for part in text.split("/"))
+    parts = text.split("/")
+    taken = not set(text) & set("*$?#") and not any(part.startswith("@") for part in parts)
+    return _is_name(text) and len(text) <= 254 and taken and all(part.strip() for part in parts)
 
 
 _ECMASCRIPT = frozenset(
