@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
@@ -22,10 +22,25 @@ class Inputs(NamedTuple):  # msgspec's would cost each --help its import
     interfaces: tuple[Path, ...]
 
 
+class ExistingPath(click.Path):
+    """A path to what is there; one that is misspelt is refused with what was meant."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """As ``click.Path`` with ``exists``."""
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            from m2c.model.paths import meant
+
+            if hint := meant(Path(value)):
+                vars(error)["message"] = f"{error.message.removesuffix('.')}; {hint}"
+            raise
+
+
 interface_folders = click.option(
     "--interfaces",
     multiple=True,
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    type=ExistingPath(path_type=Path, exists=True, file_okay=False),
     help="Folder of ROS interface packages (repeatable).",
 )
 """The option of a command that has PATHS of its own kind; it gets a tuple, ``interfaces``."""
@@ -35,7 +50,7 @@ _OPTIONS = (
     click.option(
         "--interfaces",
         multiple=True,
-        type=click.Path(path_type=Path, exists=True),
+        type=ExistingPath(path_type=Path, exists=True),
         help="Folder of ROS interface packages, or the earlier tool's INTERFACES.xml (repeatable).",
     ),
     click.option(

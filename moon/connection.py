@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import click
 
+from m2c.inputs import ExistingPath
 from m2c.terminal import fail, say, write_to_nobody
 from transports.options import DEFAULT_ENDPOINT, meeting_at, transport_options
 from transports.stop_signals import StopSignals, end_by
@@ -58,7 +59,7 @@ _NETWORK_OPTIONS = (
     ),
     click.option(
         "--zenoh-config",
-        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
         help="Zenoh configuration file (TLS, routers…).",
     ),
     click.option("--namespace", default="", help="Prefix of every channel."),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from m2c.inputs import Inputs, input_options
+from m2c.inputs import ExistingPath, Inputs, input_options
 from m2c.terminal import fail, say, show
 
 
@@ -23,7 +23,7 @@ from m2c.terminal import fail, say, show
 @click.option("--transport", default="zenoh", show_default=True, help="Middleware of the nodes.")
 @click.option(
     "--templates",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    type=ExistingPath(path_type=Path, exists=True, file_okay=False),
     help="Folder of your own Jinja2 templates: they override or extend ours of the same name.",
 )
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")

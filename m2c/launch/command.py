@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 
+from m2c.inputs import ExistingPath
 from m2c.terminal import fail
 from transports.options import DEFAULT_ENDPOINT, meeting_at
 
@@ -63,7 +64,7 @@ class _Run(click.Command):
 @click.option("--endpoint", help=f"Zenoh: where the nodes meet.  [default: {DEFAULT_ENDPOINT}]")
 @click.option(
     "--zenoh-config",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
     help="Zenoh: configuration file for every process (TLS, routers…).",
 )
 @click.option("--namespace", default="", help="Prefix of every channel.")
@@ -124,10 +125,10 @@ def run(
     from transports.stop_signals import StopSignals
 
     if not os.path.exists(system):
-        fail(
-            f"{system}: no such file or folder; expected a system file, or a folder made by "
-            "`m2c generate`"
-        )
+        from m2c.model.paths import meant
+
+        wanted = meant(system) or "expected a system file, or a folder made by `m2c generate`"
+        fail(f"{system}: no such file or folder; {wanted}")
     changed = _parse_replacements(replacements)
     log_as_lines()
     watch_options = _watch_options(system, "" if monitored and monitor is None else monitor)

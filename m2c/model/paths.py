@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import errno
+import itertools
 import os
 from pathlib import Path
 
@@ -10,6 +12,9 @@ from m2c.model.file_size import size_of
 
 MAX_ENTRIES = 100_000
 """Files and folders below one that is searched: ROS 2's own packages have a tenth of that."""
+_MOST_COMPARED = 1000
+_MAX_COMPARED = 255
+"""Entries of a folder, and characters of a name, that are compared with what was written."""
 _TOO_LARGE = f"has more than {MAX_ENTRIES} files below it; name a folder in it"
 
 
@@ -31,6 +36,45 @@ def why_no_folder(path: Path) -> str:
     except OSError as error:
         return str(error.strerror)
     return ""
+
+
+def meant(path: Path) -> str:
+    """``did you mean models/tank.scxml?``, where nothing is called ``path``; "" if nothing is near.
+
+    Of the first part that does not exist, what is in its folder and named almost so, in another case, or
+    so with an ending; backslashes may have been meant to separate folders.
+    """
+    if os.path.lexists(path):
+        return ""
+    slashes = Path(str(path).replace("\\", "/"))
+    if slashes != path and os.path.exists(slashes):
+        return f"did you mean {slashes}?"
+    parts = path.parts
+    for index, part in enumerate(parts):
+        here = Path(*parts[: index + 1])
+        if os.path.exists(here):
+            continue
+        name = _nearest_entry(here.parent, part)
+        if not name:
+            return ""
+        found = here.with_name(name)
+        whole = found.joinpath(*parts[index + 1 :])
+        return f"did you mean {whole if os.path.exists(whole) else found}?"
+    return ""
+
+
+def _nearest_entry(folder: Path, name: str) -> str:
+    try:
+        with os.scandir(folder) as entries:
+            names = sorted(entry.name for entry in itertools.islice(entries, _MOST_COMPARED))
+    except OSError:  # none, or not ours to look into
+        return ""
+    alike = [item for item in names if item.lower() == name.lower()]
+    alike += [item for item in names if Path(item).stem == name]
+    near = difflib.get_close_matches(name[:_MAX_COMPARED], names)
+    stem = Path(name).stem[:_MAX_COMPARED]  # a common ending makes no two names alike
+    alike += [item for item in near if difflib.get_close_matches(stem, [Path(item).stem])]
+    return alike[0] if alike else ""
 
 
 def entries_below(folder: Path) -> list[Path]:

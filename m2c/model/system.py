@@ -11,7 +11,7 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine, Spelling
-from m2c.model.paths import entries_below, why_no_file, why_no_folder
+from m2c.model.paths import entries_below, meant, why_no_file, why_no_folder
 from m2c.model.qualities import (
     TopicQuality,
     read_qualities,
@@ -121,7 +121,8 @@ def _models_in(folder: Path, log: DiagnosticLog) -> list[Path]:
 def _is_file(path: Path, log: DiagnosticLog) -> bool:
     why = why_no_file(path)
     if why:
-        log.error("unreadable-file", Position(str(path)), "", f"cannot read the file: {why}")
+        what = f"cannot read the file: {why}"
+        log.error("unreadable-file", Position(str(path)), "", what, meant(path))
     return not why
 
 
@@ -311,7 +312,8 @@ def _in_another_case(
             continue
         near = [item for item in _entries(current) if item.name.lower() == part.lower()]
         if len(near) != 1:
-            hint = nearest(part, (item.name for item in _entries(current)))
+            hint = meant(folder / source).replace(f"{folder}{os.sep}", "")
+            hint = hint or nearest(part, (item.name for item in _entries(current)))
             what = f"{shortened(str(folder / source), _MAX_SHOWN)} does not exist"
             log.error("missing-file", at, element.tag, what, hint)
             return None
@@ -352,7 +354,7 @@ def library_for(
         else:
             missing = "is not a folder" if os.path.exists(folder) else "does not exist"
             what = f"this interface folder {missing}"
-            log.error("missing-file", Position(str(folder)), "", what)
+            log.error("missing-file", Position(str(folder)), "", what, meant(folder))
     return InterfaceLibrary.load(list(dict.fromkeys(usable)), log)
 
 

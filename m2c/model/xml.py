@@ -19,6 +19,7 @@ from lxml import etree
 
 from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.file_size import size_of
+from m2c.model.paths import meant
 from m2c.model.xml_encoding import decoded
 from m2c.model.xml_fault import HostileXml, MalformedXml, malformed
 from m2c.model.xml_places import MAX_ATTRIBUTES, MAX_DEPTH, MAX_ELEMENTS, StartTag, start_tags
@@ -102,7 +103,8 @@ def read_xml(path: Path, log: DiagnosticLog) -> Element | None:
             return None
         content = path.read_bytes()
     except OSError as error:
-        log.error("unreadable-file", whole, "", f"cannot read the file: {error.strerror}")
+        what = f"cannot read the file: {error.strerror}"
+        log.error("unreadable-file", whole, "", what, meant(path))
         return None
     return parse_xml(content, file, log)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog, shortened
-from m2c.model.paths import why_no_file
+from m2c.model.paths import meant, why_no_file
 from m2c.model.structure import require
 from m2c.model.xml import Element, read_xml
 
@@ -59,7 +59,7 @@ class _Includes:
         target = above[-1].parent / written
         if not os.path.lexists(target):
             what = f"the file {shortened(written, _MAX_SHOWN)} does not exist"
-            hint = "the path is relative to the file that includes it"
+            hint = meant(target) or "the path is relative to the file that includes it"
             log.error("missing-file", at, element.tag, what, hint)
             return None
         why = why_no_file(target)

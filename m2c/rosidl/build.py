@@ -21,6 +21,8 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.model.paths import meant
+
 BUILD_TIMEOUT_S = 600
 """A lab-tour-sized set of packages takes about 20 s on two cores; an hour-long build is a hang."""
 
@@ -116,6 +118,11 @@ def find_packages(directories: Sequence[Path]) -> tuple[Path, ...]:
     for directory in directories:
         candidates = [directory, *sorted(directory.iterdir())] if os.path.isdir(directory) else []
         packages = [path for path in candidates if (path / "package.xml").is_file()]
+        if not packages and not os.path.lexists(directory):
+            near = meant(directory)
+            raise InterfaceBuildError(
+                f"{directory}: no such folder" + (f"; {near}" if near else "")
+            )
         if not packages:
             raise InterfaceBuildError(
                 f"{directory}: no ROS interface package here; expected "

@@ -11,6 +11,7 @@ from typing import Any
 
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.file_size import size_of
+from m2c.model.paths import meant
 
 MAX_BYTES = 1024 * 1024
 MAX_DEPTH = 12
@@ -59,7 +60,8 @@ def read_yaml(path: Path, log: DiagnosticLog) -> YamlNode | None:
             return None
         content = path.read_bytes()
     except OSError as error:
-        log.error("unreadable-file", whole, "", f"cannot read the file: {error.strerror}")
+        what = f"cannot read the file: {error.strerror}"
+        log.error("unreadable-file", whole, "", what, meant(path))
         return None
     return parse_yaml(content, str(path), log)
 

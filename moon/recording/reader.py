@@ -12,6 +12,7 @@ from m2c.model.datatypes import Structure
 from m2c.model.file_size import size_of
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
+from m2c.model.paths import meant
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.attribution import Attribution
 from moon.recording.contents import Contents, named
@@ -177,7 +178,9 @@ def open_recording(path: Path, library: InterfaceLibrary | None = None) -> Recor
     try:
         form = _form_of(path)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+        what = f"{path}: cannot be read: {error.strerror or error}"
+        near = meant(path)
+        raise RecordingError(f"{what}; {near}" if near else what) from error
     return Recording(path, form, library)
 
 

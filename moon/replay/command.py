@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from m2c.inputs import ExistingPath
 from m2c.terminal import fail, say
 from moon.connection import Network, Watching, connected, network_options
 from moon.tap.selection import GlobError, check
@@ -52,7 +53,7 @@ WAIT_S = 60.0
 @click.option(
     "--interfaces",
     multiple=True,
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    type=ExistingPath(path_type=Path, exists=True, file_okay=False),
     help="Folder of ROS interface packages, for types the recording does not define (repeatable).",
 )
 @click.option("--stay", is_flag=True, help="Go on answering when the recording has ended.")
