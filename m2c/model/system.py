@@ -258,7 +258,10 @@ class _SystemReader:
             path = resolve(
                 self._path.parent, child.get("src"), child, self._log, wants_folder=wants_folder
             )
-            if path is not None:
+            if types is _NODE_TYPES and path in (*found, *self._nodes):
+                what = "this model is listed twice"
+                self._log.warning("duplicate-input", child.at("src"), child.tag, what)
+            elif path is not None:
                 found.append(path)
         return found
 
