@@ -33,7 +33,7 @@ def check(
 ) -> None:
     """Check models before anything is generated from them.
 
-    PATHS are models (.scxml, .ascxml), folders of them, or one system file. Every finding names
+    PATHS are models (.scxml, .ascxml), folders of them, one system file, or one policy. Every finding names
     file, line and column, what is wrong and what would be right. Exit code 0: no errors; 2: errors
     (with --strict, warnings too).
 
@@ -43,11 +43,17 @@ def check(
     from m2c.check.report import as_json, as_sarif, count, print_findings, summary
     from m2c.model import DiagnosticLog, Severity
     from m2c.naming import naming_for
+    from m2c.policy.alone import check_policy, is_policy
     from m2c.terminal import show
 
     log = DiagnosticLog()
-    system = read_and_check(*inputs, log, naming=naming_for(transport))
-    models = len(system.nodes) + len(system.plugins) if system is not None else 0
+    naming = naming_for(transport)
+    alone = len(inputs.paths) == 1 and is_policy(inputs.paths[0])
+    models = 0
+    if alone:
+        check_policy(inputs.paths[0], log, naming)
+    elif (system := read_and_check(*inputs, log, naming=naming)) is not None:
+        models = len(system.nodes) + len(system.plugins)
     found = sorted(log.diagnostics, key=lambda item: (item.position, item.rule))
     if form == "json":
         show(*as_json(found).splitlines())
@@ -55,6 +61,6 @@ def check(
         show(*as_sarif(found).splitlines())
     else:
         print_findings(found, sys.stdout, notes=True)
-        show(summary(models, found))
+        show(summary(1, found, "policy") if alone else summary(models, found))
     failed = count(found, Severity.ERROR) or (strict and count(found, Severity.WARNING))
     sys.exit(2 if failed else 0)

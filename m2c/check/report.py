@@ -64,10 +64,10 @@ def _entry(found: Diagnostic) -> dict[str, Any]:
     }
 
 
-def summary(models: int, diagnostics: Sequence[Diagnostic]) -> str:
-    """``17 models, 1 error, 2 warnings``."""
+def summary(read: int, diagnostics: Sequence[Diagnostic], what: str = "model") -> str:
+    """``17 models, 1 error, 2 warnings``; ``what`` is the noun of what was ``read``."""
     errors, warnings = count(diagnostics, Severity.ERROR), count(diagnostics, Severity.WARNING)
-    counts = ((models, "model"), (errors, "error"), (warnings, "warning"))
+    counts = ((read, what), (errors, "error"), (warnings, "warning"))
     return ", ".join(f"{number} {noun}{'' if number == 1 else 's'}" for number, noun in counts)
 
 

@@ -120,6 +120,7 @@ _WARNINGS = {
 _NOTES = {
     "ignored-element": "an element that another tool reads",
     "monitored-leaf": "the mark of the earlier monitor is ignored",
+    "policy-alone": "a policy was checked without its system",
     "empty-port": "an empty port counts as not given",
 }
 

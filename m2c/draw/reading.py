@@ -13,7 +13,7 @@ from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Machine
 from m2c.model.system import MODEL_SUFFIXES, System
 from m2c.model.typing import nearest
-from m2c.model.xml import read_xml
+from m2c.policy.alone import is_policy
 from m2c.policy.tree import PolicyFile
 
 
@@ -39,7 +39,7 @@ def read(
         node is None
         and os.path.isfile(path)
         and path.suffix not in MODEL_SUFFIXES
-        and _is_policy(path)
+        and is_policy(path)
     ):
         from m2c.policy.reader import read_policy_file
 
@@ -76,9 +76,3 @@ def _calls(system: System) -> tuple[str, ...]:
     leaves = policy.leaves if policy is not None else ()
     found = (name for leaf in leaves for name in (leaf.tick, leaf.halt) if name)
     return tuple(dict.fromkeys(found))
-
-
-def _is_policy(path: Path) -> bool:
-    """Whether the file is XML whose root is that of a policy; what is wrong with it is said later."""
-    root = read_xml(path, DiagnosticLog())
-    return root is not None and root.tag == "root"

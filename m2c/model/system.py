@@ -25,6 +25,7 @@ from m2c.model.xml import Element, read_xml
 
 DEFAULT_TICK_RATE_HZ = 1.0
 MODEL_SUFFIXES = (".scxml", ".ascxml")
+POLICY_ROOT = "root"
 SYSTEM_ROOTS = ("convince_mc_tc", "roaml")
 _MAX_SHOWN = 200
 """Characters of a path that a message repeats."""
@@ -137,6 +138,11 @@ def read_system(
         from m2c.model.full_model import read_full_model
 
         return read_full_model(root, path, log, interface_directories)
+    if root.tag == POLICY_ROOT:
+        what = "a policy alone, without the system that it belongs to"
+        hint = "give the system file that names it; `m2c check` and `m2c draw` take it alone, too"
+        log.error("unknown-tag", root.position, root.tag, what, hint)
+        return None
     if root.tag not in SYSTEM_ROOTS:
         log.error(
             "unknown-tag",

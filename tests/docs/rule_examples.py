@@ -308,5 +308,10 @@ RULE_EXAMPLES: dict[str, Example] = {
     "unserved-leaf": main_tree(LEAF.replace("/Skill", "/Skil")),
     "ignored-element": system(extra="<properties/>"),
     "monitored-leaf": main_tree(LEAF.replace("/>", ' isMonitored="true"/>')),
+    "policy-alone": Example(
+        {
+            "policy.xml": f'<root BTCPP_format="4"><BehaviorTree ID="Main">{LEAF}</BehaviorTree></root>'
+        }
+    ),
     "empty-port": main_tree(f'<Parallel success_threshold="">{LEAF}{LEAF}</Parallel>'),
 }

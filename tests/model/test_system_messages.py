@@ -25,7 +25,7 @@ MODEL = '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="A"><state id="a"/>
         ('<roaml><interfaces><input type="ros-interfaces" src="types"/></interfaces></roaml>', ['system.xml:1:54: error: <input>: types does not exist; known: a.scxml, system.xml [missing-file]']),
         ('<roaml><interfaces><input type="ros-interfaces" src="a.scxml"/></interfaces></roaml>', ['system.xml:1:54: error: <input>: this interface folder is not a folder [missing-file]']),
         ('<roaml><node_models><input type="ros-scxml" src="."/></node_models></roaml>', ['system.xml:1:50: error: <input>: cannot read the file: Is a directory [unreadable-file]']),
-        ('<roaml><node_models><input type="ros-scxml" src="a.scxml"/><input type="ros-scxml" src="a.scxml"/></node_models></roaml>', ['a.scxml:0:0: warning: this model is listed twice [duplicate-input]']),
+        ('<roaml><node_models><input type="ros-scxml" src="a.scxml"/><input type="ros-scxml" src="a.scxml"/></node_models></roaml>', ['system.xml:1:89: warning: <input>: this model is listed twice [duplicate-input]']),
         ('<specification><model><skills><skill moc="fsm" path="b.scxml"/></skills></model></specification>', ['system.xml:1:54: error: <skill>: b.scxml does not exist; did you mean a.scxml? [missing-file]']),
     ],
 )  # fmt: skip
