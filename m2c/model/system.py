@@ -253,7 +253,7 @@ class _SystemReader:
 
         ``others`` may stand there too (None: anything may).
         """
-        found = []
+        found: list[Path] = []
         for child in element.children:
             self._names_any = self._names_any or not wants_folder
             kind = child.get("type")

@@ -11,6 +11,7 @@ from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.naming import ANYWHERE, Naming, check_channel
 from m2c.model.system import MODEL_SUFFIXES, POLICY_ROOT
 from m2c.model.xml import Element, read_xml
+from m2c.policy.tree import BUILTINS, LeafKind, PolicyFile
 
 _TOP = ("root", "BehaviorTree", "TreeNodesModel", "include")
 _ALIKE = 0.8
@@ -40,6 +41,8 @@ def check_policy(path: Path, log: DiagnosticLog, naming: Naming = ANYWHERE) -> N
 
     root = read_xml(path, DiagnosticLog())
     policy = read_policy_file(path, log, _perhaps_plugins(root) if root is not None else {})
+    if policy is not None:
+        _check_loads(path, policy, log)
     for leaf in policy.leaves() if policy is not None else ():
         for key in _ADDRESSES:
             address = leaf.get(key)
@@ -52,13 +55,30 @@ def check_policy(path: Path, log: DiagnosticLog, naming: Naming = ANYWHERE) -> N
     log.note("policy-alone", Position(str(path)), "", what, "give the system file to check them")
 
 
+def _check_loads(path: Path, policy: PolicyFile, log: DiagnosticLog) -> None:
+    """Report ``refused-policy`` for what BehaviorTree.CPP finds, whoever answers the leaves."""
+    from m2c.policy.leaves import BoundLeaf
+    from m2c.policy.normalise import normalised
+    from m2c.policy.program import Leaf, Policy, refusal_of
+
+    bound = {
+        leaf.position: BoundLeaf(
+            name=f"Leaf_{number}", kind=LeafKind.ACTION, position=leaf.position
+        )
+        for number, leaf in enumerate(policy.leaves())
+    }
+    leaves = tuple(Leaf(id=leaf.name, name=leaf.name, action=True) for leaf in bound.values())
+    refused = refusal_of(Policy(path.stem, policy.main, normalised(policy, bound), leaves))
+    if refused:
+        what = f"BehaviorTree.CPP refuses the policy: {refused}"
+        log.error("refused-policy", Position(str(path)), "", what)
+
+
 def _perhaps_plugins(root: Element) -> dict[str, bool]:
     """The elements that may be plugins of the system, and whether they have children here.
 
     What is almost called as a control node is that node misspelt.
     """
-    from m2c.policy.tree import BUILTINS
-
     found: dict[str, bool] = {}
     for element in _trees(root):
         explicit = element.tag in ("Action", "Condition", "Control", "Decorator")

@@ -95,7 +95,7 @@ def read_policy(
             leaves = {leaf.name: _runnable(leaf, system.library, direct) for leaf in bound.values()}
             xml = normalised(file, bound)
             policy = Policy(path.stem, file.main, xml, tuple(leaves.values()), system.tick_rate_hz)
-            refused = _refusal(policy)
+            refused = refusal_of(policy)
             if refused:
                 what = f"BehaviorTree.CPP refuses the policy: {refused}"
                 own.error("refused-policy", Position(str(path)), "", what)
@@ -128,7 +128,7 @@ def _check_channels(
                 check_channel(kind, channel, leaf.position, "", naming, log)
 
 
-def _refusal(policy: Policy) -> str:
+def refusal_of(policy: Policy) -> str:
     """Why BehaviorTree.CPP does not load ``policy``; empty if it does."""
     import behaviortreepy
 

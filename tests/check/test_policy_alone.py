@@ -84,6 +84,13 @@ def test_what_is_wrong_with_a_policy_whatever_its_system_is_found(
     assert code == 2
 
 
+def test_what_the_engine_of_trees_refuses_is_said(tmp_path: Path) -> None:
+    code, said = lines(tmp_path, TREE.format(f'<Sequence><Script code="a:="/>{SKILL}</Sequence>'))
+    assert code == 2
+    (found,) = [line for line in said if line.endswith("[refused-policy]")]
+    assert found.startswith("policy.xml:0:0: error: BehaviorTree.CPP refuses the policy: ")
+
+
 def test_a_command_that_needs_the_system_says_so(tmp_path: Path) -> None:
     path = tmp_path / "policy.xml"
     path.write_text(TREE.format(SKILL))
