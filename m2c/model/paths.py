@@ -59,7 +59,9 @@ def meant(path: Path) -> str:
             return ""
         found = here.with_name(name)
         whole = found.joinpath(*parts[index + 1 :])
-        return f"did you mean {whole if os.path.exists(whole) else found}?"
+        if os.path.exists(whole):
+            return f"did you mean {whole}?"
+        return meant(whole) or f"did you mean {found}?"
     return ""
 
 
