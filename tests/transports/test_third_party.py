@@ -68,6 +68,23 @@ def test_its_own_option_error_reaches_the_user_of_a_command(installed: dict[str,
     assert "the tiny transport has no option `endpoint`" in done.stderr
 
 
+def test_a_name_that_it_does_not_take_is_refused_where_it_is_chosen(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
+    model = tmp_path / "m.scxml"
+    model.write_text(
+        '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="LargeTank"><state id="a"/></scxml>'
+    )
+    done = run(installed, "-m", "m2c.cli", "check", "--transport", "tiny", str(model))
+    assert done.returncode == 2, done.stderr
+    assert (
+        "the tiny transport does not take the name of a node `LargeTank`: it has 9" in done.stdout
+    )
+    assert "write LargeTan [bad-name]" in done.stdout
+    done = run(installed, "-m", "m2c.cli", "check", str(model))
+    assert (done.returncode, "[unportable-name]" in done.stdout) == (0, True)
+
+
 def test_without_it_the_error_names_what_is_installed() -> None:
     done = run({**os.environ}, "-m", "moon.cli", "tap", "--transport", "tiny")
     assert done.returncode == 2

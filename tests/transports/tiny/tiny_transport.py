@@ -29,6 +29,13 @@ def connect(node, options):
     return Tiny(node)
 
 
+def refusal(kind, name):
+    """Tiny nodes have tiny names."""
+    if kind == "node" and len(name) > 8:
+        return f"it has {len(name)} characters", name[:8]
+    return None
+
+
 def _typed(message, kind, type_name):
     if not isinstance(message, kind):
         raise TransportError(f"expected a message of type {type_name}")
