@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.duration import Duration
 
-from transports import ros_forms
+from transports import ros_forms, ros_names
 from transports.interface import (
     Observation,
     Service,
@@ -130,7 +130,7 @@ class Ros2Transport(OnExecutor):
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
         """Serve ``service``; a second server of it, here or in another node, is reported."""
         self._require_open()
-        name = self._prefix + service.name
+        name = self._full_name("service", service.name)
         if name in self._declared.serves:
             raise TransportError(f"{service.name} is served by {self.node} already")
         errors, events = self._call_errors(), self._events_of(name, service)
@@ -151,7 +151,7 @@ class Ros2Transport(OnExecutor):
     def client(self, service: Service) -> Client:
         """A client of ``service``; the same one for the same service."""
         self._require_open()
-        name = self._prefix + service.name
+        name = self._full_name("service", service.name)
         client = self._clients.get(name)
         if client is None:
             errors, events = self._call_errors(), self._events_of(name, service)
@@ -231,10 +231,18 @@ class Ros2Transport(OnExecutor):
         if self._is_closing():
             raise TransportError(f"{self._node} is closed")
 
+    def _full_name(self, kind: str, channel: str) -> str:
+        """``channel`` with the namespace; TransportError if ROS 2 does not take it for a ``kind``."""
+        name = self._prefix + channel
+        refused = ros_names.refusal(kind, name)
+        if refused is not None:
+            raise TransportError(f"ROS 2 does not take the {kind} {name!r}: {refused[0]}")
+        return name
+
     def _require_type(self, topic: Topic) -> str:
         """The full name of ``topic``, which may have one type in this node: DDS allows no other."""
         self._require_open()
-        name = self._prefix + topic.name
+        name = self._full_name("topic", topic.name)
         for declared in (self._declared.publishes, self._declared.subscribes):
             known = declared.get(name)
             if known is not None and known[0] != _ros_type(topic):

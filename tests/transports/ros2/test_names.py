@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from transports.conformance import DOUBLE, NUMBERS
+from transports.interface import TransportError
 from transports.ros_names import refusal
-
-rclpy = pytest.importorskip("rclpy")
-from rclpy.exceptions import NameValidationException  # noqa: E402
-from rclpy.validate_full_topic_name import validate_full_topic_name  # noqa: E402
-from rclpy.validate_node_name import validate_node_name  # noqa: E402
 
 pytestmark = pytest.mark.ros2
 LETTERS = st.sampled_from("aZ0_/ -é漢*$?#@~.{")
 
 
 def is_taken(kind: str, name: str) -> bool:
+    from rclpy.exceptions import NameValidationException
+    from rclpy.validate_full_topic_name import validate_full_topic_name
+    from rclpy.validate_node_name import validate_node_name
+
     try:
         if kind == "node":
             validate_node_name(name)
@@ -38,3 +40,22 @@ def test_a_name_is_refused_if_and_only_if_ros2_refuses_it(kind: str, text: str, 
     assert (found is None) is is_taken(kind, name)
     if found is not None and found[1]:
         assert is_taken(kind, found[1]) or len(found[1]) > 247
+
+
+@pytest.mark.parametrize("declare", ["publisher", "subscribe", "serve", "client"])
+def test_a_channel_that_ros2_does_not_take_is_an_error_of_the_transport(declare: str) -> None:
+    from transports.ros2 import connect
+
+    channel = NUMBERS if declare in ("publisher", "subscribe") else DOUBLE
+    kind = "topic" if channel is NUMBERS else "service"
+    wrong = msgspec.structs.replace(channel, name="/fill-level")
+    handler = [] if declare in ("publisher", "client") else [lambda _: None]
+    node = connect("one", {})
+    try:
+        with pytest.raises(TransportError) as raised:
+            getattr(node, declare)(wrong, *handler)
+    finally:
+        node.close()
+    assert str(raised.value) == (
+        f"ROS 2 does not take the {kind} '/fill-level': it has `-`; a-z, A-Z, 0-9 and _ may be in it"
+    )
