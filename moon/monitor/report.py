@@ -11,7 +11,9 @@ from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus, Summary
 from moon.monitor.watch import UNRESPONSIVE
 from moon.verdict import Explanation, Outcome, Verdict
 
-HEADER = ("machine", "verdict", "state", "in", "out", "lag [ms]", "last explanation")
+HEADER = ("machine", "verdict", "state", "in", "out", "lag [ms]")
+NUMBERS = ("in", "out", "lag [ms]")
+"""The columns whose cells are aligned to the right."""
 MAX_STATES = 3
 """So many states are named; more say no more than their number."""
 _SHOWN_UNKNOWN = 5
@@ -88,29 +90,30 @@ def cells(status: MachineStatus) -> tuple[str, ...]:
     if status.violations > 1:
         verdict += f" ×{status.violations}"
     lag = "" if status.lag_ms is None else f"{status.lag_ms:.1f}"
-    last = "" if verdict == str(Outcome.CONFORMING) else status.last
     state = state or ("" if status.verdict == UNSEEN else "?")
     numbers = (str(status.inputs), str(status.outputs), lag)
-    return tuple(map(printable, (status.machine, verdict, state, *numbers, last)))
+    return tuple(map(printable, (status.machine, verdict, state, *numbers)))
+
+
+def last_explanation(status: MachineStatus) -> str:
+    """The line below the table that says why a machine does not conform; "" if there is none."""
+    if not status.last or status.verdict == str(Outcome.CONFORMING):
+        return ""
+    return f"{printable(status.machine)}: {printable(status.last)}"
 
 
 def table(statuses: Sequence[MachineStatus]) -> list[str]:
-    """The table as lines of text."""
+    """The table as lines of text, and below it the last explanations."""
     rows = [HEADER, *(cells(status) for status in statuses)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADER) - 1)]
-    right = (False, False, False, True, True, True)
-    return [
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
         "  ".join(
-            [
-                *(
-                    text.rjust(width) if is_right else text.ljust(width)
-                    for text, width, is_right in zip(row, widths, right, strict=False)
-                ),
-                row[-1],
-            ]
+            text.rjust(width) if heading in NUMBERS else text.ljust(width)
+            for heading, text, width in zip(HEADER, row, widths, strict=True)
         ).rstrip()
         for row in rows
     ]
+    return lines + [line for status in statuses if (line := last_explanation(status))]
 
 
 def closing(summary: Summary) -> list[str]:

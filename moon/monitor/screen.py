@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import msgspec
 
 from m2c.terminal import show_painted
 from moon.json_lines import as_line
-from moon.monitor.report import HEADER, cells, closing, shade, table, verdict_lines
+from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.status import MachineStatus, Summary
 from moon.verdict import Verdict
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 Statuses = Callable[[], Sequence[MachineStatus]]
 """How the machines stand; it takes 20 ms, and only a table shows it."""
@@ -95,43 +92,22 @@ class LiveTable:
 
     def refresh(self, statuses: Statuses) -> None:
         """Draw the table anew."""
-        self._draw(statuses())
+        from moon.monitor.live_table import drawn
 
-    def _draw(self, statuses: Sequence[MachineStatus]) -> None:
-        self._live.update(_drawn(statuses), refresh=True)
+        width, height = self._live.console.size
+        self._live.update(drawn(statuses(), width, height), refresh=True)
 
     def finish(self, summary: Summary) -> None:
-        """Leave the last table standing."""
-        self._draw(summary.machines)
+        """Leave the last table standing, whole: the terminal may scroll now."""
+        from moon.monitor.live_table import drawn
+
+        self._live.update(drawn(summary.machines, self._live.console.width))
         self.close()
         show_painted(*closing(summary))
 
     def close(self) -> None:
         """Show the cursor again."""
         self._live.stop()
-
-
-_STYLES = {"31": "red", "32": "green", "33": "yellow"}
-
-
-def _drawn(statuses: Sequence[MachineStatus]) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
-    drawn = Table(box=None, pad_edge=False, header_style="bold")
-    numbers = ("in", "out", "lag [ms]")
-    for heading in HEADER:
-        drawn.add_column(
-            Text(heading),
-            justify="right" if heading in numbers else "left",
-            no_wrap=True,
-            overflow="ellipsis",
-        )
-    for status in statuses:
-        row = [Text(cell) for cell in cells(status)]
-        row[1].stylize(_STYLES.get(shade(status.verdict), "dim"))
-        drawn.add_row(*row)
-    return drawn
 
 
 def screen_for(as_json: bool) -> Screen:

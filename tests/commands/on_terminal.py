@@ -33,13 +33,13 @@ _OURS = re.compile(r"\x1b\[[0-9;]*m|\x1b\[\d*[ABK]|\x1b\[\?25[lh]|[\r\n]")
 
 
 class OnTerminal:
-    """A command of ours that runs on a terminal 250 columns wide."""
+    """A command of ours that runs on a terminal, 60 lines high."""
 
-    def __init__(self, *command: object, cwd: Path | None = None) -> None:
+    def __init__(self, *command: object, cwd: Path | None = None, columns: int = 250) -> None:
         self._seen = b""
         self._changed = threading.Condition()
         self._ours, theirs = pty.openpty()
-        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 60, 250, 0, 0))
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 60, columns, 0, 0))
         environment = {**os.environ, "TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8"}
         for name in ("NO_COLOR", "COLUMNS", "LINES"):  # the terminal's own size counts
             environment.pop(name, None)

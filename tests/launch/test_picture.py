@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from rich.console import Console
 
 from m2c.launch.picture import TreePicture
@@ -40,6 +41,24 @@ def test_the_names_of_a_policy_are_drawn_as_they_are_written() -> None:
         word in words
         for word in (SHOWN, MARKUP, r"Main\u202e\x9b31m", r"order\u202e\x9b31m", r"Sub\x9b31m")
     )
+
+
+@pytest.mark.parametrize("width", [60, 80, 100])
+def test_a_leaf_and_its_status_stand_whole_on_a_narrow_terminal(width: int) -> None:
+    xml = (
+        '<root><BehaviorTree ID="Main"><Sequence name="s"><Fallback name="f"><Inverter><L0/></Inverter>'
+        "</Fallback></Sequence></BehaviorTree></root>"
+    )
+    name = "VisitorsFollowingRobot"
+    picture = TreePicture(Policy("p", "Main", xml, (Leaf(id="L0", name=name, action=True),)))
+    picture.show(TreeTick(1, "RUNNING", (LeafTick(name, "SUCCESS", 123_456_789),)))
+    picture.show(TreeTick(2, "RUNNING", ()))
+    console = Console(width=width)
+    with console.capture() as drawn:
+        console.print(picture.render())
+    assert f"{name}  SUCCESS" in drawn.get()
+    assert "in tick 1" in " ".join(drawn.get().split())
+    assert all(len(line.rstrip()) <= width for line in drawn.get().splitlines())
 
 
 def test_lines_above_the_tree_are_shown_as_they_are_written() -> None:
