@@ -10,7 +10,7 @@ counts says nothing that a lost message could contradict; told later, it takes b
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -90,6 +90,8 @@ class PropertyWatch:
         self.turns = 0
         """Turns at which there was something to look at."""
         self.patience = Patience(latency_ns)
+        self.taken_back: Callable[[str, int], None] = lambda name, since_ns: None
+        """Told which violation (of which property, since when) does not count any more."""
         self._latency_ns = latency_ns
         self._tallies = {
             name: _Tally(frozenset(port.channel for port in item.ports))
@@ -247,6 +249,8 @@ class PropertyWatch:
                 continue
             tally.since = [ns for ns in tally.since if ns not in doubted]
             tally.violations -= len(doubted)
+            for since_ns in doubted:
+                self.taken_back(name, since_ns)
             if standing.status is not Status.FALSE:
                 why = f"the violation is taken back: messages on {loss.channel} were missed"
                 found += self._told(name, msgspec.structs.replace(standing, reason=why))
@@ -274,6 +278,7 @@ class PropertyWatch:
                 continue
             foreseen_ns, tally.foreseen_ns = tally.foreseen_ns, None
             tally.violations -= 1
+            self.taken_back(name, foreseen_ns)
             tally.since = [ns for ns in tally.since if ns != foreseen_ns]
             if tally.outcome is Outcome.VIOLATED:
                 standing = self._ordered.verdicts()[name]

@@ -49,6 +49,7 @@ class SystemWatch:
         properties: what else is to be monitored, of the same observations.
         policy: whether the policy is monitored; by default, if all machines of ``system`` are.
         monotonic_ns: a clock that nobody sets: with it, standing still is told from a clock that was.
+        repeated: told of each violation that reads as its node's last; sinks do not get it.
     """
 
     def __init__(
@@ -62,8 +63,10 @@ class SystemWatch:
         properties: PropertyWatch | None = None,
         policy: bool | None = None,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        repeated: Callable[[Verdict], None] = lambda verdict: None,
     ) -> None:
         self.counts = Counts()
+        self._repeated = repeated
         self._violations = 0
         """By machines."""
         self._transport = transport
@@ -366,6 +369,8 @@ class SystemWatch:
             self._violations += 1
             if node.said is not Outcome.VIOLATED or node.last != verdict.reason:
                 self._publish(verdict)
+            else:
+                self._repeated(verdict)
 
     def _tell_properties(self, verdicts: Sequence[Verdict]) -> None:
         for verdict in verdicts:

@@ -6,16 +6,17 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from moon.monitor.status import PROPERTY
 from moon.monitor.subject import Monitored, Subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.playing import Player
-from moon.offline.result import CheckResult, RecordingFacts
+from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.settling import settled
 from moon.offline.timelines import Timelines
 from moon.recording.attribution import Attribution
 from moon.recording.entries import Entry, Said
 from moon.recording.reader import OWN, ROSBAG, Recording, open_recording
-from moon.verdict import Verdict
+from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
 
 PROGRESS_EVERY = 2_000
@@ -36,10 +37,27 @@ class _Collector:
 
     def __init__(self, player: Player) -> None:
         self.said: list[Said] = []
+        self.counted: list[Said] = []
+        self._repeats = 0
         self._player = player
 
     def take(self, verdict: Verdict) -> None:
-        self.said.append(Said(self._player.now_ns(), verdict))
+        said = Said(self._player.now_ns(), verdict)
+        self.said.append(said)
+        if verdict.outcome is Outcome.VIOLATED:
+            self.counted.append(said)
+
+    def repeat(self, verdict: Verdict) -> None:
+        self._repeats += 1
+        if self._repeats <= MAX_REPEATS:
+            self.counted.append(Said(self._player.now_ns(), verdict))
+
+    def take_back(self, name: str, since_ns: int) -> None:
+        for place in range(len(self.counted) - 1, -1, -1):
+            verdict = self.counted[place].verdict
+            if (verdict.kind, verdict.node) == (PROPERTY, name) and verdict.stamp_ns == since_ns:
+                del self.counted[place]
+                return
 
 
 def check_recording(
@@ -68,6 +86,7 @@ def check_recording(
     player = Player(_START_MARGIN * monitored.bounds.latency)
     collector = _Collector(player)
     notes: list[str] = []
+    properties = monitored.property_watch()
     watch = SystemWatch(
         player,
         monitored.system,
@@ -75,10 +94,12 @@ def check_recording(
         monitored.bounds,
         [collector],
         notes.append,
-        monitored.property_watch(),
+        properties,
         policy=None if attribution is None else False,
         monotonic_ns=player.monotonic_ns,
+        repeated=collector.repeat,
     )
+    properties.taken_back = collector.take_back
     timelines = Timelines(watch, player) if with_timelines else None
     first, last, recorded = _play(recording, watch, player, timelines, progress, attribution)
     faults = tuple(recording.faults())
@@ -109,6 +130,7 @@ def check_recording(
         problems=summary.problems,
         recorded=recorded,
         seconds=time.monotonic() - began,
+        counted=tuple(collector.counted),
     )
 
 

@@ -8,6 +8,9 @@ from moon.monitor.status import Counts, MachineStatus
 from moon.recording.entries import Said
 from moon.verdict import Outcome
 
+MAX_REPEATS = 10_000
+"""Violations that read as the one before are kept up to so many: a broken node may never stop."""
+
 
 class Band(msgspec.Struct, frozen=True):
     """How a machine or a property stood from ``start_ns`` on, until ``end_ns``.
@@ -92,6 +95,9 @@ class CheckResult(msgspec.Struct, frozen=True):
         problems: what could not be heard or judged, one sentence each.
         recorded: whether the recording holds verdicts of its own (``moon monitor --record``).
         seconds: how long the check took.
+        counted: the violations that count, in order, each with the time at which it was: those of
+            ``verdicts`` that were not taken back, and the first :data:`MAX_REPEATS` of those that are
+            not said again; None: all of ``verdicts``.
     """
 
     recording: RecordingFacts
@@ -106,6 +112,7 @@ class CheckResult(msgspec.Struct, frozen=True):
     problems: tuple[str, ...]
     recorded: bool = False
     seconds: float = 0.0
+    counted: tuple[Said, ...] | None = None
 
     @property
     def violations(self) -> int:
@@ -116,3 +123,8 @@ class CheckResult(msgspec.Struct, frozen=True):
     def violated(self) -> tuple[Said, ...]:
         """The verdicts that are violations."""
         return tuple(said for said in self.verdicts if said.verdict.outcome is Outcome.VIOLATED)
+
+    @property
+    def each_violation(self) -> tuple[Said, ...]:
+        """As many as :attr:`violations` (unless so many repeat themselves that not all are kept)."""
+        return self.violated if self.counted is None else self.counted

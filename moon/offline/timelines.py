@@ -10,6 +10,8 @@ from transports.interface import Observation
 
 MAX_BANDS = 20_000
 """Bands of one machine; when there are more, neighbours are joined, the shortest first half of them."""
+_SHORTEST_NS = 1_000
+"""A page counts microseconds: a shorter band has no length there."""
 _LOOK_NS = 100_000_000
 """How often machines are looked at when nothing is heard."""
 
@@ -76,18 +78,27 @@ class Timelines:
         """The watch was told of ``entry``."""
         now_ns = self._player.now_ns()
         if isinstance(entry, Observation) or now_ns - self._looked_ns >= _LOOK_NS:
-            self._looked_ns = now_ns
-            for name, kind, verdict, states in self._watch.standings():
-                known = self._growing.get((name, kind))
-                if known is None:
-                    self._growing[name, kind] = _Growing(kind, now_ns, states, verdict)
-                elif known.verdict != verdict or known.states != states:
-                    known.change(now_ns, states, verdict)
+            self._look(now_ns)
+
+    def _look(self, now_ns: int) -> None:
+        self._looked_ns = now_ns
+        for name, kind, verdict, states in self._watch.standings():
+            known = self._growing.get((name, kind))
+            if known is None:
+                self._growing[name, kind] = _Growing(kind, now_ns, states, verdict)
+            elif known.verdict != verdict or known.states != states:
+                known.change(now_ns, states, verdict)
 
     def finished(self, end_ns: int) -> tuple[Timeline, ...]:
-        """All timelines; the recording ends at ``end_ns``."""
+        """All timelines; the recording ends at ``end_ns``.
+
+        They go on for as long as the watch did: what is false at a deadline after the last message is
+        false in the last band, if only for :data:`_SHORTEST_NS`.
+        """
+        end_ns = max(end_ns, self._player.now_ns())
+        self._look(end_ns)
         for growing in self._growing.values():
-            growing.end(end_ns)
+            growing.end(max(end_ns, growing.since_ns + _SHORTEST_NS))
         return tuple(
             Timeline(name, growing.kind, tuple(growing.bands), growing.merged)
             for (name, _), growing in self._growing.items()

@@ -14,16 +14,21 @@ import msgspec
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from m2c.model.diagnostics import ModelError
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.output_file import write_whole
 from m2c.printable import printable
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import CheckResult
+from moon.properties.files import load_properties
+from moon.properties.property import Property
 from moon.recording.entries import Said
 from moon.recording.reader import RecordingError, open_recording
 from moon.report.data import as_json, timeline_data
 from moon.report.diagrams import POLICY, Figure, figures_of, read_system
 from moon.report.observations import MAX_CHANNELS, Shelf
+from moon.report.plot_drawing import drawn
+from moon.report.plots import Plots
 from moon.verdict import Explanation
 from transports.interface import Observation
 
@@ -47,19 +52,34 @@ def write_report(result: CheckResult, path: Path) -> None:
         OSError: it cannot be written.
     """
     system = read_system(result.models, result.interfaces)
-    violations = result.violated[:MAX_VIOLATIONS]
+    violations = result.each_violation[:MAX_VIOLATIONS]
     shelf = Shelf(said.received_ns for said in violations)
-    missing = _take_observations(result, system.library if system is not None else None, shelf)
+    properties, missing = _read_properties(result, violations)
+    plots = Plots(properties, violations)
+    library = system.library if system is not None else None
+    missing += _take_observations(result, library, shelf, plots)
     figures = figures_of(system, [said.verdict.machine for said in violations])
     if system is None and result.models:
         missing.append("the models are not where they were: there are no diagrams")
-    write_whole(path, _page(result, violations, shelf, figures, missing))
+    write_whole(path, _page(result, violations, shelf, plots, figures, missing))
+
+
+def _read_properties(
+    result: CheckResult, violations: Sequence[Said]
+) -> tuple[Sequence[Property], list[str]]:
+    """The properties, if any is violated; what is said if they cannot be read any more."""
+    if not any(said.verdict.kind == PROPERTY for said in violations):
+        return (), []
+    try:
+        return load_properties(*map(Path, result.properties)), []
+    except ModelError:
+        return (), ["the property files are not what they were: their values are not plotted"]
 
 
 def _take_observations(
-    result: CheckResult, library: InterfaceLibrary | None, shelf: Shelf
+    result: CheckResult, library: InterfaceLibrary | None, shelf: Shelf, plots: Plots
 ) -> list[str]:
-    """Fill ``shelf``; what is said if that cannot be done."""
+    """Fill ``shelf`` and ``plots``; what is said if that cannot be done."""
     try:
         recording = open_recording(Path(result.recording.path), library)
     except RecordingError as error:
@@ -67,6 +87,7 @@ def _take_observations(
     for entry in recording.entries():
         if isinstance(entry, Observation):
             shelf.take(entry)
+            plots.take(entry)
     return []
 
 
@@ -95,6 +116,7 @@ class _Told(msgspec.Struct, frozen=True):
         why: the explanation, as titles with what stands under them; None without one.
         figure: the id of its diagram; "" without one.
         keys: of the diagram's parts that it is about.
+        plot: of a property's: the values that it is about; "" without any.
     """
 
     name: str
@@ -105,19 +127,21 @@ class _Told(msgspec.Struct, frozen=True):
     why: list[tuple[str, Sequence[str]]] | None
     figure: str
     keys: str
+    plot: str
 
 
 def _page(
     result: CheckResult,
     violations: Sequence[Said],
     shelf: Shelf,
+    plots: Plots,
     figures: dict[str, Figure],
     missing: Sequence[str],
 ) -> str:
     facts = result.recording
     data = timeline_data(result, shelf, violations)
     used: dict[str, Figure] = {}
-    told = [_told(said, figures, used, data.start_ms) for said in violations]
+    told = [_told(said, figures, used, plots, data.start_ms) for said in violations]
     style, bare = _file("report.css"), Markup("[hidden]{display:block!important}")
     scripts = [_file("timeline.js"), _file("report.js")]
     return _template().render(
@@ -218,9 +242,9 @@ def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[
             f"the timeline shows {shelf.shown:,} of {shelf.heard:,} observations: those of the two "
             "seconds before each violation, and a part of the others"
         )
-    told = len(result.violated)
-    if told > MAX_VIOLATIONS:
-        notes.append(f"of {told:,} violations the first {MAX_VIOLATIONS:,} are told")
+    count = result.violations
+    if count > MAX_VIOLATIONS:
+        notes.append(f"of {count:,} violations the first {MAX_VIOLATIONS:,} are told")
     return list(dict.fromkeys(notes))
 
 
@@ -241,7 +265,11 @@ def _row(status: MachineStatus) -> _Row:
 
 
 def _told(
-    said: Said, figures: dict[str, Figure], used: dict[str, Figure], start_ms: float
+    said: Said,
+    figures: dict[str, Figure],
+    used: dict[str, Figure],
+    plots: Plots,
+    start_ms: float,
 ) -> _Told:
     """What is told of a violation; its diagram is added to ``used``."""
     verdict, why = said.verdict, said.verdict.explanation
@@ -249,6 +277,7 @@ def _told(
     if figure is not None:
         used[figure.name] = figure
     is_property = verdict.kind == PROPERTY
+    plot = plots.of(said)
     return _Told(
         verdict.node,
         f"+{max(said.received_ns / 1e6 - start_ms, 0) / 1e3:,.3f} s",
@@ -258,6 +287,7 @@ def _told(
         _why(why, "written" if is_property else "model") if why is not None else None,
         f"{figure.prefix}figure" if figure is not None else "",
         " ".join(figure.prefix + key for key in keys) if figure is not None else "",
+        drawn(plot, round(start_ms * 1e6)) if plot is not None else "",
     )
 
 

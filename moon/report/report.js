@@ -79,7 +79,11 @@
   }
   timeline.ondraw = () => performance.mark("timeline-painted");
   timeline.draw();
-  const asked = /^#violation-(\d+)$/.exec(location.hash);
-  if (asked) select(Number(asked[1]), true);
-  else if (list) select(0, false);
+  const follow = () => {
+    const asked = /^#violation-(\d+)$/.exec(location.hash);
+    if (asked) select(Number(asked[1]), true);
+    return asked;
+  };
+  window.addEventListener("hashchange", follow);
+  if (!follow() && list) select(0, false);
 })();

@@ -172,7 +172,7 @@ class Timeline {
       const [start, end, state, verdict] = bands[i];
       if (start > this.to) break;
       const left = Math.max(this.x(start), this.left);
-      const right = Math.min(Math.max(this.x(end), left + 1), this.width);
+      const right = Math.min(Math.max(this.x(end), left + (i === bands.length - 1 ? 4 : 1)), this.width);
       if (right <= covered + 0.5) continue;
       covered = right;
       pen.fillStyle = this.colour(state ? `band-${stateNumber(row.states, state) % 3}` : "field");

@@ -163,10 +163,13 @@ def test_where_things_come_late_a_deadline_waits_for_them(watched) -> None:
 
 
 def test_what_comes_later_than_anything_of_late_takes_the_violation_back(watched) -> None:
+    taken_back = []
+    watched.properties.taken_back = lambda name, since_ns: taken_back.append((name, since_ns))
     watched.message(90)
     watched.tick(1)
     watched.pass_time(1050)
     assert watched.of("answers")[-1] == "violated"
+    said = watched.verdicts[-1]
     assert watched.properties.violations == 1
     assert watched.properties.certain_violations == 0
     watched.answer(late_by=100 * MS)
@@ -174,6 +177,7 @@ def test_what_comes_later_than_anything_of_late_takes_the_violation_back(watched
     assert watched.of("answers")[-2:] == ["violated", "conforming"]
     assert any("taken back" in verdict.reason for verdict in watched.verdicts)
     assert watched.properties.violations == 0
+    assert taken_back == [("answers", said.stamp_ns)]
     assert watched.standing()["answers"] == "conforming"
 
 
@@ -342,6 +346,9 @@ def test_an_answer_that_comes_later_than_the_latency_bound_takes_a_certain_viola
     watched.pass_time(1400)
     assert watched.of("answers")[-1] == "violated"
     assert watched.properties.certain_violations == 1
+    said = watched.verdicts[-1]
+    taken_back = []
+    watched.properties.taken_back = lambda name, since_ns: taken_back.append((name, since_ns))
     watched.properties.observe(
         Observation(
             stamp_ns=watched.now - 500 * MS,
@@ -356,6 +363,7 @@ def test_an_answer_that_comes_later_than_the_latency_bound_takes_a_certain_viola
     watched.pass_time(1000)
     assert watched.properties.late == 1
     assert watched.of("answers")[-1] == "inconclusive"
+    assert taken_back == [("answers", said.stamp_ns)]
     assert watched.properties.violations == watched.properties.certain_violations == 0
     assert any(
         verdict.reason == "the violation is taken back: messages on /Level/tick were missed"
