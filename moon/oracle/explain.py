@@ -8,7 +8,7 @@ from typing import Any
 from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.bounds import TooManyError
 from moon.oracle.facts import Fact, Role
-from moon.oracle.hypothesis import Hypothesis, Owed
+from moon.oracle.hypothesis import Hypothesis, Instances, Owed
 from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
 from moon.verdict import Evidence, Explanation
@@ -76,8 +76,11 @@ def explanation_of(
         places[str(item.transition)] = None
     if not owed:
         expected["nothing to be sent"] = None
-    states = {state_text(search, h): None for h in (h for h, _ in owed)} or {
-        state_text(search, h): None for h in survivors
+    # what is owed is owed by a step that was taken: its state is the one before that
+    befores = [before for h, item in owed for before in item.before or (h.instances,)]
+    states = {
+        state_text(search, instances): None
+        for instances in befores or (h.instances for h in survivors)
     }
     observed = "nothing in time" if fact is None else told(fact)
     return Explanation(
@@ -97,10 +100,10 @@ def owed_text(search: Search, owed: Owed) -> str:
     return f"{_OUTPUTS[owed.kind]} {channel}{data}{to}"
 
 
-def state_text(search: Search, hypothesis: Hypothesis) -> str:
-    """State and data of a hypothesis, in one line."""
+def state_text(search: Search, instances: Instances) -> str:
+    """State and data of a machine and its threads, in one line."""
     texts = []
-    for program, (state, data) in zip(search.programs, hypothesis.instances, strict=True):
+    for program, (state, data) in zip(search.programs, instances, strict=True):
         values = ", ".join(
             f"{name}={_short(value)}"
             for name, value in zip(program.names, data, strict=True)

@@ -18,6 +18,12 @@ EventKey = tuple[EventKind, str]
 ANY_CALL = ("", -1)
 """Whose response is owed when the request came before the oracle looked."""
 
+Instances = tuple[tuple[int, tuple[Any, ...]], ...]
+"""State and datamodel of the machine and of each of its action threads."""
+
+MAX_BEFORE = 4
+"""So many configurations from which a step led to the same one are kept, for explanations."""
+
 
 class Owed:
     """An output that must be seen next.
@@ -28,10 +34,12 @@ class Owed:
         goal: hex id of its goal, a goal's number where the id is not known yet, or Unknown.
         optional: whether it may not have been sent at all.
         alarm: the timer that caused the step, whose phase the output tells.
+        before: what the machine was before the step, for explanations: each possibility.
     """
 
     __slots__ = (
         "alarm",
+        "before",
         "call",
         "data",
         "goal",
@@ -57,6 +65,7 @@ class Owed:
         goal: Any = None,
         optional: bool = False,
         alarm: AlarmKey | None = None,
+        before: tuple[Instances, ...] = (),
     ) -> None:
         self.kind = kind
         self.interface = interface
@@ -69,6 +78,16 @@ class Owed:
         self.goal = goal
         self.optional = optional
         self.alarm = alarm
+        self.before = before
+
+    def also_from(self, other: Owed) -> Owed:
+        """The same output, that may be owed from where ``other`` of the same key is, too."""
+        others = tuple(item for item in other.before if item not in self.before)
+        if not others or len(self.before) >= MAX_BEFORE:
+            return self
+        made = self.due(self.low, self.high)
+        made.before = (*self.before, *others)[:MAX_BEFORE]
+        return made
 
     def due(self, low: int, high: int) -> Owed:
         """The same output, of a step taken between ``low`` and ``high``."""
@@ -84,6 +103,7 @@ class Owed:
             self.goal,
             self.optional,
             self.alarm,
+            self.before,
         )
 
     def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
@@ -265,7 +285,7 @@ class Hypothesis:
 
     def __init__(
         self,
-        instances: tuple[tuple[int, tuple[Any, ...]], ...],
+        instances: Instances,
         owed: tuple[Owed, ...] = (),
         pending: tuple[Fact, ...] = (),
         posted: tuple[Posted, ...] = (),
@@ -355,7 +375,16 @@ class Hypothesis:
         made = self.copy()
         made.owed, made.posted, made.alarms = owed, posted, alarms
         made.moment = min(self.moment, other.moment)
-        return made
+        return made.also_from(other)
+
+    def also_from(self, other: Hypothesis) -> Hypothesis:
+        """The same; what it owes may be owed from where ``other`` of the same key does, too."""
+        if not self.owed:
+            return self
+        owed = tuple(mine.also_from(its) for mine, its in zip(self.owed, other.owed, strict=True))
+        if all(mine is before for mine, before in zip(owed, self.owed, strict=True)):
+            return self
+        return self.with_owed(owed)
 
     def allows(self, other: Hypothesis) -> bool:
         """Whether the timers of ``other``, which has the same key, can ring when this one's can, too."""
@@ -382,7 +411,7 @@ def _spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, .
     return tuple(made)
 
 
-def _data_key(instances: tuple[tuple[int, tuple[Any, ...]], ...], numbers: dict[int, int]) -> Any:
+def _data_key(instances: Instances, numbers: dict[int, int]) -> Any:
     for _, data in instances:
         for value in data:
             if value.__class__ not in SCALARS:  # arrays, structures, unknown values
@@ -403,4 +432,4 @@ def distinct(made: list[Hypothesis]) -> list[Hypothesis]:
 def _put_in(found: dict[Any, Hypothesis], made: Hypothesis) -> None:
     key = made.key()
     before = found.get(key)
-    found[key] = made if before is None else before.merged(made) or before
+    found[key] = made if before is None else before.merged(made) or before.also_from(made)

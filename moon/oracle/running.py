@@ -18,7 +18,16 @@ from moon.oracle.goals import (
     goal_to_cancel,
     served_goal,
 )
-from moon.oracle.hypothesis import ANY_CALL, Alarm, AlarmKey, EventKey, Hypothesis, Owed, Posted
+from moon.oracle.hypothesis import (
+    ANY_CALL,
+    Alarm,
+    AlarmKey,
+    EventKey,
+    Hypothesis,
+    Instances,
+    Owed,
+    Posted,
+)
 from moon.oracle.step import Delayed, Output, Step
 from moon.oracle.steps import MachineProgram
 from moon.oracle.unknowns import Unknown
@@ -139,7 +148,7 @@ class Running:
         if step.scheduled:
             self._schedule(made, instance, step.scheduled, low, high)
         for output in step.outputs:
-            self._owe(made, instance, output, low, high, alarm, call)
+            self._owe(made, instances, instance, output, low, high, alarm, call)
         return made
 
     def _awakened(
@@ -189,6 +198,7 @@ class Running:
     def _owe(
         self,
         made: Hypothesis,
+        before: Instances,
         instance: int,
         output: Output,
         low: int,
@@ -196,7 +206,10 @@ class Running:
         alarm: AlarmKey | None,
         call: tuple[str, int] | None,
     ) -> None:
-        """What an output of the model means: something to be seen, or something inside."""
+        """What an output of the model means: something to be seen, or something inside.
+
+        ``before`` is what the machine was before the step.
+        """
         kind = output.kind
         optional = False
         interface = output.interface
@@ -268,6 +281,7 @@ class Running:
                 goal,
                 optional,
                 alarm,
+                (before,),
             ),
         )
 

@@ -421,8 +421,7 @@ def _news(known: dict[Any, Hypothesis], made: Hypothesis) -> Hypothesis | None:
         known[key] = made
         return made
     wide = before.merged(made)
-    if wide is not None:
-        known[key] = wide
+    known[key] = before.also_from(made) if wide is None else wide
     return wide
 
 

@@ -108,7 +108,9 @@ class Shortcuts(Outputs):
         made = []
         for kind, interface, fields, position, transition in effect.owed:
             answers = answered[1] if answered and kind is _RESPONSE else None
-            made.append(Owed(kind, interface, fields, stamp, stamp, position, transition, answers))
+            owed = Owed(kind, interface, fields, stamp, stamp, position, transition, answers)
+            owed.before = (hypothesis.instances,)
+            made.append(owed)
         hypothesis.instances = ((step.state, effect.data),)
         hypothesis.owed = tuple(made)
         hypothesis.waiting = waiting
