@@ -9,10 +9,15 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import threading
 from typing import NoReturn, TextIO
 
 from m2c.printable import printable
 
+_WRITING = threading.RLock()
+"""Held while lines are written: each process of a running system has a thread that shows its output, and
+Python's text streams are not made for several (a line longer than their buffer was broken by another's).
+A signal's handler may have something to say while its own thread writes: hence a reentrant lock."""
 _NAMES = {"<stdout>": "standard output", "<stderr>": "standard error"}
 
 
@@ -40,6 +45,8 @@ def fail(*lines: str) -> NoReturn:
 def show_painted(*lines: str, stream: TextIO | None = None) -> None:
     """Write lines that have our own colours in them; the texts between were made printable before.
 
+    On whatever thread: they arrive whole, and none of another thread between them.
+
     Args:
         lines: what is written, at once.
         stream: where to; standard output by default.
@@ -52,8 +59,9 @@ def show_painted(*lines: str, stream: TextIO | None = None) -> None:
     encoding = out.encoding or "utf-8"
     text = "".join(f"{line}\n" for line in lines)
     try:
-        out.write(text.encode(encoding, "backslashreplace").decode(encoding))
-        out.flush()
+        with _WRITING:
+            out.write(text.encode(encoding, "backslashreplace").decode(encoding))
+            out.flush()
     except BrokenPipeError:
         raise
     except OSError as error:
