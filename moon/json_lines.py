@@ -8,6 +8,21 @@ from typing import Any
 
 import msgspec
 
+from m2c.json_format import VERSION, VERSION_KEY
+
+_HEAD = f'{{"{VERSION_KEY}":{VERSION}'.encode()
+
+
+def versioned_line(value: Any, encode: Callable[[Any], bytes] = msgspec.json.encode) -> bytes:
+    """``value``, which is an object in JSON, as a line that says of which version its format is.
+
+    Args:
+        value: see :func:`as_line`.
+        encode: see :func:`as_line`.
+    """
+    rest = as_line(value, encode)[1:]
+    return _HEAD + (rest if rest == b"}" else b"," + rest)
+
 
 def as_line(value: Any, encode: Callable[[Any], bytes] = msgspec.json.encode) -> bytes:
     """``value`` as one line of JSON (RFC 8259), without its end.

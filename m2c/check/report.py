@@ -11,6 +11,7 @@ from typing import Any, TextIO
 from urllib.parse import quote
 
 from m2c.check.rules import RULES, Rule
+from m2c.json_format import VERSION, VERSION_KEY
 from m2c.model.diagnostics import Diagnostic, Severity
 from m2c.printable import printable
 from m2c.terminal import show_painted
@@ -53,6 +54,7 @@ def as_json(diagnostics: Sequence[Diagnostic]) -> str:
 
 def _entry(found: Diagnostic) -> dict[str, Any]:
     return {
+        VERSION_KEY: VERSION,
         "file": found.position.file,
         "line": found.position.line,
         "column": found.position.column,

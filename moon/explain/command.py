@@ -46,7 +46,7 @@ def explain(
     from m2c.model.typing import nearest
     from moon.explain.observables import observables
     from moon.explain.report import ASSUMED, report
-    from moon.json_lines import as_line
+    from moon.json_lines import versioned_line
     from moon.monitor.reading import read_checked, say_why
 
     try:
@@ -68,7 +68,7 @@ def explain(
     ]
     if as_json:
         for item in found:
-            show(as_line(item).decode())
+            show(versioned_line(item).decode())
         return
     for item in found:
         show(*report(item), "")
@@ -80,7 +80,7 @@ def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_jso
     import msgspec
 
     from moon.explain.recorded import concluded, lines_of, lines_of_overview, overview
-    from moon.json_lines import as_line
+    from moon.json_lines import versioned_line
     from moon.recording.reader import OWN, ROSBAG, RecordingError, open_recording
 
     try:
@@ -101,7 +101,7 @@ def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_jso
     found = [concluded(machine, recording.contents, judged) for machine in chosen]
     if as_json:
         for item in (whole, *found):
-            show(as_line(item).decode())
+            show(versioned_line(item).decode())
         return
     show(*lines_of_overview(whole), "")
     for conclusion in found:

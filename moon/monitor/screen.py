@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import msgspec
 
 from m2c.terminal import show_painted
-from moon.json_lines import as_line
+from moon.json_lines import versioned_line
 from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.status import MachineStatus, Summary
 from moon.verdict import Verdict
@@ -121,4 +121,4 @@ def screen_for(as_json: bool) -> Screen:
 
 def _write_event(kind: str, content: Any) -> None:
     fields = {"event": kind, **msgspec.to_builtins(content)}
-    show_painted(as_line(fields).decode())
+    show_painted(versioned_line(fields).decode())

@@ -7,7 +7,7 @@ import time
 import msgspec
 
 from m2c.printable import printable
-from moon.json_lines import as_line
+from moon.json_lines import versioned_line
 from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.status import Summary
 from moon.offline.result import CheckResult
@@ -43,7 +43,7 @@ def json_lines(result: CheckResult) -> list[bytes]:
         *(("verdict", said.verdict) for said in result.verdicts),
         ("summary", summary),
     ]
-    return [as_line({"event": name, **_fields(item)}) for name, item in events]
+    return [versioned_line({"event": name, **_fields(item)}) for name, item in events]
 
 
 def _fields(item: object) -> dict[str, object]:

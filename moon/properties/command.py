@@ -69,10 +69,10 @@ def _as_text(item: Property) -> list[str]:
 
 
 def _as_json(item: Property) -> str:
-    from moon.json_lines import as_line
+    from moon.json_lines import versioned_line
     from moon.properties.formula import text
 
-    return as_line(
+    return versioned_line(
         {
             "id": item.name,
             "role": item.role,

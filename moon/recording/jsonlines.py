@@ -3,7 +3,8 @@
 ``{"topic": "level", "time": 12.0, "data": 30}`` is a message: what is not ``topic``, ``time`` or the
 oracle's is its fields. ``{"service": "add", "time": 12.0, "request": {…}}`` and the same with
 ``response`` are the halves of a call. Names may lack their first ``/``; MOON's are whole seconds
-(generator.py, ``float(now().to_msg().sec)``), so the order of the lines is the order of events.
+(generator.py, ``float(now().to_msg().sec)``), so the order of the lines is the order of events. A line
+may say of which version its format is (``format_version``); one without is of the first.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import IO, Any
 
 import msgspec
 
+from m2c.json_format import VERSION, VERSION_KEY
 from moon.recording.stored import plural
 from transports.interface import Observation, ObservationKind
 
@@ -21,7 +23,7 @@ MAX_LINE = 16 * 1024 * 1024
 MAX_NAMED = 20
 """Lines that cannot be read are named one by one, up to so many."""
 
-_ORACLES = ("topic", "time", "t", "verdict", "spec")
+_ORACLES = ("topic", "time", "t", "verdict", "spec", VERSION_KEY)
 """Keys of a message's line that are no fields of it."""
 _HALVES = {
     "request": ObservationKind.REQUEST_RECEIVED,
@@ -92,6 +94,11 @@ def _observation(line: bytes) -> Observation:
             raise error from None
     if not isinstance(found, dict):
         raise _LineError(f"expected an object with `topic` or `service`, got `{_shown(found)}`")
+    version = found.get(VERSION_KEY, VERSION)
+    if version != VERSION:
+        raise _LineError(
+            f"{VERSION_KEY} is {_shown(version)}; this moon reads lines of version {VERSION}, and without one"
+        )
     stamp_ns = _stamp_ns(found)
     topic, service = found.get("topic"), found.get("service")
     if isinstance(topic, str) and topic:

@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from moon.json_lines import as_line
+from moon.json_lines import versioned_line
 from moon.verdict import Verdict
 
 
@@ -32,7 +32,7 @@ class VerdictFile:
 
     def take(self, verdict: Verdict) -> None:
         """Write ``verdict``."""
-        self._write(as_line(verdict) + b"\n")
+        self._write(versioned_line(verdict) + b"\n")
 
     def close(self) -> None:
         """Close the file; idempotent."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from m2c.terminal import show_painted
-from moon.json_lines import as_line
+from moon.json_lines import versioned_line
 from moon.tap.render import Renderer
 from moon.tap.statistics import HEADER, Statistics, cells, table
 from moon.tap.stream import Line
@@ -139,7 +139,7 @@ class LastTable:
     def finish(self, now_ns: int) -> None:
         """Write the statistics."""
         rows = self._statistics.rows(now_ns)
-        lines = [as_line(row).decode() for row in rows] if self._as_json else table(rows)
+        lines = [versioned_line(row).decode() for row in rows] if self._as_json else table(rows)
         show_painted(*lines)
 
     def close(self) -> None:
@@ -172,9 +172,9 @@ _encode = msgspec.json.Encoder(enc_hook=_hook).encode
 def json_of(line: Line) -> bytes:
     """``line`` as a JSON object (its format: docs/commands/moon-tap.md)."""
     try:
-        return as_line(line, _encode)
+        return versioned_line(line, _encode)
     except (TypeError, RecursionError):  # MessagePack carries what JSON cannot
-        return as_line(msgspec.structs.replace(line, data=_for_json(line.data, 0)), _encode)
+        return versioned_line(msgspec.structs.replace(line, data=_for_json(line.data, 0)), _encode)
 
 
 def _for_json(value: Any, depth: int) -> Any:

@@ -86,6 +86,7 @@ def test_what_is_only_called_uuid_is_shown_as_it_is(data) -> None:
 
 def test_json_leaves_out_what_is_not_known() -> None:
     assert json.loads(json_of(Line(1, "message", "/a", "n", {"data": 1}))) == {
+        "format_version": 1,
         "stamp_ns": 1,
         "kind": "message",
         "channel": "/a",

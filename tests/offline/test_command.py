@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from moon.cli import main
+from moon.json_lines import versioned_line
 from moon.offline.command import check
 from moon.verdict import Verdict
 from tests.offline.live import EXAMPLE, faulty_program, live_run, program
@@ -56,7 +57,7 @@ def test_a_good_run_ends_with_0_and_a_bad_one_with_1_and_says_why(runs: Runs) ->
 def test_the_log_is_the_one_that_the_monitor_wrote(runs: Runs, tmp_path: Path) -> None:
     log = tmp_path / "verdicts.jsonl"
     run(str(runs.bad), SYSTEM, "--properties", PROPERTIES, "--log", str(log))
-    live = b"".join(msgspec.json.encode(verdict) + b"\n" for verdict in runs.said_of_bad)
+    live = b"".join(versioned_line(verdict) + b"\n" for verdict in runs.said_of_bad)
     assert log.read_bytes() == live
 
 

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import msgspec
 import pytest
 
+from moon.json_lines import versioned_line
 from moon.monitor.nodes import AWAY
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
@@ -27,7 +27,7 @@ ROUGH = Conditions(delay_s=(0.0, 0.004), tap_delay_s=(0.0, 0.3), tap_loss=0.01, 
 
 def lines(verdicts: Sequence[Verdict]) -> list[bytes]:
     """What ``moon monitor --log`` writes."""
-    return [msgspec.json.encode(verdict) for verdict in verdicts]
+    return [versioned_line(verdict) for verdict in verdicts]
 
 
 def checked(path: Path) -> CheckResult:
