@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from moon.tap.stream import nobody_answered
-from transports.interface import Observation, ObservationKind
+from transports.interface import CallOutcome, Observation, ObservationKind
 
 MAX_CALLS = 1_000_000
 """Calls kept of one recording: an answer must be at hand when it is asked for."""
@@ -42,6 +42,17 @@ class RecordedCall(msgspec.Struct):
     response: Any = None
     error: str = ""
     kinds: set[ObservationKind] = msgspec.field(default_factory=set)
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether its server answered, be it with an error."""
+        return bool(self.answered_ns) and not nobody_answered(self.error)
+
+    @property
+    def is_served(self) -> bool:
+        """Whether its server was there: it had the request, or the client waited for it in vain."""
+        unavailable = self.error.partition(":")[0] == CallOutcome.UNAVAILABLE
+        return bool(self.server) or (bool(self.answered_ns) and not unavailable)
 
     @property
     def delay_ns(self) -> int:
@@ -103,15 +114,22 @@ _Recorded = TypeVar("_Recorded")
 class Answers(Generic[_Recorded]):
     """What was answered to recorded requests: each is given once.
 
+    A request that was asked then and had no answer is one of them: the like of it has none now.
+
     Args:
         recorded: calls or goals, in order.
         request_of: what was asked by one.
+        is_answered: whether one had an answer.
     """
 
     def __init__(
-        self, recorded: Iterable[_Recorded], request_of: Callable[[_Recorded], Any]
+        self,
+        recorded: Iterable[_Recorded],
+        request_of: Callable[[_Recorded], Any],
+        is_answered: Callable[[_Recorded], bool],
     ) -> None:
         self._unused = dict(enumerate(recorded))
+        self._answered = deque(number for number, item in self._unused.items() if is_answered(item))
         self._by_request: dict[bytes, deque[int]] = defaultdict(deque)
         for number, item in self._unused.items():
             self._by_request[_key(request_of(item))].append(number)
@@ -120,7 +138,7 @@ class Answers(Generic[_Recorded]):
         return len(self._unused)
 
     def to(self, request: Any) -> tuple[_Recorded | None, bool]:
-        """The next one of an equal request, else the next one; and whether it is of an equal one.
+        """The next one of an equal request, else the next answered one; whether it is of an equal one.
 
         ``(None, False)`` when all have been given.
         """
@@ -129,13 +147,11 @@ class Answers(Generic[_Recorded]):
             found = self._unused.pop(equal.popleft(), None)
             if found is not None:
                 return found, True
-        number = next(iter(self._unused), None)
-        return (None if number is None else self._unused.pop(number)), False
-
-
-def answered(calls: Iterable[RecordedCall]) -> list[RecordedCall]:
-    """Those of ``calls`` that somebody answered, be it with an error."""
-    return [call for call in calls if call.answered_ns and not nobody_answered(call.error)]
+        while self._answered:
+            found = self._unused.pop(self._answered.popleft(), None)
+            if found is not None:
+                return found, False
+        return None, False
 
 
 def _key(request: Any) -> bytes:

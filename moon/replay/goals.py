@@ -67,7 +67,7 @@ class GoalBook:
         found: dict[str, RecordedGoal] = {}
         for call in calls.get(f"{prefix}send_goal", ()):
             goal_id = id_in(call.request)
-            if goal_id and "goal" in call.request and call.answered_ns and goal_id not in found:
+            if goal_id and "goal" in call.request and call.is_served and goal_id not in found:
                 found[goal_id] = RecordedGoal(goal_id, call)
         for goal_id, goal in found.items():
             accepted_ns = goal.call.answered_ns

@@ -10,7 +10,7 @@ import msgspec
 
 from moon.recording.reader import Recording
 from moon.replay import types
-from moon.replay.calls import Answers, RecordedCall, answered
+from moon.replay.calls import Answers, RecordedCall
 from moon.replay.goals import RecordedGoal
 from transports.interface import (
     Action,
@@ -43,6 +43,7 @@ class Counts(msgspec.Struct):
         published: messages.
         equal: answers to a request equal to the recorded one.
         other: answers to a request that is not: the next one in order.
+        unanswered: requests and goals that had no answer then, and have none now.
         without: requests for which no answer was left.
         asked: requests and goals that were sent as then.
         differently: those that were answered otherwise than then.
@@ -51,6 +52,7 @@ class Counts(msgspec.Struct):
     published: int = 0
     equal: int = 0
     other: int = 0
+    unanswered: int = 0
     without: int = 0
     asked: int = 0
     differently: int = 0
@@ -96,7 +98,7 @@ class Player:
     def serve(self, channel: str, calls: list[RecordedCall]) -> None:
         """Serve a service with the answers of ``calls``; UnknownTypeError as above."""
         service = types.service(self._recording, channel)
-        answers = Answers(answered(calls), lambda call: call.request)
+        answers = Answers(calls, lambda call: call.request, lambda call: call.is_answered)
         self.transport.serve(service, lambda request: self._answer(service, answers, request))
 
     def call_on(self, channel: str) -> None:
@@ -107,13 +109,16 @@ class Player:
     def serve_action(self, name: str, goals: list[RecordedGoal]) -> None:
         """Serve an action as its goals went then; UnknownTypeError as above."""
         action = types.action(self._recording, name)
-        answers = Answers(goals, lambda goal: goal.goal)
+        answers = Answers(goals, lambda goal: goal.goal, lambda goal: goal.call.is_answered)
         running: dict[str, _Drive] = {}
 
         def begin(handle: GoalHandle) -> None:
             goal = self._goal_for(name, answers, handle)
             if goal is None:
                 handle.reject()
+                return
+            if not goal.call.is_answered:
+                self._counts.unanswered += 1
                 return
             running[handle.goal_id] = _Drive(self, action, handle, goal)
 
@@ -206,6 +211,9 @@ class Player:
             self._say(f"{service.name} {shown(data)}: no recorded answer is left")
             request.fail("no recorded answer is left")
             return
+        if not call.is_answered:
+            self._counts.unanswered += 1
+            return
         self._note(service.name, data, is_equal)
         self.after(call.delay_ns, lambda: self._respond(service, request, call))
 
@@ -227,7 +235,8 @@ class Player:
             self._counts.without += 1
             self._say(f"{name} {shown(data)}: no recorded goal is left: it is rejected")
             return None
-        self._note(name, data, is_equal)
+        if goal.call.is_answered:
+            self._note(name, data, is_equal)
         return goal
 
     def _note(self, channel: str, data: Any, is_equal: bool) -> None:

@@ -11,7 +11,7 @@ from moon.recording.contents import named
 from moon.recording.definitions import UnknownTypeError
 from moon.recording.reader import Recording
 from moon.recording.stored import plural
-from moon.replay.calls import RecordedCall, answered
+from moon.replay.calls import RecordedCall
 from moon.replay.player import NS, Counts, Player
 from moon.replay.script import UNNAMED, Script
 from transports.interface import Observation, ObservationKind, Transport, TransportError
@@ -101,7 +101,7 @@ class Replay:
     def _prepare_service(self, channel: str, calls: list[RecordedCall]) -> None:
         server = _server(call.server for call in calls)
         if self._is_played(server):
-            if answered(calls):
+            if any(call.is_served for call in calls):
                 self._declared(channel, lambda player: player.serve(channel, calls), server)
             return
         for client in sorted({call.client for call in calls}):
@@ -220,6 +220,8 @@ class Replay:
         ]
         if counts.other:
             said[-1] += f" ({counts.other} not asked so then)"
+        if counts.unanswered:
+            said.append(f"left {counts.unanswered} without an answer, as then")
         if counts.without:
             said.append(f"had no answer left for {counts.without}")
         if counts.asked:

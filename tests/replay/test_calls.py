@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from moon.replay.calls import Answers, CallBook, RecordedCall, answered
+from moon.replay.calls import Answers, CallBook, RecordedCall
 from moon.replay.goals import GoalBook
 from transports.interface import Observation, ObservationKind
 
@@ -83,7 +83,7 @@ def test_an_equal_request_gets_its_next_answer_and_another_the_next_in_order():
         RecordedCall("/s", "c", {"a": request}, 0, "", 1, response)
         for request, response in ((1, "x"), (2, "y"), (1, "z"))
     ]
-    answers = Answers(calls, lambda call: call.request)
+    answers = Answers(calls, lambda call: call.request, lambda call: call.is_answered)
 
     def to(request: Any) -> tuple[Any, bool]:
         found, is_equal = answers.to(request)
@@ -102,11 +102,52 @@ def test_what_nobody_answered_is_no_answer_and_an_error_is_one():
         seen(SENT, 3, 2, call=2),
         seen(HEARD, 4, None, call=2, error="remote_error: refused"),
     )
-    assert [call.error for call in answered(calls)] == ["remote_error: refused"]
+    assert [call.error for call in calls if call.is_answered] == ["remote_error: refused"]
+
+
+def test_a_request_that_had_no_answer_has_none_again_and_another_gets_an_answer():
+    calls = [
+        RecordedCall("/s", "c", {"a": request}, 0, "s", 1 if response else 0, response)
+        for request, response in ((1, "x"), (1, None), (1, "z"), (2, None), (3, "y"))
+    ]
+    answers = Answers(calls, lambda call: call.request, lambda call: call.is_answered)
+    given = [answers.to({"a": request}) for request in (1, 1, 1, 4, 2, 2)]
+    assert [(found and found.response, is_equal) for found, is_equal in given] == [
+        ("x", True),
+        (None, True),
+        ("z", True),
+        ("y", False),
+        (None, True),
+        (None, False),
+    ]
+    assert [found is None for found, _ in given] == [False] * 5 + [True]
+
+
+def test_a_server_was_there_if_it_had_a_request_or_was_waited_for():
+    def only(*events: Observation) -> RecordedCall:
+        (call,) = book(*events)
+        return call
+
+    assert only(seen(RECEIVED, 1, 1, "s")).is_served
+    assert only(seen(SENT, 1, 1), seen(HEARD, 2, None, error="timeout: 5 s")).is_served
+    assert not only(seen(SENT, 1, 1), seen(HEARD, 2, None, error="unavailable: none")).is_served
+    assert not only(seen(SENT, 1, 1)).is_served
 
 
 def uuid(number: int) -> dict[str, list[int]]:
     return {"uuid": [number] * 16}
+
+
+def test_a_goal_that_its_server_did_not_answer_is_one_and_one_that_nobody_served_is_none():
+    calls = CallBook()
+    send = "/a/_action/send_goal"
+    for number, source in ((1, "nav"), (2, "")):
+        asked = {"goal_id": uuid(number), "goal": {"poi": number}}
+        calls.note(seen(SENT, number, asked, "c", call=number, channel=send))
+        if source:
+            calls.note(seen(RECEIVED, number, asked, source, call=number, channel=send))
+    (goal,) = GoalBook().goals("/a", calls.calls)
+    assert (goal.goal, goal.accepted, goal.call.is_answered) == ({"poi": 1}, False, False)
 
 
 def test_a_goal_is_put_together_from_the_parts_of_its_action():

@@ -8,15 +8,21 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import msgspec
 import pytest
 
 from moon.recording.definitions import Definitions
+from moon.recording.reader import Recording
 from moon.recording.writer import RecordingWriter
-from tests.monitor.processes import WAIT_S, Process, router
+from moon.replay import types
+from moon.replay.calls import RecordedCall
+from moon.replay.player import Counts, Player
+from moon.replay.script import Selected, script_of
+from tests.monitor.processes import WAIT_S, Process, free_endpoint, router
 from tests.replay.worlds import LAB_TOUR, Heard, lab_tour, of, tour
-from transports.interface import Observation
+from transports.interface import CallOutcome, Observation
 from transports.zenoh import connect
 
 pytestmark = [pytest.mark.zenoh, pytest.mark.slow]
@@ -32,6 +38,38 @@ def recorded(path: Path) -> Heard:
         writer.add(seen)
     writer.close()
     return heard
+
+
+def test_a_request_that_had_no_answer_then_is_not_answered_or_ended_now() -> None:
+    heard, channel = tour(SECONDS), "/SchedulerComponent/SetPoi"
+    recording = cast(Recording, heard)
+    then = script_of(recording, Selected((channel,))).calls[channel][0]
+    unanswered = RecordedCall(channel, then.client, then.request, then.asked_ns, then.server)
+    endpoint = free_endpoint()
+    server = connect("server", {"listen": endpoint})
+    client = connect("client", {"endpoint": endpoint})
+    counts = Counts()
+    player = Player(server, recording, 1.0, lambda sentence: None, counts)
+    player.serve(channel, [unanswered])
+    service = types.service(recording, channel)
+    asking = client.client(service)
+    threads = [threading.Thread(target=side.spin) for side in (server, client)]
+    for thread in threads:
+        thread.start()
+    try:
+        server.announce()
+        client.announce()
+        request = msgspec.convert(then.request, service.request)
+        result = asking.call_and_wait(request, 1.0)
+        while result.outcome is CallOutcome.UNAVAILABLE:  # not linked yet
+            result = asking.call_and_wait(request, 1.0)
+        assert result.outcome is CallOutcome.TIMEOUT
+        assert counts.unanswered == 1
+    finally:
+        client.close()
+        server.close()
+        for thread in threads:
+            thread.join(WAIT_S)
 
 
 class Skill(Process):

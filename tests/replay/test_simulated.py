@@ -163,6 +163,47 @@ def test_when_no_answer_is_left_it_is_said_and_the_caller_hears_so():
     assert any("no recorded answer is left" in error for error in errors)
 
 
+def test_a_request_that_had_no_answer_then_has_none_now():
+    """The third answer of the scheduler was not given: the skill that asks waits for it in vain."""
+    heard = tour(SECONDS)
+    channel, answers = "/SchedulerComponent/SetPoi", ObservationKind.RESPONSE_SENT
+    calls = [s.call for s in heard.observations if s.channel == channel and s.kind is answers]
+    missing = calls[2]
+    kept = [
+        seen
+        for seen in heard.observations
+        if seen.channel != channel
+        or seen.call != missing
+        or seen.kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+    ]
+    replay, now, said = replayed(Heard(kept), ("SetPoi1Skill",))
+    asked = [
+        s.call for s in now if s.channel == channel and s.kind is ObservationKind.REQUEST_RECEIVED
+    ]
+    answered = {s.call for s in now if s.channel == channel and s.kind is answers}
+    assert [call in answered for call in asked[:4]] == [True, True, False, True]
+    assert replay.counts.unanswered == 1
+    assert "left 1 without an answer, as then" in replay.summary()
+    ended = [s.error for s in now if s.call == asked[2] and s.source == "SetPoi1Skill" and s.error]
+    assert [error.partition(":")[0] for error in ended] in (
+        [],
+        ["timeout"],
+    )  # no error of the server's
+    assert not any("no recorded answer" in sentence for sentence in said)
+
+
+def test_who_answered_nobody_then_is_there_and_answers_nobody_now():
+    heard = tour(SECONDS)
+    channel = "/SchedulerComponent/SetPoi"
+    answers = (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED)
+    kept = [s for s in heard.observations if s.channel != channel or s.kind not in answers]
+    replay, now, _ = replayed(Heard(kept), ("SetPoi1Skill",))
+    here = [seen for seen in now if seen.channel == channel]
+    assert replay.counts.unanswered == sum(s.kind is ObservationKind.REQUEST_RECEIVED for s in here)
+    assert replay.counts.unanswered > 0
+    assert not any(seen.kind is ObservationKind.RESPONSE_SENT for seen in here)
+
+
 def _with_poi(seen: Observation, poi: int) -> Observation:
     import msgspec
 
