@@ -132,6 +132,8 @@ def _monitor(
     seconds: float | None,
 ) -> int:
     """Monitor until it is to end; how many violations there were."""
+    import msgspec
+
     from moon.monitor.joining import Joining
     from moon.monitor.pace import NS
     from moon.monitor.screen import screen_for
@@ -164,6 +166,7 @@ def _monitor(
         sinks,
         say,
         monitored.property_watch(),
+        policy=monitored.policy,
         monotonic_ns=clock,
     )
     notices = Notices(say)
@@ -196,7 +199,8 @@ def _monitor(
         notices.last_problems(watch.problems())
         if run is not None:
             run.end(watch.listener.problems())
-        screen.finish(watch.summary())
+        summary = msgspec.structs.replace(watch.summary(), unmonitored=monitored.unmonitored)
+        screen.finish(summary)
         return watch.violations
     finally:
         screen.close()

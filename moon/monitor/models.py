@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
+from moon.monitor.status import POLICY
 from moon.monitor.turns import BEHIND_NS, MACHINES_NS
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.clock import Clock
@@ -167,8 +168,6 @@ def _publishers_of(machines: Iterable[Machine]) -> dict[str, list[str]]:
     return found
 
 
-POLICY = "policy"
-"""The node that ticks a system's tree, whether it is monitored or not."""
 _PUBLISHED = {InterfaceKind.PUBLISHER: "", InterfaceKind.ACTION_SERVER: "/_action/feedback"}
 _KEPT_TARGETS = 65_536
 

@@ -11,6 +11,7 @@ from m2c.model import DiagnosticLog, ModelError, Position, System
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.typing import nearest
+from moon.monitor.status import POLICY
 
 
 def read_checked(
@@ -45,6 +46,10 @@ def say_why(error: ModelError) -> None:
     print_findings(error.diagnostics)
 
 
+MOST_NAMED = 5
+"""So many nodes are named in a sentence."""
+
+
 class SelectionError(ValueError):
     """A node to be monitored that the system does not have."""
 
@@ -72,16 +77,53 @@ def judgeable(machines: Sequence[Machine]) -> tuple[tuple[Machine, ...], tuple[s
     return tuple(kept), tuple(reasons)
 
 
+def has_policy_node(system: System) -> bool:
+    """Whether ``system`` has a policy, which runs as the node :data:`POLICY`."""
+    return system.policy is not None and all(node.name != POLICY for node in system.nodes)
+
+
+def policy_unmonitored(
+    system: System, machines: Sequence[Machine], without: Sequence[str]
+) -> str | None:
+    """Why the policy of ``system`` is not monitored, a sentence; None if it is, or there is none.
+
+    Args:
+        system: the models.
+        machines: those that are monitored.
+        without: the nodes that are left out by name.
+    """
+    if system.policy is None:
+        return None
+    if POLICY in without and has_policy_node(system):
+        return f"the policy is not monitored: --without {POLICY}"
+    monitored = {machine.name for machine in machines}
+    missing = [node.name for node in system.nodes if node.name not in monitored]
+    if not missing:
+        return None
+    shown = ", ".join(missing[:MOST_NAMED])
+    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
+    are = "is" if len(missing) == 1 else "are"
+    return f"the policy is not monitored: that needs all of its nodes, and {shown}{more} {are} not monitored"
+
+
 def select(system: System, only: Sequence[str], without: Sequence[str]) -> tuple[Machine, ...]:
     """The nodes of ``system`` in ``only`` (empty: all) that are not in ``without``.
+
+    The policy is a node, too, if it has one: it may be left out (:func:`policy_unmonitored`).
 
     Raises:
         SelectionError: there is no such node, or none is left.
     """
     known = [machine.name for machine in system.nodes]
+    policy = [POLICY] if has_policy_node(system) else []
+    if POLICY in policy and POLICY in only:
+        raise SelectionError(
+            f"--only {POLICY}: the policy is monitored together with all of its nodes; leave --only away"
+        )
     for name in (*only, *without):
-        if name not in known:
-            raise SelectionError(f"{system.name} has no node {name}; {nearest(name, known)}")
+        if name not in known and name not in policy:
+            close = nearest(name, [*known, *policy])
+            raise SelectionError(f"{system.name} has no node {name}; {close}")
     kept = tuple(
         machine
         for machine in system.nodes

@@ -138,6 +138,7 @@ def closing(summary: Summary) -> list[str]:
         more = len(counts.unknown) - len(named)
         rest = f" and {more} more" if more else ""
         lines.append(f"channels that no model names: {', '.join(named)}{rest}")
+    lines += map(printable, summary.unmonitored)
     if counts.stalls:
         lines.append(f"found all machines anew {_many(counts.stalls, 'time')}")
     return lines

@@ -8,6 +8,8 @@ import msgspec
 
 UNSEEN = "unseen"
 """The verdict on a machine of which nothing was heard yet."""
+POLICY = "policy"
+"""The node that ticks a system's tree, whether it is monitored or not."""
 PROPERTY = "property"
 """The kind of a status that is a property's, not a machine's."""
 
@@ -84,12 +86,14 @@ class Summary(msgspec.Struct, frozen=True):
         machines: each machine as it stands, then each property.
         counts: what was heard.
         problems: what could not be heard or decoded, one sentence each.
+        unmonitored: what is not monitored, and why, one sentence each.
     """
 
     seconds: float
     machines: tuple[MachineStatus, ...]
     counts: Counts
     problems: tuple[str, ...]
+    unmonitored: tuple[str, ...] = ()
 
     @property
     def violations(self) -> int:

@@ -9,7 +9,13 @@ import msgspec
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.properties import PropertyWatch, unknown_channels
-from moon.monitor.reading import judgeable, no_system, read_checked, select
+from moon.monitor.reading import (
+    judgeable,
+    no_system,
+    policy_unmonitored,
+    read_checked,
+    select,
+)
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.properties.property import Property
@@ -44,6 +50,8 @@ class Monitored(msgspec.Struct, frozen=True):
         properties: to be monitored.
         bounds: what is assumed of the middleware.
         notes: what a person should know, one sentence each.
+        unmonitored: those of ``notes`` that say what is not monitored, and why.
+        policy: whether the policy is monitored, if the system has one.
     """
 
     system: System
@@ -51,6 +59,8 @@ class Monitored(msgspec.Struct, frozen=True):
     properties: tuple[Property, ...]
     bounds: Bounds
     notes: tuple[str, ...]
+    unmonitored: tuple[str, ...] = ()
+    policy: bool = True
 
     def property_watch(self) -> PropertyWatch:
         """A fresh monitor of the properties."""
@@ -74,10 +84,18 @@ def read_subject(subject: Subject) -> Monitored:
         return Monitored(no_system(), (), properties, subject.bounds, ())
     system = read_checked(subject.models, subject.interfaces)
     machines, unjudged = judgeable(select(system, subject.only, subject.without))
-    notes = list(unjudged)
-    if unjudged and system.policy is not None:
-        notes.append("the policy is not judged: that needs all of its nodes")
+    why_no_policy = policy_unmonitored(system, machines, subject.without)
+    unmonitored = (*unjudged, *filter(None, [why_no_policy]))
     if not machines:
-        raise NothingLeftError("\n".join([*notes, f"{system.name}: no node is left to be judged"]))
-    notes += [f"warning: {sentence}" for sentence in unknown_channels(properties, system)]
-    return Monitored(system, machines, properties, subject.bounds, tuple(notes))
+        why = f"{system.name}: no node is left to be judged"
+        raise NothingLeftError("\n".join([*unmonitored, why]))
+    warnings = [f"warning: {sentence}" for sentence in unknown_channels(properties, system)]
+    return Monitored(
+        system,
+        machines,
+        properties,
+        subject.bounds,
+        (*unmonitored, *warnings),
+        unmonitored,
+        why_no_policy is None,
+    )

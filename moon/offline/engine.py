@@ -95,7 +95,7 @@ def check_recording(
         [collector],
         notes.append,
         properties,
-        policy=None if attribution is None else False,
+        policy=monitored.policy and attribution is None,
         monotonic_ns=player.monotonic_ns,
         repeated=collector.repeat,
     )
@@ -131,6 +131,7 @@ def check_recording(
         recorded=recorded,
         seconds=time.monotonic() - began,
         counted=tuple(collector.counted),
+        unmonitored=monitored.unmonitored,
     )
 
 

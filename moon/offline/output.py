@@ -21,7 +21,7 @@ def lines_of(result: CheckResult, colour: bool = False) -> list[str]:
     for said in result.verdicts:
         lines += verdict_lines(said.verdict, colour)
     lines += table(result.machines)
-    lines += closing(Summary(recording.seconds, result.machines, result.counts, result.problems))
+    lines += closing(_summary(result))
     if not recording.complete:
         lines.append(
             "not all of the recording could be read; this is what the readable part shows:"
@@ -34,14 +34,23 @@ def lines_of(result: CheckResult, colour: bool = False) -> list[str]:
     return lines
 
 
+def _summary(result: CheckResult) -> Summary:
+    return Summary(
+        result.recording.seconds,
+        result.machines,
+        result.counts,
+        result.problems,
+        result.unmonitored,
+    )
+
+
 def json_lines(result: CheckResult) -> list[bytes]:
     """An object a line: ``recording``, each ``verdict`` as ``moon monitor --json`` has it, ``summary``."""
     recording = result.recording
-    summary = Summary(recording.seconds, result.machines, result.counts, result.problems)
     events = [
         ("recording", recording),
         *(("verdict", said.verdict) for said in result.verdicts),
-        ("summary", summary),
+        ("summary", _summary(result)),
     ]
     return [versioned_line({"event": name, **_fields(item)}) for name, item in events]
 

@@ -98,6 +98,7 @@ class CheckResult(msgspec.Struct, frozen=True):
         counted: the violations that count, in order, each with the time at which it was: those of
             ``verdicts`` that were not taken back, and the first :data:`MAX_REPEATS` of those that are
             not said again; None: all of ``verdicts``.
+        unmonitored: what was not checked though it was named, and why, one sentence each.
     """
 
     recording: RecordingFacts
@@ -113,6 +114,7 @@ class CheckResult(msgspec.Struct, frozen=True):
     recorded: bool = False
     seconds: float = 0.0
     counted: tuple[Said, ...] | None = None
+    unmonitored: tuple[str, ...] = ()
 
     @property
     def violations(self) -> int:

@@ -224,7 +224,7 @@ def _about(result: CheckResult) -> list[str]:
 def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[str]:
     """What could not be read, heard or judged, and what the page leaves out."""
     facts = result.recording
-    notes = [*facts.faults, *result.problems, *facts.limits, *missing]
+    notes = [*facts.faults, *result.unmonitored, *result.problems, *facts.limits, *missing]
     if not facts.complete and not facts.faults:
         notes.insert(0, "the recording is not complete")
     if shelf.of_other_channels:
