@@ -15,7 +15,6 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.system import System
 from moon.monitor.patience import LEAST_NS, Patience
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
@@ -414,21 +413,3 @@ def _data(data: Any) -> str:
         return ""
     text = " " + msgspec.json.encode(data).decode()
     return text if len(text) <= _LONGEST_DATA else f"{text[:_LONGEST_DATA]}…"
-
-
-def unknown_channels(properties: Iterable[Property], system: System) -> list[str]:
-    """What a person should know: ports whose channel no model of ``system`` has, one sentence each."""
-    named = {
-        interface.channel
-        for machine in (*system.nodes, *system.plugins)
-        for interface in machine.interfaces
-    }
-    ports = {port.name: port for item in properties for port in item.ports}
-    return [
-        f"{port.position}: no model of {system.name} names {port.channel}, the channel of "
-        f"`{port.name}`: it may never be heard"
-        for port in ports.values()
-        if port.channel != ANY_CHANNEL
-        and port.channel not in named
-        and port.channel.partition("/_action/")[0] not in named
-    ]

@@ -10,8 +10,10 @@ from m2c.check.report import print_findings
 from m2c.model import DiagnosticLog, ModelError, Position, System
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
+from m2c.model.system import library_for
 from m2c.model.typing import nearest
 from moon.monitor.status import POLICY
+from moon.properties.interfaces import Interfaces
 
 
 def read_checked(
@@ -36,9 +38,26 @@ def read_checked(
     return system
 
 
-def no_system() -> System:
-    """A system without models, for who monitors properties only."""
-    return System(name="", path=Path(), nodes=(), library=InterfaceLibrary())
+def no_system(interfaces: Sequence[Path] = ()) -> System:
+    """A system without models, for who monitors properties only; the types in ``interfaces`` are known.
+
+    Raises:
+        ModelError: a folder of ``interfaces`` cannot be read.
+    """
+    log = DiagnosticLog()
+    library = library_for((), interfaces, log) if interfaces else InterfaceLibrary()
+    log.raise_if_errors()
+    return System(name="", path=Path(), nodes=(), library=library)
+
+
+def interfaces_of(system: System, folders: Sequence[Path]) -> Interfaces | None:
+    """What properties are held against: the channels of ``system``, if it has models, and their types.
+
+    None if there are neither models nor ``folders`` of interface packages.
+    """
+    if system.nodes or system.plugins:
+        return Interfaces(system.library, system)
+    return Interfaces(system.library) if folders else None
 
 
 def say_why(error: ModelError) -> None:

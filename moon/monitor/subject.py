@@ -6,10 +6,12 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.model.diagnostics import DiagnosticLog, Severity
 from m2c.model.machine import Machine
 from m2c.model.system import System
-from moon.monitor.properties import PropertyWatch, unknown_channels
+from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import (
+    interfaces_of,
     judgeable,
     no_system,
     policy_unmonitored,
@@ -79,23 +81,27 @@ def read_subject(subject: Subject) -> Monitored:
         SelectionError: a node that is not there was chosen, or none is left.
         NothingLeftError: no node is left that can be judged.
     """
-    properties = tuple(load_properties(*subject.properties))
+    system = no_system(subject.interfaces)
+    if subject.models:
+        system = read_checked(subject.models, subject.interfaces)
+    log = DiagnosticLog()
+    interfaces = interfaces_of(system, subject.interfaces)
+    properties = tuple(load_properties(*subject.properties, interfaces=interfaces, log=log))
+    notes = [str(item) for item in log.diagnostics if item.severity is Severity.WARNING]
     if not subject.models:
-        return Monitored(no_system(), (), properties, subject.bounds, ())
-    system = read_checked(subject.models, subject.interfaces)
+        return Monitored(system, (), properties, subject.bounds, tuple(notes))
     machines, unjudged = judgeable(select(system, subject.only, subject.without))
     why_no_policy = policy_unmonitored(system, machines, subject.without)
     unmonitored = (*unjudged, *filter(None, [why_no_policy]))
     if not machines:
         why = f"{system.name}: no node is left to be judged"
         raise NothingLeftError("\n".join([*unmonitored, why]))
-    warnings = [f"warning: {sentence}" for sentence in unknown_channels(properties, system)]
     return Monitored(
         system,
         machines,
         properties,
         subject.bounds,
-        (*unmonitored, *warnings),
+        (*unmonitored, *notes),
         unmonitored,
         why_no_policy is None,
     )

@@ -2,38 +2,53 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from m2c.terminal import say, show
+from m2c.inputs import interface_folders
+from m2c.terminal import fail, say, show
 
 if TYPE_CHECKING:
+    from moon.properties.interfaces import Interfaces
     from moon.properties.property import Property
 
 
 @click.command("check-properties")
 @click.argument(
-    "paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
+    "paths",
+    nargs=-1,
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE... [MODEL...|SYSTEM]",
 )
+@interface_folders
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a property, for pipes.")
-def check_properties(paths: tuple[Path, ...], as_json: bool) -> None:
+def check_properties(paths: tuple[Path, ...], interfaces: tuple[Path, ...], as_json: bool) -> None:
     """Check property files (XML or YAML) and say what each property means.
 
-    For every property: its formula, its meaning in one sentence, the deadline it implies. Every
-    finding names file, line and column, and what would be right. Exit code 0: no errors; 2: errors.
+    For every property: its formula, its meaning in one sentence, the deadline it implies. With models
+    (.scxml, .ascxml), folders of them, or one system file, its channels, fields and types are checked
+    against theirs. Every finding names file, line and column, and what would be right. Exit code 0: no
+    errors; 2: errors.
 
-    Example: moon check-properties examples/lab_tour/properties.yaml
+    Example: moon check-properties examples/lab_tour/properties.yaml examples/lab_tour/system.xml
     """
     from m2c.model.diagnostics import DiagnosticLog
     from moon.properties.files import read_properties
 
+    files = tuple(path for path in paths if not _is_model(path))
+    if not files:
+        fail("all that is named are models; give a property file, too (.yaml or .xml)")
+    models = tuple(path for path in paths if path not in files)
+    known = _interfaces(models, interfaces)
     log = DiagnosticLog()
     found: list[Property] = []
-    for path in paths:
-        for item in read_properties(path, log):
+    for path in files:
+        for item in read_properties(path, log, known):
             if any(item.name == other.name for other in found):
                 log.error(
                     "bad-property-file", item.position, "", f"`{item.name}` is declared twice"
@@ -50,6 +65,32 @@ def check_properties(paths: tuple[Path, ...], as_json: bool) -> None:
             f"{errors} error{'s' * (errors != 1)}"
         )
     sys.exit(2 if errors else 0)
+
+
+def _is_model(path: Path) -> bool:
+    """Whether ``path`` is a model, a folder of them or a system file, rather than a property file."""
+    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.model.system import MODEL_SUFFIXES, SYSTEM_ROOTS
+    from m2c.model.xml import read_xml
+
+    suffix = path.suffix.lower()
+    if suffix != ".xml":
+        return suffix in MODEL_SUFFIXES or os.path.isdir(path)
+    root = read_xml(path, DiagnosticLog())
+    return root is not None and root.tag in (*SYSTEM_ROOTS, "specification")
+
+
+def _interfaces(models: tuple[Path, ...], folders: tuple[Path, ...]) -> Interfaces | None:
+    """What the properties are held against; models with errors end the process."""
+    from m2c.model.diagnostics import ModelError
+    from moon.monitor.reading import interfaces_of, no_system, read_checked, say_why
+
+    try:
+        system = read_checked(models, folders) if models else no_system(folders)
+    except ModelError as error:
+        say_why(error)
+        sys.exit(2)
+    return interfaces_of(system, folders)
 
 
 def _as_text(item: Property) -> list[str]:

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Mapping
+from typing import Any
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+import msgspec
+
+from m2c.model.datatypes import ANY, BOOL, DataType, describe
+from m2c.model.diagnostics import DiagnosticLog, Position, shortened
+from m2c.model.expressions import Expression
 from m2c.model.walk import variables_of
 from moon.properties.binding import bind
 from moon.properties.formula import Formula, Historically, Interval, operands, predicates
+from moon.properties.interfaces import Interfaces, Named, faults, field_type, is_value_of
 from moon.properties.meaning import (
     formula_deadline,
     formula_sentence,
@@ -42,13 +49,66 @@ Resolver = Callable[[str, int], Formula | None]
 
 
 class Names:
-    """The names that a file declares: ports and named predicates."""
+    """The names that a file declares: ports and named predicates.
 
-    def __init__(self) -> None:
+    Args:
+        interfaces: what channels and types there are; None: nothing is known of them.
+    """
+
+    def __init__(self, interfaces: Interfaces | None = None) -> None:
+        self._interfaces = interfaces
+        self._types: dict[str, DataType] = {}
+        """Of the ports, where they are known."""
         self.ports: dict[str, Port] = {}
         self.predicates: dict[str, Formula] = {}
         self.faulty: set[str] = set()
         """Declared with an error, which was reported: who uses them is not to blame."""
+
+    def contents(self, named: Named, log: DiagnosticLog) -> DataType | None:
+        """The type of what a port calls the message; None after reporting what is wrong with it."""
+        return ANY if self._interfaces is None else self._interfaces.contents(named, log)
+
+    def declare(
+        self,
+        port: Port,
+        contents: DataType,
+        fields: tuple[str, ...],
+        at: Mapping[str, Position],
+        element: str,
+        log: DiagnosticLog,
+        example: Any = msgspec.UNSET,
+    ) -> None:
+        """Take ``port`` in, unless what it says is not so; then that is reported.
+
+        Args:
+            port: the port.
+            contents: the type of what it calls the message.
+            fields: those that lead from there to its value.
+            at: where ``field``, ``initial`` and ``type`` are written, if they are.
+            element: for messages.
+            log: where faults go.
+            example: a value of the type that the file says it has; UNSET if it says none.
+        """
+        place = at.get("field", port.position)
+        found = BOOL if port.event else field_type(contents, fields, place, element, log)
+        if found is None:
+            return
+        if example is not msgspec.UNSET and not is_value_of(example, found):
+            what = f"the field's type is {describe(found)}"
+            log.error("type-mismatch", at.get("type", port.position), element, what)
+            return
+        if port.initial is not msgspec.UNSET and not is_value_of(port.initial, found):
+            what = f"the initial value is not of the field's type, {describe(found)}"
+            log.error("type-mismatch", at.get("initial", port.position), element, what)
+            return
+        self._types[port.name] = found
+        self.ports[port.name] = port
+
+    def faults(self, expression: Expression) -> list[str]:
+        """Why ``expression``, of names that are declared, is neither true nor false: a clause each."""
+        if self._interfaces is None:
+            return []
+        return [what for _, what in faults(expression, self._types)]
 
     def resolve(self, text: str, _offset: int) -> Formula | None:
         """The named predicate ``text``, if it is one."""
@@ -81,7 +141,7 @@ def read_condition(
     except FormulaError as error:
         _report(error, text, position, element, log)
         return None
-    return found if names_known(found, position, element, names, log) else None
+    return found if names_known(found, text, position, element, names, log) else None
 
 
 def read_formula(
@@ -94,7 +154,7 @@ def read_formula(
     except FormulaError as error:
         _report(error, text, position, element, log)
         return None
-    return found if names_known(found, position, element, names, log) else None
+    return found if names_known(found, text, position, element, names, log) else None
 
 
 def _bound(formula: Formula) -> None:
@@ -121,17 +181,30 @@ def _bound(formula: Formula) -> None:
 def _report(
     error: FormulaError, text: str, position: Position, element: str, log: DiagnosticLog
 ) -> None:
-    before = text[: error.offset]
-    lines = before.count("\n")
-    column = len(before) - before.rfind("\n") if lines else position.column + error.offset
-    at = Position(position.file, position.line + lines, column)
+    at = _inside(text, error.offset, position)
     log.error("bad-formula", at, element, error.message, error.hint)
 
 
+def _inside(text: str, offset: int, position: Position) -> Position:
+    """Where the character at ``offset`` of ``text``, which begins at ``position``, stands."""
+    before = text[:offset]
+    lines = before.count("\n")
+    column = len(before) - before.rfind("\n") if lines else position.column + offset
+    return Position(position.file, position.line + lines, column)
+
+
 def names_known(
-    formula: Formula, position: Position, element: str, names: Names, log: DiagnosticLog
+    formula: Formula,
+    text: str,
+    position: Position,
+    element: str,
+    names: Names,
+    log: DiagnosticLog,
 ) -> bool:
-    """Whether every name in ``formula`` is declared and used as what it is; reports what is not."""
+    """Whether every name in ``formula`` is declared and used as what it is; reports what is not.
+
+    ``text`` is what it was read from, and begins at ``position``.
+    """
     good = True
     for atom in predicates(formula).values():
         for name in variables_of(atom.expression):
@@ -146,6 +219,14 @@ def names_known(
             bind([formula], names.ports.values())
         except PredicateError as error:
             log.error("bad-predicate", position, element, str(error))
+            good = False
+    for atom in predicates(formula).values() if good else ():
+        for what in names.faults(atom.expression):
+            first = next(iter(variables_of(atom.expression)), "")
+            found = re.search(rf"(?<![\w.]){re.escape(first)}(?!\w)", text)
+            at = _inside(text, found.start() if found is not None else 0, position)
+            shown = shortened(atom.text, MAX_SHOWN)
+            log.error("type-mismatch", at, element, f"`{shown}`: {what}")
             good = False
     return good
 

@@ -5,39 +5,50 @@ from __future__ import annotations
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog, Position
+from moon.properties.interfaces import Interfaces
 from moon.properties.property import Property
 
 
-def read_properties(path: Path, log: DiagnosticLog) -> list[Property]:
+def read_properties(
+    path: Path, log: DiagnosticLog, interfaces: Interfaces | None = None
+) -> list[Property]:
     """The properties of the file at ``path`` (``.xml``, ``.yaml`` or ``.yml``).
 
-    Whatever is wrong goes to ``log``; a property with an error is left out.
+    Whatever is wrong goes to ``log``; a property with an error is left out. With ``interfaces``,
+    channels, fields and types that do not fit them are wrong, too.
     """
     match path.suffix.lower():
         case ".xml":
             from moon.properties.xml_file import read_property_xml
 
-            return read_property_xml(path, log)
+            return read_property_xml(path, log, interfaces)
         case ".yaml" | ".yml":
             from moon.properties.yaml_file import read_property_yaml
 
-            return read_property_yaml(path, log)
+            return read_property_yaml(path, log, interfaces)
         case suffix:
             what = f"`{suffix}` is no kind of property file" if suffix else "the file has no suffix"
             log.error("unreadable-file", Position(str(path)), "", what, ".xml, .yaml or .yml")
             return []
 
 
-def load_properties(*paths: Path) -> list[Property]:
+def load_properties(
+    *paths: Path, interfaces: Interfaces | None = None, log: DiagnosticLog | None = None
+) -> list[Property]:
     """The properties of all files at ``paths``.
+
+    Args:
+        paths: property files.
+        interfaces: what they are held against, if anything.
+        log: where findings go.
 
     Raises:
         ModelError: with everything that is wrong in them.
     """
-    log = DiagnosticLog()
+    log = log or DiagnosticLog()
     found: dict[str, Property] = {}
     for path in paths:
-        for item in read_properties(path, log):
+        for item in read_properties(path, log, interfaces):
             if item.name in found:
                 first = found[item.name].position
                 what = f"`{item.name}` is declared twice"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.model.datatypes import ANY, DataType
 from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.ecmascript import parse_expression
 from m2c.model.evaluate import evaluate
@@ -36,6 +37,7 @@ from moon.properties.formula import (
     Once,
     negation,
 )
+from moon.properties.interfaces import Interfaces, Named
 from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
 from moon.properties.property import Port, Property, PropertySeverity, Role
 
@@ -67,22 +69,26 @@ _PATTERNS = {
 }
 
 
-def read_property_xml(path: Path, log: DiagnosticLog) -> list[Property]:
+def read_property_xml(
+    path: Path, log: DiagnosticLog, interfaces: Interfaces | None = None
+) -> list[Property]:
     """The properties of the file at ``path``; what is wrong goes to ``log``."""
     root = read_xml(path, log)
-    return _File(log).read(root) if root is not None else []
+    return _File(log, interfaces).read(root) if root is not None else []
 
 
-def parse_property_xml(content: bytes, file: str, log: DiagnosticLog) -> list[Property]:
+def parse_property_xml(
+    content: bytes, file: str, log: DiagnosticLog, interfaces: Interfaces | None = None
+) -> list[Property]:
     """The properties of ``content``, which messages call ``file``."""
     root = parse_xml(content, file, log)
-    return _File(log).read(root) if root is not None else []
+    return _File(log, interfaces).read(root) if root is not None else []
 
 
 class _File:
-    def __init__(self, log: DiagnosticLog) -> None:
+    def __init__(self, log: DiagnosticLog, interfaces: Interfaces | None) -> None:
         self._log = log
-        self._names = Names()
+        self._names = Names(interfaces)
 
     def _error(self, position: Position, element: Element, message: str, hint: str = "") -> None:
         self._log.error("bad-property-file", position, element.tag, message, hint)
@@ -169,10 +175,18 @@ class _File:
             )
             self._error(port.at("event"), port, what, f"event is {' or '.join(parts)}")
             return
+        kind, at = port.tag.removeprefix("ros_"), port.at(key if port.get(key) else "topic")
+        channel, type_at = channels.absolute(name), port.at("type")
+        named = Named(kind, channel, part, port.get("type"), at, type_at, port.tag)
+        contents = self._names.contents(named, self._log)
+        if contents is None:
+            return
         for variable in port.children:
-            self._variable(port, name, part, variable)
+            self._variable(port, name, part, contents, variable)
 
-    def _variable(self, port: Element, channel: str, part: str, variable: Element) -> None:
+    def _variable(
+        self, port: Element, channel: str, part: str, contents: DataType, variable: Element
+    ) -> None:
         name = variable.get("id")
         if not name.isidentifier():
             self._error(variable.at("id"), variable, f'id="{name}" is not a name')
@@ -190,7 +204,7 @@ class _File:
         position = variable.position
         match variable.tag:
             case "state_var":
-                self._state(variable, name, place)
+                self._state(variable, name, place, contents)
                 return
             case "event_var":
                 made = Port(name, place[0], place[1], (), True, position=position)
@@ -208,9 +222,11 @@ class _File:
                     "state_var and event_var; goal_id and result_code of an action",
                 )  # fmt: skip
                 return
-        self._names.ports[name] = made
+        self._names.declare(made, ANY, (), {}, variable.tag, self._log)
 
-    def _state(self, variable: Element, name: str, place: channels.Place) -> None:
+    def _state(
+        self, variable: Element, name: str, place: channels.Place, contents: DataType
+    ) -> None:
         field = variable.get("field") or variable.get("param")
         parts = field_path(field) if field else None
         if parts is None:
@@ -221,13 +237,15 @@ class _File:
                 "field, or outer.inner",
             )
             return
-        path = (*place[2], *parts)
         initial: msgspec.UnsetType | bool | float | str = msgspec.UNSET
         if "expr" in variable.attributes:
             initial = self._initial(variable)
-        self._names.ports[name] = Port(
-            name, place[0], place[1], path, initial=initial, position=variable.position
-        )
+        at = variable.position
+        made = Port(name, place[0], place[1], (*place[2], *parts), initial=initial, position=at)
+        places = {"initial": variable.at("expr")} | {k: variable.at(k) for k in ("field", "type")}
+        written = _TYPES.get(variable.get("type"))
+        example = written() if written is not None else msgspec.UNSET
+        self._names.declare(made, contents, parts, places, variable.tag, self._log, example)
 
     def _initial(self, variable: Element) -> msgspec.UnsetType | bool | int | float | str:
         before = len(self._log.diagnostics)

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from m2c.model.datatypes import ANY, DataType
 from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import Expression
@@ -26,6 +27,7 @@ from moon.properties.declaration import (
     unknown_keys,
 )
 from moon.properties.formula import Formula, Interval
+from moon.properties.interfaces import Interfaces, Named, faults
 from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
 from moon.properties.predicates import PredicateError, truth_source
 from moon.properties.property import Port, Property, PropertySeverity, Role
@@ -44,22 +46,26 @@ _SCOPES = {name.value: name for name in ScopeName if name is not ScopeName.GLOBA
 _COMMON = {"id", "text", "severity", "role"}
 
 
-def read_property_yaml(path: Path, log: DiagnosticLog) -> list[Property]:
+def read_property_yaml(
+    path: Path, log: DiagnosticLog, interfaces: Interfaces | None = None
+) -> list[Property]:
     """The properties of the file at ``path``; what is wrong goes to ``log``."""
     tree = read_yaml(path, log)
-    return _File(log).read(tree) if tree is not None else []
+    return _File(log, interfaces).read(tree) if tree is not None else []
 
 
-def parse_property_yaml(content: bytes, file: str, log: DiagnosticLog) -> list[Property]:
+def parse_property_yaml(
+    content: bytes, file: str, log: DiagnosticLog, interfaces: Interfaces | None = None
+) -> list[Property]:
     """The properties of ``content``, which messages call ``file``."""
     tree = parse_yaml(content, file, log)
-    return _File(log).read(tree) if tree is not None else []
+    return _File(log, interfaces).read(tree) if tree is not None else []
 
 
 class _File:
-    def __init__(self, log: DiagnosticLog) -> None:
+    def __init__(self, log: DiagnosticLog, interfaces: Interfaces | None) -> None:
         self._log = log
-        self._names = Names()
+        self._names = Names(interfaces)
 
     def _error(self, position: Position, element: str, message: str, hint: str = "") -> None:
         self._log.error("bad-property-file", position, element, message, hint)
@@ -123,22 +129,24 @@ class _File:
         port = self._mapping(node, f"the port `{name}`")
         if port is None:
             return
-        allowed = {"topic", "service", "action", "on", "field", "keep", "when", "initial"}
+        allowed = {"topic", "service", "action", "type", "on", "field", "keep", "when", "initial"}
         unknown_keys(port.keys, allowed, "ports", self._log)
-        place = self._place(name, port)
-        if place is None:
+        found = self._place(name, port)
+        if found is None:
             return
+        place, contents = found
         field = self._text(port, "field", "ports")
         keep = self._text(port, "keep", "ports")
         when, initial = self._text(port, "when", "ports"), port.entries.get("initial")
         path = place[2]
+        fields: tuple[str, ...] = ()
         if field is not None:
             parts = field_path(field.text)
             if parts is None:
                 shown = shortened(field.text, MAX_SHOWN)
                 self._error(field.position, "ports", f"`{shown}` is not a field", "a or a.b")
                 return
-            path = (*path, *parts)
+            path, fields = (*path, *parts), parts
         state = field is not None or (keep is not None and keep.text == "true")
         if keep is not None and keep.text not in ("true", "false"):
             self._error(keep.position, "ports", "`keep` is true or false")
@@ -150,16 +158,18 @@ class _File:
             self._error(initial.position, "ports", "an event has no `initial` value", "add `field`")
             return
         condition: Expression | None = None
-        if when is not None and (condition := self._when(when, place[2])) is None:
+        if when is not None and (condition := self._when(when, place[2], contents)) is None:
             return
         value = self._initial(initial)
         if state:
             made = Port(name, place[0], place[1], path, initial=value, position=position)
         else:
             made = Port(name, place[0], place[1], (), True, condition, position=position)
-        self._names.ports[name] = made
+        at = {key: node.position for key, node in port.entries.items()}
+        self._names.declare(made, contents, fields, at, "ports", self._log)
 
-    def _place(self, name: str, port: Mapping) -> channels.Place | None:
+    def _place(self, name: str, port: Mapping) -> tuple[channels.Place, DataType] | None:
+        """Where it listens, and the type of the message there."""
         given = [key for key in ("topic", "service", "action") if key in port.entries]
         if len(given) != 1:
             hint = "exactly one of topic, service and action"
@@ -180,7 +190,7 @@ class _File:
             if part is not None:
                 self._error(part.position, "ports", "a topic has no parts", "leave `on` out")
                 return None
-            return channels.topic_place(channel.text)
+            return self._typed(port, given[0], channel, "", channels.topic_place(channel.text))
         parts = channels.SERVICE_PARTS if given[0] == "service" else channels.ACTION_PARTS
         if part is None or part.text not in parts:
             at = part.position if part is not None else port.position
@@ -191,11 +201,24 @@ class _File:
                 f"on: {' or '.join(parts)}",
             )
             return None
-        if given[0] == "service":
-            return channels.service_place(channel.text, part.text)
-        return channels.action_place(channel.text, part.text)
+        make = channels.service_place if given[0] == "service" else channels.action_place
+        place = make(channel.text, part.text)
+        return self._typed(port, given[0], channel, part.text, place)
 
-    def _when(self, when: Scalar, path: tuple[str, ...]) -> Expression | None:
+    def _typed(
+        self, port: Mapping, kind: str, channel: Scalar, part: str, place: channels.Place
+    ) -> tuple[channels.Place, DataType] | None:
+        written = self._text(port, "type", "ports")
+        if written is None and "type" in port.entries:
+            return None
+        type_name = written.text if written is not None else ""
+        at = written.position if written is not None else channel.position
+        name = channels.absolute(channel.text)
+        named = Named(kind, name, part, type_name, _inside(channel), at, "ports")
+        contents = self._names.contents(named, self._log)
+        return None if contents is None else (place, contents)
+
+    def _when(self, when: Scalar, path: tuple[str, ...], contents: DataType) -> Expression | None:
         found = parse_expression(when.text, _inside(when), "when", self._log)
         if found is None:
             return None
@@ -209,7 +232,10 @@ class _File:
         except PredicateError as error:
             self._error(_inside(when), "when", str(error))
             return None
-        return _shifted(found, path)
+        wrong = faults(found, {"data": contents}) if contents != ANY else []
+        for at, what in wrong:
+            self._log.error("type-mismatch", at, "when", what)
+        return None if wrong else _shifted(found, path)
 
     def _initial(self, node: YamlNode | None) -> Any:
         if node is None:

@@ -330,14 +330,23 @@ def test_nodes_cannot_be_chosen_without_models(tmp_path) -> None:
     assert "there are none" in text
 
 
-def test_a_channel_that_no_model_names_is_warned_of(tmp_path) -> None:
+def test_a_channel_that_no_model_names_is_an_error_with_the_one_that_was_meant(tmp_path) -> None:
     model = write_models(tmp_path)
     path = tmp_path / "p.yaml"
     path.write_text(FILE.replace("/battery", "/batery"))
     code, text = _said(model, "--properties", path, "--endpoint", "nowhere")
     assert code == 2
-    assert "p.yaml:2:3: no model of" in text
-    assert "names /batery, the channel of `battery`" in text
+    assert "p.yaml:2:20: error: <ports>: no model of Level names the topic /batery;" in text
+    assert "did you mean /battery?" in text
+
+
+def test_of_a_foreign_channel_with_a_name_like_one_of_the_models_it_warns(tmp_path) -> None:
+    model = write_models(tmp_path)
+    path = tmp_path / "p.yaml"
+    path.write_text(FILE.replace("/battery,", "/battery_2, type: std_msgs/msg/Int32,"))
+    _, text = _said(model, "--properties", path, "--endpoint", "nowhere")
+    assert "p.yaml:2:20: warning: <ports>: no model of Level names the topic /battery_2;" in text
+    assert "error: <ports>" not in text
 
 
 def test_an_answer_that_comes_later_than_the_latency_bound_takes_a_certain_violation_back(watched):

@@ -61,3 +61,17 @@ def test_the_page_of_check_properties_shows_what_it_says(tmp_path, monkeypatch):
         assert result.output == output
         codes.append(result.exit_code)
     assert codes == [2, 0, 0]
+
+
+def test_the_page_shows_what_is_said_of_a_field_that_the_models_do_not_have(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "commands" / "moon-check-properties.md").read_text()
+    (shown,) = re.findall(r"^wrong.yaml:.*$", text, re.MULTILINE)
+    example = DOCS.parent / "examples" / "lab_tour"
+    source = (example / "properties.yaml").read_text()
+    (tmp_path / "wrong.yaml").write_text(source.replace("field: data}", "field: date}"))
+    arguments = ["check-properties", "wrong.yaml", str(example / "system.xml")]
+    result = CliRunner().invoke(main, arguments)
+    assert result.stderr.splitlines() == [shown]
+    assert result.stdout.splitlines()[-1] == "4 properties, 1 error"
+    assert result.exit_code == 2
