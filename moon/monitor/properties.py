@@ -381,21 +381,27 @@ def verdict_on(item: Property, verdict: PropertyVerdict) -> Verdict:
 def _explained(item: Property, witness: Witness | None) -> Explanation:
     facts = witness.facts if witness is not None else ()
     shown = facts[-SHOWN_FACTS:]
-    evidence = [Evidence(fact.start_ns, _fact(fact)) for fact in shown]
+    evidence = [Evidence(_since(fact), _fact(fact)) for fact in shown]
+    evidence.sort(key=lambda item: item.stamp_ns)
     if witness is not None and (len(shown) < len(facts) or not witness.complete):
-        evidence.insert(
-            0, Evidence(shown[0].start_ns if shown else witness.at_ns, "(and more before)")
-        )
+        first_ns = evidence[0].stamp_ns if evidence else witness.at_ns
+        evidence.insert(0, Evidence(first_ns, "(and more before)"))
     held = [_what(fact) for fact in shown[-2:]]
     return Explanation(
         (item.meaning,), " and ".join(held), evidence=tuple(evidence), places=(str(item.position),)
     )
 
 
+def _since(fact: Fact) -> int:
+    """Since when it is so: what was observed may have come before it mattered."""
+    seen = fact.observation
+    return fact.start_ns if seen is None else min(seen.stamp_ns, fact.start_ns)
+
+
 def _what(fact: Fact) -> str:
     """The predicate as it was, and for how long."""
     what = fact.predicate if fact.value else f"not ({fact.predicate})"
-    lasted = fact.end_ns - fact.start_ns
+    lasted = fact.end_ns - _since(fact)
     return f"{what} for {duration(lasted)}" if lasted > 0 else what
 
 

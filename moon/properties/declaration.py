@@ -31,6 +31,7 @@ from moon.properties.syntax import (
     MAX_PREDICATE_OPERATORS,
     FormulaError,
     condition,
+    edge,
     parse_formula,
     ticks,
 )
@@ -132,11 +133,16 @@ def field_path(text: str) -> tuple[str, ...] | None:
 
 
 def read_condition(
-    text: str, position: Position, element: str, names: Names, log: DiagnosticLog
+    text: str, position: Position, element: str, names: Names, log: DiagnosticLog, which: str = ""
 ) -> Formula | None:
-    """The condition ``text`` (an expression over names); None after reporting what is wrong."""
+    """The condition ``text`` (an expression over names); None after reporting what is wrong.
+
+    ``which``: ``rises`` or ``falls``, if the condition is that it becomes true or false.
+    """
     try:
         found = condition(text, 0, names.resolve)
+        if which:
+            found = edge(which, found)
         _bound(found)
     except FormulaError as error:
         _report(error, text, position, element, log)
@@ -181,8 +187,12 @@ def _bound(formula: Formula) -> None:
 def _report(
     error: FormulaError, text: str, position: Position, element: str, log: DiagnosticLog
 ) -> None:
-    at = _inside(text, error.offset, position)
-    log.error("bad-formula", at, element, error.message, error.hint)
+    at, hint = _inside(text, error.offset, position), error.hint
+    if re.match(r"\s*(rises|falls)\s*\(", text) and element != "formula":
+        hint = (
+            'a condition that becomes true is written {rises: x > 1}, in XML <event edge="rises">'
+        )
+    log.error("bad-formula", at, element, error.message, hint)
 
 
 def _inside(text: str, offset: int, position: Position) -> Position:

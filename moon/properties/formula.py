@@ -92,7 +92,16 @@ class Since(msgspec.Struct, frozen=True, tag=True):
     interval: Interval = EVER
 
 
-Formula = Constant | Predicate | Not | And | Or | Implies | Once | Historically | Since
+class Rise(msgspec.Struct, frozen=True, tag=True):
+    """``rises f``: f holds, and did not one tick ago; ``falls f`` is the rise of ``not f``.
+
+    There is none at the first instant of all: what was before is not known.
+    """
+
+    operand: Formula
+
+
+Formula = Constant | Predicate | Not | And | Or | Implies | Once | Historically | Since | Rise
 
 TRUE = Constant(True)
 FALSE = Constant(False)
@@ -104,6 +113,8 @@ def operands(formula: Formula) -> tuple[Formula, ...]:
         case Constant() | Predicate():
             return ()
         case Not(operand=inner) | Once(operand=inner) | Historically(operand=inner):
+            return (inner,)
+        case Rise(operand=inner):
             return (inner,)
         case And(operands=inner) | Or(operands=inner):
             return inner
@@ -121,6 +132,22 @@ def predicates(formula: Formula) -> dict[str, Predicate]:
             found.setdefault(here.text, here)
         pending.extend(reversed(operands(here)))
     return found
+
+
+def written_out(rise: Rise) -> Formula:
+    """``rise`` in terms of the other operators, which give it its meaning."""
+    return And((rise.operand, Once(negation(rise.operand), Interval(1, 1))))
+
+
+def has_rise(formula: Formula) -> bool:
+    """Whether a rise is part of ``formula``."""
+    pending = [formula]
+    while pending:
+        here = pending.pop()
+        if isinstance(here, Rise):
+            return True
+        pending.extend(operands(here))
+    return False
 
 
 def conjunction(*parts: Formula) -> Formula:
@@ -172,6 +199,10 @@ def text(formula: Formula, ticks_per_unit: int = TICKS_PER_SECOND) -> str:
             return " or ".join(_tight(item, ticks_per_unit) for item in inner)
         case Implies(left=left, right=right):
             return f"{_tight(left, ticks_per_unit)} -> {_tight(right, ticks_per_unit)}"
+        case Rise(operand=Not(operand=inner)):
+            return f"falls {_tight(inner, ticks_per_unit)}"
+        case Rise(operand=inner):
+            return f"rises {_tight(inner, ticks_per_unit)}"
         case Once(operand=inner, interval=interval):
             return f"once{bounds(interval, ticks_per_unit)} {_tight(inner, ticks_per_unit)}"
         case Historically(operand=inner, interval=interval):

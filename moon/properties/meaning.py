@@ -17,6 +17,7 @@ from moon.properties.formula import (
     Once,
     Or,
     Predicate,
+    Rise,
     Since,
     number,
 )
@@ -53,6 +54,10 @@ def formula_words(formula: Formula) -> str:
             return " or ".join(_group(part) for part in parts)
         case Implies(left=left, right=right):
             return f"if {formula_words(left)} then {formula_words(right)}"
+        case Rise(operand=Not(operand=inner)):
+            return f"fall of {_group(inner)}"
+        case Rise(operand=inner):
+            return f"rise of {_group(inner)}"
         case Once(operand=inner, interval=interval):
             return f"{_group(inner)} {_past('was so at some time', interval)}"
         case Historically(operand=inner, interval=interval):
@@ -66,7 +71,7 @@ def formula_words(formula: Formula) -> str:
 
 def _group(formula: Formula) -> str:
     words = formula_words(formula)
-    return words if isinstance(formula, Predicate | Constant | Not) else f"({words})"
+    return words if isinstance(formula, Predicate | Constant | Not | Rise) else f"({words})"
 
 
 def _past(words: str, interval: Interval) -> str:
@@ -118,6 +123,8 @@ def _lapses(formula: Formula, to: bool, events: Container[str]) -> set[int]:
             )
         case Historically(operand=inner, interval=interval):
             return _lapses(Once(Not(inner), interval), not to, events)
+        case Rise(operand=inner):
+            return _lapses(inner, True, events) if to else set()
         case Since(left=left, right=right, interval=interval):
             found = _limits(interval, to) | _lapses(left, to, events)
             return found | _lapses(right, to, events) if to else found
@@ -134,6 +141,8 @@ def _is_instant(formula: Formula, to: bool, events: Container[str]) -> bool:
         formula, to = formula.operand, not to
     if isinstance(formula, And) and to:
         return any(_is_instant(part, True, events) for part in formula.operands)
+    if isinstance(formula, Rise):
+        return to
     return isinstance(formula, Predicate) and to and formula.text in events
 
 

@@ -19,8 +19,10 @@ from moon.properties.formula import (
     Once,
     Or,
     Predicate,
+    Rise,
     Since,
     predicates,
+    written_out,
 )
 from moon.properties.signals import Signal, Signals, complement, union
 from moon.properties.verdict import Fact
@@ -81,6 +83,8 @@ def split(formula: Formula, helps: bool) -> Formula:
             return Or(tuple(split(item, helps) for item in operands))
         case Implies(left=left, right=right):
             return Implies(split(left, not helps), split(right, helps))
+        case Rise():
+            return split(written_out(formula), helps)
         case Once(operand=inner, interval=interval):
             return Once(split(inner, helps), interval)
         case Historically(operand=inner, interval=interval):

@@ -22,7 +22,9 @@ from moon.properties.formula import (
     Once,
     Or,
     Predicate,
+    Rise,
     Since,
+    written_out,
 )
 
 IN_STEPS = "steps"
@@ -127,6 +129,8 @@ class NetworkBuilder:
             case Historically(operand=inner, interval=interval):
                 never = self.negate(self.node(inner, positive))
                 return self.negate(self.add(Node("once", (never,), interval)))
+            case Rise():
+                return self.node(written_out(formula), positive)
             case Since(left=left, right=right, interval=interval):
                 pair = (self.node(left, positive), self.node(right, positive))
                 return self.add(Node("since", pair, interval, self._since_text))

@@ -20,7 +20,9 @@ from moon.properties.formula import (
     Once,
     Or,
     Predicate,
+    Rise,
     Since,
+    written_out,
 )
 
 Signal = list[tuple[int, int]]
@@ -113,6 +115,8 @@ class Signals:
                 return complement(
                     self._once(self.where(inner, False), interval), self.start, self.end
                 )
+            case Rise():
+                return self.of(written_out(formula))
             case Since(left=left, right=right, interval=interval):
                 return self._since(self.of(left), self.of(right), interval)
 

@@ -1,7 +1,8 @@
 """Reading formulas in the syntax that MOON's and Reelay's users write.
 
 ``historically``/``H``, ``once``/``P``/``O``, ``since``/``S``, each with ``[a:b]``, ``[a:]`` or ``[:b]``;
-``not``/``!``, ``and``/``&&``, ``or``/``||``, ``->``/``implies``, ``true``, ``false``; predicates in braces:
+``rises``, ``falls``; ``not``/``!``, ``and``/``&&``, ``or``/``||``, ``->``/``implies``, ``true``,
+``false``; predicates in braces:
 ``{p}``, ``{x > 3}``, ``{mode: "Sport", speed < 20}`` (a comma is ``and``, a colon ``==``), any
 expression of the models' language. Unary operators bind tightest, then ``since``, ``and``, ``or``,
 ``->``. The reader is bounded: no input makes it recurse or run without limit.
@@ -35,7 +36,9 @@ from moon.properties.formula import (
     Once,
     Or,
     Predicate,
+    Rise,
     Since,
+    has_rise,
 )
 
 _Part = TypeVar("_Part", bound=Node)
@@ -64,6 +67,7 @@ _TOKEN = re.compile(
 )
 _WORDS = {
     **{"historically": "H", "H": "H", "once": "P", "P": "P", "O": "P", "since": "S", "S": "S"},
+    **{"rises": "rises", "falls": "falls"},
     **{"not": "!", "and": "&&", "or": "||", "implies": "->", "true": "true", "false": "false"},
 }
 _REFUSED = {
@@ -121,6 +125,18 @@ def condition(
         named = resolve(part.strip(), offset + start) if resolve is not None else None
         parts.append(named if named is not None else _pair(part, offset + start, resolve))
     return parts[0] if len(parts) == 1 else And(tuple(parts))
+
+
+def edge(which: str, formula: Formula, offset: int = 0) -> Rise:
+    """Where ``formula`` becomes true (``which`` is ``rises``) or false (``falls``).
+
+    Raises:
+        FormulaError: it says of itself where something becomes true or false; ``offset`` is where.
+    """
+    if has_rise(formula):
+        what = f"`{which}` of what holds for an instant only"
+        raise FormulaError(what, offset, "leave one of `rises` and `falls` out")
+    return Rise(formula if which == "rises" else Not(formula))
 
 
 def _pair(text: str, offset: int, resolve: Callable[[str, int], Formula | None] | None) -> Formula:
@@ -360,6 +376,8 @@ class _Parser:
             case "H":
                 interval = self._interval()
                 result = Historically(self._unary(), interval)
+            case "rises" | "falls":
+                result = edge(token.kind, self._unary(), token.offset)
             case "(":
                 result = self._implication()
                 self._expect(")", "close the parenthesis")

@@ -21,9 +21,11 @@ from moon.properties.formula import (
     Once,
     Or,
     Predicate,
+    Rise,
     Since,
     operands,
     predicates,
+    written_out,
 )
 from moon.properties.minimal import minimal, split
 from moon.properties.signals import Signal, Signals, complement, intersect, union
@@ -36,6 +38,8 @@ Change = tuple[int, bool | None, Observation | None]
 
 def horizon(formula: Formula) -> int | None:
     """How far back (ticks) ``formula`` looks from an instant; None: to the start."""
+    if isinstance(formula, Rise):
+        return horizon(written_out(formula))
     inner = [horizon(item) for item in operands(formula)]
     if any(reach is None for reach in inner):
         return None
@@ -145,14 +149,16 @@ def _last(changes: Mapping[str, Sequence[Change]], now: int) -> tuple[Fact, ...]
 
 
 def _facts(text: str, value: bool, signal: Signal, changes: Sequence[Change]) -> Iterable[Fact]:
-    """Facts of one predicate over ``signal``, cut where an observation set the value anew."""
+    """Facts of one predicate over ``signal``, with the observation that made it have ``value``."""
     for first, end in signal:
-        source = None
+        source, before = None, None
         for instant, new, observation in changes:
             if instant > first:
                 break
-            if new is value:
+            # one that says the same again did not make it so
+            if new is value and (before is not value or source is None):
                 source = observation
+            before = new
         yield Fact(text, value, first, end - 1, source)
 
 
@@ -184,6 +190,8 @@ class _Reasons:
                 self._once(inner, interval, value, True, where)
             case Historically(operand=inner, interval=interval):
                 self._once(inner, interval, not value, False, where)
+            case Rise():
+                self.collect(written_out(formula), value, where)
             case Since():
                 self._since(formula, value, where)
 

@@ -364,9 +364,12 @@ class _File:
 
     def _event(self, element: Element) -> Formula | None:
         lead = element.text[: len(element.text) - len(element.text.lstrip())]
-        return read_condition(
-            element.text.strip(), _after(element, lead), element.tag, self._names, self._log
-        )
+        which = element.get("edge")
+        if which not in ("", "rises", "falls"):
+            self._error(element.at("edge"), element, f'edge="{which}" is neither rises nor falls')
+            return None
+        at = _after(element, lead)
+        return read_condition(element.text.strip(), at, element.tag, self._names, self._log, which)
 
     def _scope(self, element: Element) -> Scope | None:
         name = _SCOPES.get(element.get("type"))

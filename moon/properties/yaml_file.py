@@ -42,6 +42,7 @@ _EVENTS: dict[PatternName, tuple[str, ...]] = {
     PatternName.PRECEDENCE_CHAIN: ("causes", "effect"),
 }
 _LISTS = {"responses", "causes"}
+_EDGES = {"rises", "falls"}
 _SCOPES = {name.value: name for name in ScopeName if name is not ScopeName.GLOBALLY}
 _COMMON = {"id", "text", "severity", "role"}
 
@@ -253,10 +254,7 @@ class _File:
     def _predicate(self, name: str, position: Position, node: YamlNode) -> None:
         if self._taken(name, position, "predicates"):
             return
-        if not isinstance(node, Scalar):
-            self._error(node.position, "predicates", f"`{name}` is one expression")
-            return
-        found = read_condition(node.text, _inside(node), "predicates", self._names, self._log)
+        found = self._condition(node, "predicates", name)
         if found is not None:
             self._names.predicates[name] = found
 
@@ -344,21 +342,37 @@ class _File:
             self._error(entry.position, "properties", f"the pattern needs `{key}`")
             return None
         items = node.items if isinstance(node, Sequence) else [node]
-        scalars = [item for item in items if isinstance(item, Scalar)]
-        wrong = isinstance(node, Sequence) == (count == 1) or (count and len(items) != count)
-        if wrong or len(scalars) != len(items):
+        if isinstance(node, Sequence) == (count == 1) or (count and len(items) != count):
             wanted = {0: "a list of conditions", 1: "one condition"}.get(
                 count, f"a list of {count}"
             )
             self._error(node.position, key, f"`{key}` is {wanted}")
             return None
         found = []
-        for scalar in scalars:
-            made = read_condition(scalar.text, _inside(scalar), key, self._names, self._log)
+        for item in items:
+            made = self._condition(item, key, key)
             if made is None:
                 return None
             found.append(made)
         return found
+
+    def _condition(self, node: YamlNode, element: str, what: str) -> Formula | None:
+        """The condition that ``node`` is: an expression, or that one ``rises`` or ``falls``."""
+        which = ""
+        if isinstance(node, Mapping):
+            unknown_keys(node.keys, _EDGES, element, self._log)
+            which = next(iter(node.entries), "")
+            if len(node.entries) == 1 and which in _EDGES:
+                node = node.entries[which]
+            elif node.keys.keys() <= _EDGES:
+                self._error(node.position, element, f"`{what}` needs one of `rises` and `falls`")
+                return None
+            else:
+                return None
+        if not isinstance(node, Scalar):
+            self._error(node.position, element, f"`{what}` is one expression")
+            return None
+        return read_condition(node.text, _inside(node), element, self._names, self._log, which)
 
     def _scope(self, entry: Mapping) -> Scope | None:
         given = [key for key in _SCOPES if key in entry.entries]

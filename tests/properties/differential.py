@@ -9,6 +9,7 @@ result drops a false stretch that begins exactly at an observation. Bounds that 
 from __future__ import annotations
 
 import random
+import re
 from typing import Any
 
 import reelay
@@ -20,20 +21,20 @@ from moon.properties.syntax import parse_formula
 NAMES = "pqr"
 
 
-def random_formula(choice: random.Random, depth: int, longest: int = 5) -> str:
-    """A formula over p, q, r in the common syntax."""
+def random_formula(choice: random.Random, depth: int, longest: int = 5, edges: bool = False) -> str:
+    """A formula over p, q, r in the common syntax; with ``edges`` also of ours: rises and falls."""
     if depth == 0 or choice.random() < 0.12:
         return choice.choice(["{p}", "{q}", "{r}", "{n > 2}", "{n <= 1}"])
 
-    def inner() -> str:
-        return random_formula(choice, depth - 1, longest)
+    def inner(edges: bool = edges) -> str:
+        return random_formula(choice, depth - 1, longest, edges)
 
     def bound() -> str:
         low = choice.randrange(longest)
         high = max(1, low + choice.randrange(longest))
         return choice.choice(["", f"[{low}:{high}]", f"[{low}:]", f"[:{high}]"])
 
-    match choice.randrange(7):
+    match choice.randrange(9 if edges else 7):
         case 0:
             return f"(not ({inner()}))"
         case 1:
@@ -46,8 +47,25 @@ def random_formula(choice: random.Random, depth: int, longest: int = 5) -> str:
             return f"(once{bound()}({inner()}))"
         case 5:
             return f"(historically{bound()}({inner()}))"
-        case _:
+        case 6:
             return f"(({inner()}) since{bound()} ({inner()}))"
+        case 7:
+            return f"(rises({inner(False)}))"
+        case _:
+            return f"(falls({inner(False)}))"
+
+
+def for_reelay(formula: str) -> str:
+    """``formula`` with its rises and falls in Reelay's words, for bounds that count ticks."""
+    while (match := re.search(r"(rises|falls)\(", formula)) is not None:
+        depth, end = 1, match.end()
+        while depth:
+            depth += {"(": 1, ")": -1}.get(formula[end], 0)
+            end += 1
+        inside = formula[match.end() - 1 : end]
+        now, before = (inside, f"(not {inside})")[:: 1 if match[1] == "rises" else -1]
+        formula = f"{formula[: match.start()]}({now} and (once[1:1]{before})){formula[end:]}"
+    return formula
 
 
 def random_trace(choice: random.Random, length: int) -> dict[int, dict[str, Any]]:
@@ -112,13 +130,17 @@ def ours(
     return values
 
 
-def disagreement(seed: int, dense: bool = True) -> str | None:
-    """What differs for the pair of a formula and a trace that ``seed`` makes; None: nothing."""
+def disagreement(seed: int, dense: bool = True, edges: bool = False) -> str | None:
+    """What differs for the pair of a formula and a trace that ``seed`` makes; None: nothing.
+
+    ``edges``: the formula may have rises and falls. (A seed makes other pairs with them.)
+    """
     choice = random.Random(seed)
-    formula = random_formula(choice, choice.randint(1, 4))
+    formula = random_formula(choice, choice.randint(1, 4), edges=edges)
     length = choice.randint(2, 20)
     trace = random_trace(choice, length)
-    theirs = (reelay_dense if dense else reelay_discrete)(formula, trace, length)
+    reelays = reelay_dense if dense else reelay_discrete
+    theirs = reelays(for_reelay(formula), trace, length)
     mine = ours(formula, trace, length, dense)
     if mine == theirs:
         return None
@@ -129,13 +151,14 @@ def disagreement(seed: int, dense: bool = True) -> str | None:
 
 
 def soak(pairs: int = 50_000, first_seed: int = 0, dense: bool = True) -> int:
-    """Compare ``pairs`` pairs; returns how many differ, printing each."""
+    """Compare ``pairs`` pairs, half of them with rises and falls; returns how many differ, printing each."""
     different = 0
-    for seed in range(first_seed, first_seed + pairs):
-        found = disagreement(seed, dense)
-        if found is not None:
-            different += 1
-            print(found, flush=True)
+    for seed in range(first_seed, first_seed + (pairs + 1) // 2):
+        for edges in (False, True):
+            found = disagreement(seed, dense, edges)
+            if found is not None:
+                different += 1
+                print(found, flush=True)
     print(f"{pairs} pairs ({'dense' if dense else 'discrete'}), {different} differ", flush=True)
     return different
 

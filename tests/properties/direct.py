@@ -12,6 +12,7 @@ from moon.properties.formula import (
     Once,
     Or,
     Predicate,
+    Rise,
     Since,
 )
 from moon.properties.patterns import Pattern, PatternName, ScopeName
@@ -170,6 +171,8 @@ def holds(formula: Formula, trace: Trace, t: int) -> bool:
             return any(holds(inner, trace, s) for s in reach(i, t))
         case Historically(operand=inner, interval=i):
             return all(holds(inner, trace, s) for s in reach(i, t))
+        case Rise(operand=inner):
+            return t > 0 and holds(inner, trace, t) and not holds(inner, trace, t - 1)
         case Since(left=left, right=right, interval=i):
             if not holds(left, trace, t):
                 return False

@@ -55,7 +55,9 @@ class Claim(NamedTuple):
 class Triple:
     """What ``seed`` makes: properties, messages in order, losses, and what is told when."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, edges: bool = False) -> None:
+        self.edges = edges
+        """Whether formulas may have rises and falls. (A seed makes other triples with them.)"""
         choice = random.Random(seed)
         self.choice = choice
         self.events = {name for name in NAMES if choice.random() < choice.choice([0.0, 0.5])}
@@ -92,7 +94,7 @@ class Triple:
         return Port(name, f"/{name}", path=("value",))
 
     def formula(self):
-        source = random_formula(self.choice, self.choice.randint(1, 3), longest=4)
+        source = random_formula(self.choice, self.choice.randint(1, 3), 4, self.edges)
         both = not self.events & {"p", "q"} and self.choice.random() < 0.3
         source = source.replace("{n > 2}", "{p == q}" if both else "{p}")
         return parse_formula(source.replace("{n <= 1}", "not {q}"), ticks_per_unit=1)
@@ -360,9 +362,9 @@ class Tally:
         return f"{share:.1%} of {self.claims} claims after a loss are conclusive"
 
 
-def contradiction(seed: int, tally: Tally | None = None) -> str | None:
+def contradiction(seed: int, tally: Tally | None = None, edges: bool = False) -> str | None:
     """What is said of the triple that ``seed`` makes and is not so in a completion; None: nothing."""
-    triple = Triple(seed)
+    triple = Triple(seed, edges)
     said = Said(triple)
     if said.wrong:
         return describe(seed, triple, said.wrong[0])
@@ -421,15 +423,19 @@ def describe(seed: int, triple: Triple, what: str) -> str:
 
 
 def soak(triples: int, first_seed: int) -> int:
-    """Look at ``triples`` triples; returns how many are contradicted, printing each."""
+    """Look at ``triples`` triples, half of them with rises and falls; returns how many are
+    contradicted, printing each.
+    """
     failures = 0
     tally = Tally()
-    for seed in range(first_seed, first_seed + triples):
-        found = contradiction(seed, tally)
-        if found is not None:
-            failures += 1
-            print(found, flush=True)
-        if (seed + 1 - first_seed) % SHOWN_EVERY == 0:
-            print(f"{seed + 1 - first_seed} of {triples}, {failures} contradicted", flush=True)
+    for seed in range(first_seed, first_seed + (triples + 1) // 2):
+        for edges in (False, True):
+            found = contradiction(seed, tally, edges)
+            if found is not None:
+                failures += 1
+                print(found, flush=True)
+        done = 2 * (seed + 1 - first_seed)
+        if done % SHOWN_EVERY == 0:
+            print(f"{done} of {triples}, {failures} contradicted", flush=True)
     print(f"{triples} triples with losses, {failures} contradicted; {tally}", flush=True)
     return failures

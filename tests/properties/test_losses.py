@@ -14,12 +14,13 @@ from tests.properties.runs import seen
 from transports.interface import ObservationKind
 
 TRIPLES = 800
-"""Of each run of the suite; ``tests.properties.soak`` looks at fresh ones."""
+"""Of each kind and each run of the suite; ``tests.properties.soak`` looks at fresh ones."""
 
 
-def test_a_verdict_holds_in_every_completion_of_what_was_lost():
+@pytest.mark.parametrize("edges", [False, True])
+def test_a_verdict_holds_in_every_completion_of_what_was_lost(edges):
     tally = losses.Tally()
-    found = [losses.contradiction(seed, tally) for seed in range(TRIPLES)]
+    found = [losses.contradiction(seed, tally, edges) for seed in range(TRIPLES)]
     assert [what for what in found if what is not None] == []
     # a floor: a monitor that gives up at the first loss says hardly anything afterwards
     assert tally.claims > 10 * TRIPLES

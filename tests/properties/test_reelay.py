@@ -19,16 +19,16 @@ from tests.properties.direct import holds
 from tests.properties.runs import run
 
 
-@given(seed=st.integers(50_000_000, 2**40))
-@settings(max_examples=examples(100, 800), deadline=None)
-def test_dense_formulas_mean_what_reelay_says(seed):
-    assert differential.disagreement(seed) is None
+@given(seed=st.integers(50_000_000, 2**40), edges=st.booleans())
+@settings(max_examples=examples(150, 1200), deadline=None)
+def test_dense_formulas_mean_what_reelay_says(seed, edges):
+    assert differential.disagreement(seed, edges=edges) is None
 
 
-@given(seed=st.integers(50_000_000, 2**40))
-@settings(max_examples=examples(60, 600), deadline=None)
-def test_discrete_formulas_mean_what_reelay_says(seed):
-    assert differential.disagreement(seed, dense=False) is None
+@given(seed=st.integers(50_000_000, 2**40), edges=st.booleans())
+@settings(max_examples=examples(90, 900), deadline=None)
+def test_discrete_formulas_mean_what_reelay_says(seed, edges):
+    assert differential.disagreement(seed, dense=False, edges=edges) is None
 
 
 def boolean_trace(choice: random.Random) -> list[dict[str, bool]]:
@@ -47,7 +47,7 @@ def boolean_trace(choice: random.Random) -> list[dict[str, bool]]:
 @settings(max_examples=200, deadline=None)
 def test_a_monitor_agrees_with_the_operators_definitions(seed, sparse):
     choice = random.Random(seed)
-    source = differential.random_formula(choice, choice.randint(1, 3), longest=4)
+    source = differential.random_formula(choice, choice.randint(1, 3), 4, choice.random() < 0.5)
     source = source.replace("{n > 2}", "{p}").replace("{n <= 1}", "not {q}")
     formula = parse_formula(source, ticks_per_unit=1)
     trace = boolean_trace(choice)

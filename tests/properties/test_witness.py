@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import random
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from moon.monitor.properties import verdict_on
 from moon.properties.formula import text
 from moon.properties.monitor import PropertyMonitor
 from moon.properties.network import build_network
@@ -23,7 +25,7 @@ SECOND = 10**9
 
 def explained(seed: int):
     choice = random.Random(seed)
-    source = random_formula(choice, choice.randint(1, 3), longest=4)
+    source = random_formula(choice, choice.randint(1, 3), 4, choice.random() < 0.5)
     source = source.replace("{n > 2}", "{p}").replace("{n <= 1}", "not {q}")
     formula = parse_formula(source, ticks_per_unit=1)
     trace = [{name: choice.random() < 0.5 for name in "pqr"} for _ in range(choice.randint(1, 12))]
@@ -177,3 +179,46 @@ def test_the_first_observation_of_all_is_named_if_it_is_the_reason():
     monitor = PropertyMonitor(Property("f", parse_formula("historically{level > 30}"), (ALARM[0],)))
     (fact,) = monitor.observe(low).witness.facts
     assert (fact.predicate, fact.value, fact.observation) == ("level > 30", False, low)
+
+
+LEVEL = (
+    Port("level", "/battery", path=("data",)),
+    Port("docked", "/docked", event=True),
+)
+
+
+@pytest.mark.parametrize("asked", ["{level < 30}", "rises {level < 30}"])
+def test_a_witness_names_what_made_it_so_and_not_what_was_heard_last(asked):
+    source = f"historically(not((not {{docked}}) since[5:] ({asked} and not {{docked}})))"
+    monitor = PropertyMonitor(Property("P", parse_formula(source), LEVEL))
+    for second, level in ((8, 31), (9, 30), (10, 29), (11, 28), (12, 27), (13, 26)):
+        monitor.observe(seen(second * SECOND, "/battery", data=level))
+    verdict = monitor.advance(20 * SECOND)
+    assert (verdict.status, verdict.since_ns) == (Status.FALSE, 15 * SECOND)
+    facts = [fact for fact in verdict.witness.facts if fact.predicate == "level < 30"]
+    assert [fact.observation.data for fact in facts if fact.value] == [{"data": 29}]
+    assert verdict.witness.at_ns == 15 * SECOND
+
+
+@pytest.mark.parametrize("doubt", [False, True])
+def test_what_is_told_of_a_violation_has_the_time_and_value_of_what_made_it_so(doubt):
+    """It docks at 12 s, and is owed anew as the level is low still: that is so since 10 s.
+
+    The three-valued evaluation remembers also what is said again.
+    """
+    source = "historically(not((not {docked}) since[5:] ({level < 30} and not {docked})))"
+    source += " and {other > 1}" if doubt else ""
+    other = Port("other", "/other", path=("data",), initial="not a number")
+    item = Property("P", parse_formula(source), (*LEVEL, other))
+    monitor = PropertyMonitor(item)
+    monitor.observe(seen(8 * SECOND, "/battery", data=31))
+    for second, level in ((10, 29), (11, 28)):
+        monitor.observe(seen(second * SECOND, "/battery", data=level))
+    monitor.observe(seen(12 * SECOND, "/docked"))
+    monitor.observe(seen(13 * SECOND, "/battery", data=27))
+    said = verdict_on(item, monitor.advance(20 * SECOND))
+    assert said.stamp_ns == 17 * SECOND + 1
+    assert [(item.stamp_ns, item.text) for item in said.explanation.evidence[-2:]] == [
+        (10 * SECOND, 'level < 30 for 2 s: message on /battery of robot {"data":29}'),
+        (12 * SECOND + 1, "not (docked) for 5 s"),
+    ]
