@@ -45,6 +45,11 @@ _BAG_METADATA = "metadata.yaml"
     help="Write a page with timelines and diagrams.",
 )
 @click.option(
+    "--strict",
+    is_flag=True,
+    help="Exit code 1 also if a machine or a property is inconclusive, or unseen, in the end.",
+)
+@click.option(
     "--jobs",
     type=click.IntRange(min=1),
     help="Recordings checked at once; by default as many as there are processors.",
@@ -56,14 +61,15 @@ def check(
     log_file: Path | None,
     junit_file: Path | None,
     report_file: Path | None,
+    strict: bool,
     jobs: int | None,
 ) -> None:
     """Check recorded runs against models, or properties, or both, as `moon monitor` does live.
 
     RUN is what `moon record` or `ros2 bag record` wrote (a file or a folder), or a log of JSON lines;
     MODEL is a model (.scxml, .ascxml), a folder of them, or one system file. Verdicts and explanations
-    are those of a monitor that was there. Exit code 0: nothing was violated; 1: something was; 2: a
-    recording or a model could not be read.
+    are those of a monitor that was there. Exit code 0: nothing was violated; 1: something was, or with
+    --strict is inconclusive; 2: a recording or a model could not be read.
 
     Example: moon check run.mcap examples/lab_tour/system.xml --report run.html
     """
@@ -98,7 +104,18 @@ def check(
         sys.exit(2)
     if failures:
         sys.exit(2)
-    sys.exit(1 if any(result.violations for result in results) else 0)
+    if strict:
+        for result in results:
+            _say_undecided(result)
+    wrong = any(result.violations or (strict and result.undecided) for result in results)
+    sys.exit(1 if wrong else 0)
+
+
+def _say_undecided(result: CheckResult) -> None:
+    """What makes the exit code 1 with ``--strict``, though nothing was violated."""
+    if result.undecided:
+        named = ", ".join(f"{item.machine} ({item.verdict})" for item in result.undecided)
+        say(f"strict: {result.recording.path}: not known to conform: {named}")
 
 
 def _told_apart(paths: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:

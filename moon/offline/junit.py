@@ -8,9 +8,8 @@ from lxml import etree
 
 from m2c.model.xml_writing import below, element
 from moon.monitor.report import verdict_lines
-from moon.monitor.status import UNSEEN, MachineStatus
+from moon.monitor.status import MachineStatus
 from moon.offline.result import CheckResult
-from moon.verdict import Outcome
 
 
 def junit(results: Sequence[CheckResult], failures: Sequence[tuple[str, str]]) -> bytes:
@@ -39,7 +38,7 @@ def _suite(result: CheckResult) -> etree._Element:
             "tests": str(len(machines)),
             "failures": str(sum(machine.violations > 0 for machine in machines)),
             "errors": "0",
-            "skipped": str(sum(_is_open(machine) for machine in machines)),
+            "skipped": str(len(result.undecided)),
             "time": f"{result.seconds:.3f}",
         },
     )
@@ -48,17 +47,12 @@ def _suite(result: CheckResult) -> etree._Element:
         case = below(suite, "testcase", {"classname": classname, "name": machine.machine})
         if machine.violations:
             _fail(case, result, machine)
-        elif _is_open(machine):
+        elif machine in result.undecided:
             below(case, "skipped", {"message": f"{machine.verdict}: {machine.last}"})
     said = (*result.recording.faults, *result.recording.limits, *result.problems)
     if said:
         below(suite, "system-err", {}, "\n".join(said))
     return suite
-
-
-def _is_open(machine: MachineStatus) -> bool:
-    """Whether nothing is known of it in the end."""
-    return not machine.violations and machine.verdict in (UNSEEN, str(Outcome.INCONCLUSIVE))
 
 
 def _fail(case: etree._Element, result: CheckResult, machine: MachineStatus) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from moon.monitor.status import Counts, MachineStatus
+from moon.monitor.status import UNSEEN, Counts, MachineStatus
 from moon.recording.entries import Said
 from moon.verdict import Outcome
 
@@ -120,6 +120,15 @@ class CheckResult(msgspec.Struct, frozen=True):
     def violations(self) -> int:
         """Of all machines and properties."""
         return sum(machine.violations for machine in self.machines)
+
+    @property
+    def undecided(self) -> tuple[MachineStatus, ...]:
+        """The machines and properties of which nothing is known in the end: inconclusive, or unseen."""
+        return tuple(
+            machine
+            for machine in self.machines
+            if not machine.violations and machine.verdict in (UNSEEN, str(Outcome.INCONCLUSIVE))
+        )
 
     @property
     def violated(self) -> tuple[Said, ...]:

@@ -171,3 +171,29 @@ def test_help_imports_nothing_heavy() -> None:
         "assert not {'zenoh', 'rich', 'msgspec', 'mcap', 'rosbags'} & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
+
+
+STRICT = """\
+ports:
+  level: {topic: /BatteryComponent/level, field: data}
+  never: {topic: /never, type: std_msgs/msg/Int32, field: data}
+properties:
+  - {id: known, pattern: universality, of: level > 0}
+  - {id: open, pattern: universality, of: never > 0}
+"""
+
+
+def test_with_strict_what_is_inconclusive_in_the_end_is_exit_code_1_and_named(
+    runs: Runs, tmp_path: Path
+) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text(STRICT)
+    code, out, err = run(str(runs.good), "--properties", str(path))
+    assert (code, "strict" in err) == (0, False)
+    code, strictly, err = run(str(runs.good), "--properties", str(path), "--strict")
+    assert code == 1
+    assert strictly.splitlines()[:-1] == out.splitlines()[:-1]
+    assert err == f"strict: {runs.good}: not known to conform: open (unseen)\n"
+    path.write_text(STRICT.replace("  - {id: open, pattern: universality, of: never > 0}\n", ""))
+    code, _, err = run(str(runs.good), "--properties", str(path), "--strict")
+    assert (code, err) == (0, "")
