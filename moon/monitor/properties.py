@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 
+from moon.monitor.departures import PREFIX, Departures
 from moon.monitor.patience import LEAST_NS, Patience
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
@@ -80,9 +81,17 @@ class PropertyWatch:
     Args:
         properties: what to monitor; names must differ.
         latency_ns: nothing is heard later than this after its stamp.
+        departures: of ``properties``, with the models of nodes; by default, without any.
     """
 
-    def __init__(self, properties: Iterable[Property], latency_ns: int) -> None:
+    def __init__(
+        self,
+        properties: Iterable[Property],
+        latency_ns: int,
+        departures: Departures | None = None,
+    ) -> None:
+        properties = tuple(properties)
+        self._departures = departures or Departures(properties)
         self.properties = {item.name: item for item in properties}
         self.late = 0
         """Observations that came too late to be judged."""
@@ -99,9 +108,11 @@ class PropertyWatch:
         self._clear()
 
     def _clear(self) -> None:
-        self._ordered = OrderedProperties(self.properties.values(), self._latency_ns)
+        self._ordered = OrderedProperties(self._departures.properties, self._latency_ns)
         self._ordered.foresee(-1)  # compiles now what would hold it up later
-        self.channels = self._ordered.channels()
+        self.channels = frozenset(
+            name for name in self._ordered.channels() if not name.startswith(PREFIX)
+        )
         self._numbers: dict[tuple[str, str, bool], tuple[int, int]] = {}
         self._losses: list[_Loss] = []
         self._reached_ns = -1
@@ -127,6 +138,16 @@ class PropertyWatch:
             return
         for tally in self._tallies.values():
             tally.heard += seen.channel in tally.channels
+        if seen.channel in self._departures.channels:
+            self._departures.heard(seen)
+        self._hold(seen)
+
+    def node_changed(self, node: str, up: bool, now_ns: int) -> None:
+        """``node`` came up or went away: who is not there owes no response."""
+        for departure in self._departures.changed(node, up, now_ns):
+            self._hold(departure)
+
+    def _hold(self, seen: Observation) -> None:
         try:
             self._ordered.observe(seen)
         except TimeOrderError:
@@ -176,7 +197,10 @@ class PropertyWatch:
                 new = PropertyVerdict(Status.INCONCLUSIVE, now_ns, reason=why)
                 found += self._said(name, new)
         self._clear()
-        return found + self.start(now_ns)
+        found += self.start(now_ns)
+        for departure in self._departures.again(now_ns):
+            self._hold(departure)
+        return found
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """The time is ``now_ns``; the verdicts that changed."""
@@ -380,6 +404,7 @@ def verdict_on(item: Property, verdict: PropertyVerdict) -> Verdict:
 
 def _explained(item: Property, witness: Witness | None) -> Explanation:
     facts = witness.facts if witness is not None else ()
+    facts = tuple(fact for fact in facts if not fact.predicate.startswith(PREFIX))
     shown = facts[-SHOWN_FACTS:]
     evidence = [Evidence(_since(fact), _fact(fact)) for fact in shown]
     evidence.sort(key=lambda item: item.stamp_ns)

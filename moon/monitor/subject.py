@@ -9,6 +9,7 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog, Severity
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from moon.monitor.departures import Departures
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import (
     interfaces_of,
@@ -66,7 +67,10 @@ class Monitored(msgspec.Struct, frozen=True):
 
     def property_watch(self) -> PropertyWatch:
         """A fresh monitor of the properties."""
-        return PropertyWatch(self.properties, self.bounds.latency)
+        nodes = self.system.nodes
+        return PropertyWatch(
+            self.properties, self.bounds.latency, Departures(self.properties, nodes)
+        )
 
 
 class NothingLeftError(ValueError):

@@ -301,6 +301,7 @@ class SystemWatch:
     def _node_changed(self, name: str, up: bool) -> None:
         now_ns = self._transport.now_ns()
         self._turns.heard(now_ns)
+        self._properties.node_changed(name, up, now_ns)
         node = self._nodes.get(name)
         if up and self._transport.up_since(name) < self._listening_since:
             # what it did before is not known, so nothing is said of what should have been before

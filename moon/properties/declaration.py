@@ -292,7 +292,8 @@ def finish(
         for variable in variables_of(atom.expression)
     }
     ports = tuple(port for port in names.ports.values() if port.name in used)
-    return Property(name, formula, ports, text, severity, role, meaning, limit, position)
+    pattern = what if isinstance(what, Pattern) and instead is None else None
+    return Property(name, formula, ports, text, severity, role, meaning, limit, position, pattern)
 
 
 def never_false(formula: Formula) -> bool:

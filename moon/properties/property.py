@@ -10,6 +10,7 @@ import msgspec
 from m2c.model.diagnostics import Position
 from m2c.model.expressions import Expression
 from moon.properties.formula import Formula
+from moon.properties.patterns import Pattern
 from transports.interface import ObservationKind
 
 
@@ -71,6 +72,7 @@ class Property(msgspec.Struct, frozen=True):
         meaning: the property in one English sentence.
         deadline_ticks: the time after which an open obligation counts as broken; None: there is none.
         position: where it is written.
+        pattern: what the formula is of, if it is a pattern's.
     """
 
     name: str
@@ -82,3 +84,4 @@ class Property(msgspec.Struct, frozen=True):
     meaning: str = ""
     deadline_ticks: int | None = None
     position: Position = Position("")
+    pattern: Pattern | None = None

@@ -12,11 +12,13 @@ import pytest
 
 from moon.json_lines import versioned_line
 from moon.monitor.nodes import AWAY
+from moon.monitor.subject import read_subject
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
 from moon.recording.entries import Said
 from moon.recording.reader import open_recording
 from moon.verdict import Outcome, Verdict
+from tests.offline import live as live_runs
 from tests.offline.live import SUBJECT, LiveRun, faulty_program, live_run, monitored, program
 from transports.simulated import Conditions
 
@@ -84,6 +86,35 @@ def test_a_node_that_dies_and_a_clock_that_is_set_are_told_the_same(
     result = assert_same(path, live)
     assert AWAY in result.machines[[item.machine for item in result.machines].index(DEAD)].states
     assert result.counts.stalls == run.watch.counts.stalls > 0
+
+
+OWED = """\
+ports:
+  asked: {service: /BatteryLevelSkill/tick, on: request}
+  never: {service: /BatteryLevelSkill/tick, on: response, when: data.status == 7}
+properties:
+  - {id: before, pattern: response, request: asked, response: never, within: 3 s}
+  - {id: after, pattern: response, request: asked, response: never, within: 5 s}
+"""
+
+
+def test_what_a_node_that_left_owed_to_properties_is_owed_no_more_live_and_afterwards(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, file = tmp_path / "run.mcap", tmp_path / "p.yaml"
+    file.write_text(OWED)
+    subject = msgspec.structs.replace(SUBJECT, properties=(file,))
+    read = read_subject(subject)
+    monkeypatch.setattr(live_runs, "monitored", lambda: read)
+    run = LiveRun(path, program(), 7, UNEVEN)
+    run.run(4.0)
+    run.world.crash(DEAD)  # or is stopped: who listens hears the same
+    run.run(4.0)
+    live = run.end()
+    violated = [verdict.node for verdict in live if verdict.outcome is Outcome.VIOLATED]
+    assert violated == ["before"]
+    result = check_recording(path, subject, read)
+    assert lines([said.verdict for said in result.verdicts]) == lines(live)
 
 
 @pytest.mark.parametrize("hashes", ["1", "2"])

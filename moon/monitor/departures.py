@@ -1,0 +1,202 @@
+"""Who is not there owes no response: what a node that leaves means to properties of the response patterns.
+
+To the models a node that goes away owes nothing any more (:mod:`moon.monitor.watch`); to a property its
+silence would be a violation, as when ``m2c run`` is stopped. So each response of such a pattern is one
+*or a departure*, an observation that is made here:
+
+* when the last node leaves that could respond, what is owed by then is owed no more;
+* as long as nobody is there who could respond or could ask, nothing is owed. (A state that asks goes on
+  asking when all have left.)
+
+What is asked while the responder is away is owed, and so was what had its deadline before it left. That a
+node was killed cannot be told from its having left. Who could respond or ask are the nodes whose models
+say so and those that were heard to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import msgspec
+
+from m2c.model.expressions import Variable
+from m2c.model.machine import InterfaceKind, Machine
+from m2c.model.walk import variables_of
+from moon.properties.formula import Formula, Or, Predicate, predicates
+from moon.properties.patterns import PatternName, pattern_formula
+from moon.properties.property import Port, Property
+from transports.interface import Observation, ObservationKind
+
+PREFIX = "@departure "
+"""How the names of what is made here begin: of ports, predicates and channels. Nobody else's can."""
+MOST_NODES = 10_000
+"""Nodes that are remembered; names come from the wire, and never end."""
+
+Place = tuple[str, str]
+"""Who sends what: a channel, and ``message``, ``request`` or ``response``."""
+
+_SENDS: dict[InterfaceKind, tuple[Place, ...]] = {
+    InterfaceKind.PUBLISHER: (("", "message"),),
+    InterfaceKind.CLIENT: (("", "request"),),
+    InterfaceKind.SERVER: (("", "response"),),
+    InterfaceKind.ACTION_CLIENT: (
+        ("/_action/send_goal", "request"),
+        ("/_action/cancel_goal", "request"),
+    ),
+    InterfaceKind.ACTION_SERVER: (
+        ("/_action/feedback", "message"),
+        ("/_action/get_result", "response"),
+    ),
+}
+"""What the end of a channel sends: on the channel of that ending, of that kind."""
+_OF_KIND = {
+    ObservationKind.MESSAGE: "message",
+    ObservationKind.REQUEST_SENT: "request",
+    ObservationKind.REQUEST_RECEIVED: "request",
+    ObservationKind.RESPONSE_SENT: "response",
+    ObservationKind.RESPONSE_RECEIVED: "response",
+}
+
+
+def senders(machines: Iterable[Machine]) -> dict[Place, set[str]]:
+    """The nodes that send at each place, going by their models."""
+    found: dict[Place, set[str]] = {}
+    for machine in machines:
+        for interface in machine.interfaces:
+            for ending, what in _SENDS.get(interface.kind, ()) if interface.channel else ():
+                found.setdefault((f"{interface.channel}{ending}", what), set()).add(machine.name)
+    return found
+
+
+class _Response(msgspec.Struct):
+    """A response that nodes owe.
+
+    Attributes:
+        name: of what is made here for it.
+        answers, asks: where it comes from, and what asks for it.
+        keeps: what leaves is not forgotten before it comes back: an answer may not come at once.
+        waived: whether nobody is left who owes it.
+        told_ns: the stamp of what was said of it last; one instant has one value.
+    """
+
+    name: str
+    answers: frozenset[Place]
+    asks: frozenset[Place]
+    keeps: bool
+    waived: bool = False
+    told_ns: int = -1
+
+    def say(self, waived: bool, now_ns: int) -> Observation:
+        """The observation that it is waived from now on, or no longer."""
+        self.told_ns = max(now_ns, self.told_ns + 1)
+        return Observation(
+            stamp_ns=self.told_ns,
+            received_ns=self.told_ns,
+            channel=self.name,
+            kind=ObservationKind.MESSAGE,
+            type_name="",
+            data={"waived": waived},
+            source="",
+        )
+
+
+class Departures:
+    """Watches the nodes that owe the responses of ``properties``.
+
+    Args:
+        properties: as they were read.
+        machines: the models of nodes that may be there.
+
+    Attributes:
+        properties: the same, with departures in their formulas.
+        channels: those on which it matters who sends.
+    """
+
+    def __init__(self, properties: Iterable[Property], machines: Iterable[Machine] = ()) -> None:
+        self._responses: list[_Response] = []
+        self.properties = tuple(self._with_departures(item) for item in properties)
+        places = {place for item in self._responses for place in item.answers | item.asks}
+        self.channels = frozenset(channel for channel, _ in places)
+        self._senders = {
+            place: set(names) for place, names in senders(machines).items() if place in places
+        }
+        self._there: dict[str, bool] = {}
+        """Of each node that is known, whether it is there."""
+
+    def _with_departures(self, item: Property) -> Property:
+        pattern = item.pattern
+        if pattern is None or pattern.name not in (
+            PatternName.RESPONSE,
+            PatternName.RESPONSE_CHAIN,
+        ):
+            return item
+        ports = {port.name: port for port in item.ports}
+        asks = _places(pattern.events[0], ports)
+        events, added = [pattern.events[0]], []
+        for number, response in enumerate(pattern.events[1:]):
+            name = f"{PREFIX}{item.name} {number}"
+            answers = _places(response, ports)
+            self._responses.append(_Response(name, answers, asks, pattern.bound.lower > 0))
+            events.append(Or((response, Predicate(name, Variable(name=name)))))
+            added.append(Port(name, name, path=("waived",), initial=False))
+        formula = pattern_formula(msgspec.structs.replace(pattern, events=tuple(events)))
+        return msgspec.structs.replace(item, formula=formula, ports=(*item.ports, *added))
+
+    def heard(self, seen: Observation) -> None:
+        """``seen``, on one of :attr:`channels`, was heard: who sent it is there, and sends there."""
+        kind = seen.kind
+        who = seen.source
+        if kind is ObservationKind.REQUEST_RECEIVED:
+            self._note((seen.channel, "response"), seen.source)  # it will have to answer
+            who = seen.client
+        elif kind is ObservationKind.RESPONSE_RECEIVED:
+            return
+        self._note((seen.channel, _OF_KIND[kind]), who)
+
+    def _note(self, place: Place, node: str) -> None:
+        if node and (node in self._there or len(self._there) < MOST_NODES):
+            self._there.setdefault(node, True)
+            self._senders.setdefault(place, set()).add(node)
+
+    def changed(self, node: str, up: bool, now_ns: int) -> Iterator[Observation]:
+        """``node`` came up, or left; what that means to the properties."""
+        if node not in self._there and (not up or len(self._there) >= MOST_NODES):
+            return
+        self._there[node] = up
+        for item in self._responses:
+            left = self._has_left(item.answers)
+            waived = left and (item.keeps or not self._is_there(item.asks))
+            if waived != item.waived:
+                yield item.say(waived, now_ns)
+            elif left and not up and node in self._known(item.answers) and not waived:
+                yield item.say(True, now_ns)
+                yield item.say(False, now_ns)
+            item.waived = waived
+
+    def again(self, now_ns: int) -> Iterator[Observation]:
+        """What holds, for properties that begin anew at ``now_ns``."""
+        for item in self._responses:
+            item.told_ns = -1
+            if item.waived:
+                yield item.say(True, now_ns)
+
+    def _is_there(self, places: Iterable[Place]) -> bool:
+        return any(self._there.get(node) for node in self._known(places))
+
+    def _has_left(self, places: Iterable[Place]) -> bool:
+        """Whether some were there who send at ``places``, and none is left."""
+        known = [self._there[node] for node in self._known(places) if node in self._there]
+        return bool(known) and not any(known)
+
+    def _known(self, places: Iterable[Place]) -> set[str]:
+        return {node for place in places for node in self._senders.get(place, ())}
+
+
+def _places(formula: Formula, ports: Mapping[str, Port]) -> frozenset[Place]:
+    """Where the observations come from that ``formula`` speaks of."""
+    return frozenset(
+        (ports[name].channel, _OF_KIND[ports[name].kinds[0]])
+        for atom in predicates(formula).values()
+        for name in variables_of(atom.expression)
+        if name in ports and ports[name].kinds
+    )

@@ -1,0 +1,198 @@
+"""Who is not there owes no response to properties either; what was late before it left, is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from m2c.model import load
+from m2c.model.diagnostics import DiagnosticLog
+from moon.monitor.departures import Departures, senders
+from moon.properties.files import load_properties
+from moon.properties.formula import text
+from moon.properties.property import Property
+from tests.monitor.hand_driven import MS, S, write_models
+from tests.monitor.test_properties import Watched
+from transports.interface import ObservationKind
+
+PORTS = """\
+ports:
+  battery: {topic: /battery, field: data}
+  asked: {service: /Level/tick, on: request}
+  answered: {service: /Level/tick, on: response}
+  docked: {topic: /docked}
+properties:
+"""
+ANSWERS = (
+    f"{PORTS}  - {{id: P, pattern: response, request: asked, response: answered, within: 1 s}}\n"
+)
+DOCKS = f"{PORTS}  - {{id: P, pattern: response, request: battery < 30, response: docked, within: 1 s}}\n"
+
+
+def watching(folder: Path, file: str = ANSWERS) -> Watched:
+    """Two nodes and the policy are up."""
+    it = Watched(folder, file)
+    for name in ("Level", "Battery", "Dock", "policy"):
+        it.node(name, True)
+    it.message(90)
+    it.tick(1, 0)
+    it.pass_time(300)
+    assert it.of("P") == ["conforming"]
+    return it
+
+
+def dock(it: Watched) -> None:
+    it.hear("/docked", ObservationKind.MESSAGE, "std_msgs/msg/Empty", {}, "Dock")
+
+
+def test_a_node_that_leaves_owes_no_response_any_more(tmp_path):
+    it = watching(tmp_path)
+    it.tick(2)
+    it.pass_time(500)
+    it.node("Level", False)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming"]
+    assert it.properties.violations == 0
+
+
+def test_a_deadline_that_had_passed_before_it_left_was_missed(tmp_path):
+    it = watching(tmp_path)
+    it.tick(2)
+    it.pass_time(1001)
+    it.node("Level", False)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming", "violated"]
+
+
+def test_what_is_asked_while_nobody_is_there_who_could_answer_is_owed(tmp_path):
+    it = watching(tmp_path)
+    it.node("Level", False)
+    it.pass_time(100)
+    asked = it.now
+    it.hear("/Level/tick", "request_sent", "t/srv/Tick_Request", {}, "policy", call=2)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming", "violated"]
+    assert it.verdicts[-1].stamp_ns - asked in range(S, S + MS)
+
+
+def test_nothing_is_owed_when_who_asked_has_left_too(tmp_path):
+    it = watching(tmp_path)
+    it.node("Level", False)
+    it.pass_time(100)
+    it.hear("/Level/tick", "request_sent", "t/srv/Tick_Request", {}, "policy", call=2)
+    it.pass_time(100)
+    it.node("policy", False)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming"]
+
+
+@pytest.mark.parametrize("last", ["Dock", "Battery"])
+def test_a_state_that_asks_asks_no_more_when_all_have_left(tmp_path, last):
+    """As when a system is stopped, whoever leaves first."""
+    it = watching(tmp_path, DOCKS)
+    it.message(29)
+    dock(it)
+    for name in sorted(("Dock", "Battery"), key=lambda name: name == last):
+        it.pass_time(100)
+        it.node(name, False)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming"]
+
+
+def test_all_may_leave_at_one_instant(tmp_path):
+    it = watching(tmp_path, DOCKS)
+    it.message(29)
+    dock(it)
+    it.pass_time(100)
+    for name in ("Dock", "Level", "Battery", "policy"):
+        it.node(name, False)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming"]
+
+
+def test_a_state_that_asks_goes_on_asking_while_who_sends_it_is_there(tmp_path):
+    it = watching(tmp_path, DOCKS)
+    it.message(29)
+    dock(it)
+    it.pass_time(100)
+    left = it.now
+    it.node("Dock", False)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming", "violated"]
+    assert it.verdicts[-1].stamp_ns - left in range(S, S + MS)
+
+
+def test_that_another_node_leaves_changes_nothing(tmp_path):
+    it = watching(tmp_path)
+    it.tick(2)
+    it.pass_time(500)
+    it.node("Battery", False)
+    it.node("Dock", False)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming", "violated"]
+
+
+def test_a_node_that_comes_back_owes_again(tmp_path):
+    it = watching(tmp_path)
+    it.node("Level", False)
+    it.node("policy", False)
+    it.pass_time(2000)
+    it.forget_numbers("Level")
+    it.forget_numbers("policy")
+    it.node("Level", True)
+    it.node("policy", True)
+    it.pass_time(500)
+    it.tick(3)
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming", "violated"]
+
+
+def test_of_a_node_that_nobody_knows_to_respond_silence_is_a_violation(tmp_path):
+    it = watching(tmp_path, DOCKS)
+    it.message(29)
+    it.pass_time(100)
+    it.node("Dock", False)  # it never docked, and no model says that it would
+    it.pass_time(3000)
+    assert it.of("P") == ["conforming", "violated"]
+
+
+def test_a_violation_says_nothing_of_departures(tmp_path):
+    it = watching(tmp_path)
+    it.tick(2)
+    it.pass_time(2000)
+    (said,) = [verdict for verdict in it.verdicts if verdict.node == "P" and verdict.explanation]
+    why = said.explanation
+    assert "departure" not in str(why)
+    assert why.observed == "asked and not (answered) for 1 s"
+    assert [item.text.split(":")[0] for item in why.evidence] == ["asked", "not (answered) for 1 s"]
+
+
+def properties(folder: Path, file: str) -> list[Property]:
+    path = folder / "p.yaml"
+    path.write_text(file)
+    return load_properties(path)
+
+
+def test_only_responses_are_waived(tmp_path):
+    file = f"{PORTS}  - {{id: P, pattern: recurrence, of: battery > 3, within: 1 s}}\n"
+    (item,) = properties(tmp_path, file)
+    (same,) = Departures([item]).properties
+    assert same is item
+
+
+def test_every_link_of_a_chain_is_owed_by_its_own_nodes(tmp_path):
+    file = (
+        f"{PORTS}  - {{id: P, pattern: response_chain, request: asked, "
+        "responses: [answered, docked], within: 1 s}\n"
+    )
+    found = Departures(properties(tmp_path, file))
+    assert "{answered} or {@departure P 0}" in text(found.properties[0].formula)
+    assert "{docked} or {@departure P 1}" in text(found.properties[0].formula)
+    assert found.channels == {"/Level/tick", "/docked"}
+
+
+def test_the_models_say_who_sends(tmp_path):
+    system = load([write_models(tmp_path)], DiagnosticLog())
+    assert system is not None
+    assert senders(system.nodes) == {("/Level/tick", "response"): {"Level"}}
