@@ -427,6 +427,8 @@ def _what(fact: Fact) -> str:
     """The predicate as it was, and for how long."""
     what = fact.predicate if fact.value else f"not ({fact.predicate})"
     lasted = fact.end_ns - _since(fact)
+    if (lasted + 1) % 1000 == 0:
+        lasted += 1  # until the instant before something else was so
     return f"{what} for {duration(lasted)}" if lasted > 0 else what
 
 

@@ -100,6 +100,49 @@ def test_a_response_that_never_comes_is_reported_at_its_deadline_by_the_timer(wa
     assert watched.watch.violations == 1
 
 
+@pytest.mark.parametrize(
+    ("pattern", "why"),
+    [
+        ("response, request: asked, response: wrong", "not (wrong) for 1 s"),
+        ("response, request: {rises: battery < 30}, response: wrong", "not (wrong) for 1 s"),
+        ("recurrence, of: battery > 30", "not (battery > 30) for 1 s"),
+        ("existence, of: wrong, after: battery < 30", "not (wrong) for 1 s"),
+        ("universality, of: battery > 30, after: battery < 30, no_sooner: 1 s", "for 1 s"),
+    ],
+)
+def test_what_is_false_by_lapse_of_time_has_the_time_of_its_deadline(tmp_path, pattern, why):
+    """Not that of the last message, nor that at which it was said."""
+    within = "" if "no_sooner" in pattern else ", within: 1 s"
+    ports = FILE.split("  - {", maxsplit=1)[0]
+    watched = Watched(tmp_path, f"{ports}  - {{id: P, pattern: {pattern}{within}}}\n")
+    watched.message(90)
+    watched.pass_time(500)
+    watched.message(29)
+    watched.tick(1, 0)
+    last_ns = watched.now
+    watched.pass_time(2000)
+    violated = [item for item in watched.verdicts if item.node == "P" and item.explanation]
+    found = next(item for item in violated if item.stamp_ns > last_ns)
+    assert found.stamp_ns - last_ns in range(S - 3 * MS, S + MS)
+    assert found.explanation.observed.endswith(why)
+    assert found.explanation.evidence[-1].stamp_ns <= last_ns
+
+
+def test_what_was_before_a_rise_lasted_until_then(tmp_path):
+    ports = FILE.split("  - {", maxsplit=1)[0]
+    watched = Watched(
+        tmp_path, f"{ports}  - {{id: P, pattern: absence, of: {{rises: battery < 30}}}}\n"
+    )
+    watched.message(90)
+    watched.pass_time(1000)
+    watched.message(29, stamp_ns=watched.now)  # 1 s after the last one
+    watched.pass_time(1000)
+    (found,) = [item for item in watched.verdicts if item.node == "P" and item.explanation]
+    assert [item.text.split(": ")[0] for item in found.explanation.evidence] == [
+        *("not (battery < 30) for 1 s", "battery < 30"),
+    ]
+
+
 def test_as_long_as_nothing_was_heard_a_deadline_waits_for_the_latency_bound(tmp_path) -> None:
     text = FILE.split("properties:", maxsplit=1)[0] + (
         "properties: [{id: soon, pattern: existence, of: asked, within: 1 s}]\n"
