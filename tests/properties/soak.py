@@ -7,14 +7,17 @@ differs or crashes; each failure is printed with what repeats it. What a fuzzing
 from __future__ import annotations
 
 import argparse
+import functools
 import random
 import sys
 import time
 import traceback
 from pathlib import Path
 
+from m2c.model import load
 from m2c.model.diagnostics import DiagnosticLog
 from moon.properties.compiler import compile_network
+from moon.properties.interfaces import Interfaces
 from moon.properties.monitor import PropertySet
 from moon.properties.network import build_network
 from moon.properties.predicates import PredicateError
@@ -24,6 +27,7 @@ from moon.properties.xml_file import parse_property_xml
 from moon.properties.yaml_file import parse_property_yaml
 from tests.properties import differential, losses
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 CORPUS = Path(__file__).parent / "corpus"
 PIECES = [
     *("historically", "once", "since", " not ", " and ", " or ", "->", "{p}", "{x > 3}", "(", ")"),
@@ -67,6 +71,14 @@ SLOW_S = 5.0
 """Longer than this for one input of a few kilobytes counts as a hang."""
 
 
+@functools.cache
+def known() -> Interfaces:
+    """What the files are held against: the lab tour."""
+    system = load([EXAMPLE / "system.xml"], DiagnosticLog())
+    assert system is not None
+    return Interfaces(system.library, system)
+
+
 def read(kind: str, source: str) -> None:
     """Read ``source`` as a file of ``kind`` is read, and begin to monitor what is in it; only the
     readers' own errors may come of it.
@@ -76,9 +88,11 @@ def read(kind: str, source: str) -> None:
         case ".xml":
             found = parse_property_xml(source.encode("utf-8", "replace"), "fuzz.xml", log)
             PropertySet(found).advance(0)
+            parse_property_xml(source.encode("utf-8", "replace"), "fuzz.xml", log, known())
         case ".yaml":
             found = parse_property_yaml(source.encode("utf-8", "replace"), "fuzz.yaml", log)
             PropertySet(found).advance(0)
+            parse_property_yaml(source.encode("utf-8", "replace"), "fuzz.yaml", log, known())
         case _:
             try:
                 compile_network(build_network([parse_formula(source)])).step(0)
