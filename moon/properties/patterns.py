@@ -26,6 +26,7 @@ from moon.properties.formula import (
     Constant,
     Formula,
     Historically,
+    Implies,
     Interval,
     Once,
     Since,
@@ -106,6 +107,23 @@ def pattern_formula(pattern: Pattern) -> Formula:
     """
     _check(pattern)
     return _Segment(pattern.scope).formula(pattern)
+
+
+def looking_back(pattern: Pattern) -> Formula | None:
+    """What MOON makes of ``time=``, for absence and universality: over the last ``time``.
+
+    None if it makes nothing of its own of ``pattern``.
+    """
+    scope = pattern.scope
+    if pattern.name not in (PatternName.ABSENCE, PatternName.UNIVERSALITY):
+        return None
+    if scope.name not in (ScopeName.GLOBALLY, ScopeName.AFTER) or len(pattern.events) != 1:
+        return None
+    event = pattern.events[0]
+    asked = negation(event) if pattern.name is PatternName.ABSENCE else event
+    if scope.begin is not None:
+        asked = Implies(Once(scope.begin), asked)
+    return Historically(asked, pattern.bound)
 
 
 def deadline(pattern: Pattern) -> int | None:

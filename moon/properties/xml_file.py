@@ -29,16 +29,9 @@ from moon.properties.declaration import (
     read_time,
     unknown_keys,
 )
-from moon.properties.formula import (
-    Formula,
-    Historically,
-    Implies,
-    Interval,
-    Once,
-    negation,
-)
+from moon.properties.formula import Formula, Interval
 from moon.properties.interfaces import Interfaces, Named
-from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
+from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, looking_back
 from moon.properties.property import Port, Property, PropertySeverity, Role
 
 _PORT_NAMES = {
@@ -319,7 +312,8 @@ class _File:
         else:
             what = self._pattern(element)
             if what is not None:
-                instead = self._moons_own(element, what)
+                timed = any("time" in child.attributes for child in element.all("time_interval"))
+                instead = looking_back(what) if timed else None
         if what is None:
             return None
         return finish(
@@ -431,22 +425,6 @@ class _File:
             )
             return None
         return interval(times.get("after"), times.get("time", times.get("within")))
-
-    def _moons_own(self, element: Element, pattern: Pattern) -> Formula | None:
-        """MOON's translation of ``time=`` for absence and universality: over the last ``time``."""
-        timed = any("time" in child.attributes for child in element.all("time_interval"))
-        if not timed or pattern.name not in (PatternName.ABSENCE, PatternName.UNIVERSALITY):
-            return None
-        if (
-            pattern.scope.name not in (ScopeName.GLOBALLY, ScopeName.AFTER)
-            or len(pattern.events) != 1
-        ):
-            return None
-        event = pattern.events[0]
-        asked = negation(event) if pattern.name is PatternName.ABSENCE else event
-        if pattern.scope.begin is not None:
-            asked = Implies(Once(pattern.scope.begin), asked)
-        return Historically(asked, pattern.bound)
 
 
 def _after(element: Element, lead: str) -> Position:
