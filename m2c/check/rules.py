@@ -71,6 +71,7 @@ _ERRORS = {
     "unknown-type": "a type that no definition gives",
     "bad-interface": "an interface definition that cannot be read",
     "recursive-type": "a message type contains itself",
+    "tick-contract": "the type of a tick's service says something else than a policy understands",
     # systems
     "duplicate-node": "two nodes, or two plugins, of one name",
     "duplicate-server": "two nodes serve one service or action",

@@ -1,5 +1,7 @@
 """Interface definitions: ``.msg``, ``.srv`` and ``.action`` files, and ROS 2's standard messages.
 
+A behaviour tree's ticks need no definitions of the user's: ``bt_interfaces`` is built in.
+
 Grammar: https://docs.ros.org/en/jazzy/Concepts/Basic/About-Interfaces.html. The standard messages of
 Jazzy come with rosbags, which is imported only when a model asks for one of them.
 """
@@ -14,6 +16,7 @@ from typing import Any
 
 import msgspec
 
+from m2c.model.builtin import BUILTIN, PACKAGE
 from m2c.model.constants import Value, parse_value
 from m2c.model.datatypes import (
     FLOATS,
@@ -82,10 +85,10 @@ def canonical(name: str, kind: str) -> str:
 
 
 class InterfaceLibrary:
-    """The interface types that a set of models can refer to."""
+    """The interface types that a set of models can refer to: without any, the built-in ones."""
 
     def __init__(self) -> None:
-        self._files: dict[str, Path] = {}
+        self._files: dict[str, Path] = dict(BUILTIN)
         self._structures: dict[str, Structure] = {}
         self._open: list[str] = []
         self._log = DiagnosticLog()
@@ -94,10 +97,12 @@ class InterfaceLibrary:
     def load(cls, directories: Sequence[Path], log: DiagnosticLog) -> InterfaceLibrary:
         """Index the definitions below ``directories`` (``<package>/{msg,srv,action}/*``).
 
-        A file is parsed when it is first asked for; faults in it go to ``log`` then.
+        A file is parsed when it is first asked for; faults in it go to ``log`` then. A package that
+        is called like a built-in one takes its place, as a whole.
         """
         library = cls()
         library._log = log
+        own: dict[str, Path] = {}
         for directory in directories:
             try:
                 entries = entries_below(directory)
@@ -108,7 +113,10 @@ class InterfaceLibrary:
             for path in entries:
                 kind = path.suffix[1:]
                 if kind in _PART and path.parent.name == kind:
-                    library._files[f"{path.parent.parent.name}/{kind}/{path.stem}"] = path
+                    own[f"{path.parent.parent.name}/{kind}/{path.stem}"] = path
+        packages = {_package(name) for name in own}
+        kept = {name: path for name, path in BUILTIN.items() if _package(name) not in packages}
+        library._files = kept | own
         return library
 
     @property
@@ -117,8 +125,25 @@ class InterfaceLibrary:
         return tuple(sorted({path.parents[2] for path in self._files.values()}))
 
     def names(self, kind: str) -> list[str]:
-        """The custom types of ``kind`` (``msg``, ``srv``, ``action``), sorted."""
-        return sorted(name for name in self._files if name.split("/")[1] == kind)
+        """The custom types of ``kind`` (``msg``, ``srv``, ``action``), sorted.
+
+        A built-in one is named unless a package of the user's has a type that is called so.
+        """
+        found = [name for name in self._files if name.split("/")[1] == kind]
+        own = {name.rpartition("/")[2] for name in found if not self._is_builtin(name)}
+        return sorted(
+            name
+            for name in found
+            if not self._is_builtin(name)
+            or (_package(name) == PACKAGE and name.rpartition("/")[2] not in own)
+        )
+
+    def file(self, name: str) -> Path | None:
+        """The file that defines ``name`` (``pkg/<kind>/Name``); None for ROS 2's standard types."""
+        return self._files.get(name)
+
+    def _is_builtin(self, name: str) -> bool:
+        return name in BUILTIN and self._files[name] == BUILTIN[name]
 
     def message(self, name: str) -> Structure:
         """The message type ``name``; KeyError with a suggestion if there is none."""
@@ -321,6 +346,10 @@ class InterfaceLibrary:
     def _unknown(self, full: str, known: Iterable[str]) -> str:
         near = difflib.get_close_matches(full, list(known), 1)
         return f"unknown type {full}" + (f"; did you mean {near[0]}?" if near else "")
+
+
+def _package(name: str) -> str:
+    return name.partition("/")[0]
 
 
 def _standard_definitions() -> dict[str, Any]:

@@ -29,9 +29,9 @@ from m2c.policy.tree import (
     is_marked,
 )
 
-_TICK_KINDS = {"TickCondition": LeafKind.CONDITION, "TickAction": LeafKind.ACTION}
+TICK_KINDS = {"TickCondition": LeafKind.CONDITION, "TickAction": LeafKind.ACTION}
 """Last part of a tick service's type name (bt_interfaces and its variants)."""
-_TICK_TYPES = {kind: name for name, kind in _TICK_KINDS.items()}
+_TICK_TYPES = {kind: name for name, kind in TICK_KINDS.items()}
 _HALT_TYPE = "HaltAction"
 _BY_NAME = "ROS2SERVICE"
 _MONITOR_SUFFIX = "_mon"
@@ -290,7 +290,7 @@ class _Binder:
         ticks = [
             interface
             for interface in machine.interfaces
-            if interface.kind is InterfaceKind.SERVER and _last(interface.type_name) in _TICK_KINDS
+            if interface.kind is InterfaceKind.SERVER and _last(interface.type_name) in TICK_KINDS
         ]
         if len(ticks) > 1:  # several skills in one machine: the halt beside this tick
             folder = tick.rpartition("/")[0]
@@ -302,7 +302,7 @@ class _Binder:
     def _kind(self, node: LeafNode, tick_type: str) -> LeafKind:
         if node.children:
             return LeafKind.ACTION
-        by_type = _TICK_KINDS.get(_last(tick_type))
+        by_type = TICK_KINDS.get(_last(tick_type))
         if by_type is None:
             if node.kind is not None:
                 return node.kind

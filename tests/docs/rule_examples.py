@@ -227,6 +227,12 @@ RULE_EXAMPLES: dict[str, Example] = {
     "unknown-type": data("intt8", "0"),
     "bad-interface": definition("Level", "int32\n"),
     "recursive-type": definition("Level", "Level below\n"),
+    "tick-contract": Example(
+        {
+            "m.scxml": SKILL,
+            "interfaces/t/srv/TickAction.srv": "---\nint8 SUCCESS=1\nint8 FAILURE=0\nint8 status\n",
+        }
+    ),
     "duplicate-node": system(READER, READER),
     "duplicate-server": system(server("One"), server("Two")),
     "type-disagreement": system(server("One"), server("Two", "Empty")),

@@ -110,7 +110,7 @@ def test_services_and_actions_have_their_parts(tmp_path: Path) -> None:
     assert (service.request.name, service.response.name) == ("p/srv/S_Request", "p/srv/S_Response")
     parts = (service.request, service.response, action.goal, action.result, action.feedback)
     assert [part.fields[0][0] for part in parts] == ["a", "b", "a", "b", "c"]
-    assert types.names("srv") == ["p/srv/S"]
+    assert "p/srv/S" in types.names("srv")
     assert log.diagnostics == []
 
 
