@@ -9,12 +9,16 @@ import signal
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from m2c.inputs import ExistingPath
-from m2c.terminal import fail
+from m2c.terminal import fail, say
 from transports.options import DEFAULT_ENDPOINT, meeting_at
+
+if TYPE_CHECKING:
+    from m2c.policy.program import Policy
 
 FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
@@ -150,6 +154,8 @@ def run(
             policy = read_policy_of(description, folder)
             if ticks and policy is None:
                 fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
+            if transport == "ros2" and policy is not None:
+                _provide_ticks(policy)
             processes = len(description.nodes) + 1
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * processes)
             options = _transport_options(transport, endpoint, zenoh_config, namespace)
@@ -239,6 +245,23 @@ def _watcher(
         types = [word for folder in interfaces for word in ("--interfaces", str(folder))]
         return ("record", "-o", str(record), *types)
     return ()
+
+
+def _provide_ticks(policy: Policy) -> None:
+    """Let the processes find ``bt_interfaces``, which is built in, where nobody has built one for ROS 2."""
+    from m2c.model.builtin import PACKAGE
+    from m2c.rosidl.build import InterfaceBuildError, build_builtin, is_importable
+
+    types = {name for leaf in policy.leaves for name in (leaf.tick_type, leaf.halt_type)}
+    if is_importable(PACKAGE) or not any(name.startswith(f"{PACKAGE}/") for name in types):
+        return
+    say(
+        f"{PACKAGE} is not on the path: taking the built-in one (built once, in about half a minute)"
+    )
+    try:
+        os.environ.update(build_builtin().environment())
+    except InterfaceBuildError as error:
+        fail(*error.lines)
 
 
 def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:

@@ -1,6 +1,7 @@
 """Build ROS interface packages (``.msg/.srv/.action``) with colcon, inside a virtual environment.
 
-The pip wheels of ROS 2 Jazzy carry CMake files with two absolute paths of the machine that made
+``bt_interfaces`` is built with them, unless they have one or one is installed. What is said to be built
+was imported by a process that knows no more than the setup script. The pip wheels of ROS 2 Jazzy carry CMake files with two absolute paths of the machine that made
 them (the interpreter's and numpy's include folders); they are pointed at this interpreter before
 the build. The result is cached by the content of the packages.
 """
@@ -21,10 +22,24 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.paths import meant
+from m2c.model import builtin
+from m2c.rosidl.packages import (
+    NoPackageError,
+    Package,
+    checked,
+    completed,
+    find_packages,
+    prefixes,
+)
 
 BUILD_TIMEOUT_S = 600
 """A lab-tour-sized set of packages takes about 20 s on two cores; an hour-long build is a hang."""
+
+IMPORT_TIMEOUT_S = 60
+"""An import takes half a second."""
+_NOT_INSTALLED = "colcon could not build it"
+SHOWN_LINES = 25
+"""Of what colcon and its tools write: the fault is at the end."""
 
 _WHEEL_PYTHON_INCLUDE = re.compile(r"/opt/python/cp3\d+-cp3\d+/include/python3\.\d+")
 _WHEEL_NUMPY_INCLUDE = re.compile(r"/opt/python/[^;\" ]*/numpy/_?core/include")
@@ -47,12 +62,30 @@ class InterfaceBuildError(Exception):
         super().__init__("\n".join(self.lines))
 
 
+class Unbuilt(msgspec.Struct, frozen=True):
+    """A package that was not built: why, and the last lines of what the tools wrote on it."""
+
+    name: str
+    reason: str
+    written: tuple[str, ...] = ()
+
+
 class InterfaceInstall(msgspec.Struct, frozen=True):
-    """A finished build: ``prefix`` has one folder per package of ``packages``."""
+    """A finished build: ``prefix`` has one folder per package of ``packages``.
+
+    Attributes:
+        prefix: where they are installed.
+        packages: the names of those that are built, sorted.
+        cached: nothing had changed since the last build.
+        types: what each of them defines, such as ``srv/Tick``.
+        unbuilt: those that are not built.
+    """
 
     prefix: Path
     packages: tuple[str, ...]
     cached: bool
+    types: tuple[tuple[str, ...], ...] = ()
+    unbuilt: tuple[Unbuilt, ...] = ()
 
     def environment(self, base: Mapping[str, str] | None = None) -> dict[str, str]:
         """Environment variables with which a process finds the packages (there is no setup.bash).
@@ -95,8 +128,8 @@ def begin_again_with(directories: Sequence[Path], output: Path) -> None:
     Raises:
         InterfaceBuildError: they cannot be built, or are not importable when they are.
     """
-    names = [path.name for path in find_packages(directories)]
-    missing = [name for name in names if importlib.util.find_spec(name) is None]
+    names = [package.name for package in _packages(directories, output)]
+    missing = [name for name in names if not is_importable(name)]
     if not missing:
         return
     if os.environ.get(_BEGUN_AGAIN):
@@ -108,61 +141,176 @@ def begin_again_with(directories: Sequence[Path], output: Path) -> None:
     os.execve(sys.executable, again, {**environment, _BEGUN_AGAIN: "yes"})
 
 
-def find_packages(directories: Sequence[Path]) -> tuple[Path, ...]:
-    """The folders with a ``package.xml`` in or directly below ``directories``, sorted by name.
+def is_importable(name: str) -> bool:
+    """Whether this process finds the package ``name``: a folder of definitions called so is none."""
+    spec = importlib.util.find_spec(name)
+    return spec is not None and spec.origin is not None
+
+
+def build_builtin() -> InterfaceInstall:
+    """``bt_interfaces`` for this interpreter, built once for all in the user's cache folder.
 
     Raises:
-        InterfaceBuildError: a directory does not exist or holds no package.
+        InterfaceBuildError: it cannot be built.
     """
-    found: list[Path] = []
-    for directory in directories:
-        candidates = [directory, *sorted(directory.iterdir())] if os.path.isdir(directory) else []
-        packages = [path for path in candidates if (path / "package.xml").is_file()]
-        if not packages and not os.path.lexists(directory):
-            near = meant(directory)
-            raise InterfaceBuildError(
-                f"{directory}: no such folder" + (f"; {near}" if near else "")
-            )
-        if not packages:
-            raise InterfaceBuildError(
-                f"{directory}: no ROS interface package here; expected "
-                "<package>/package.xml beside <package>/msg, srv or action"
-            )
-        found.extend(packages)
-    return tuple(sorted(set(found), key=lambda path: path.name))
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = cache / "m2c" / f"interfaces-{_content_hash([builtin.FOLDER])[:16]}"
+    return build_interfaces([builtin.FOLDER], folder)
+
+
+def _packages(directories: Sequence[Path], output: Path) -> tuple[Package, ...]:
+    """Those in ``directories``, and the built-in one, unless it is there or installed elsewhere."""
+    try:
+        packages = find_packages(directories)
+        if not any(package.name == builtin.PACKAGE for package in packages):
+            elsewhere = [path for path in prefixes() if not path.is_relative_to(output)]
+            share = Path("share") / builtin.PACKAGE / "package.xml"
+            if not any((path / share).is_file() for path in elsewhere):
+                packages = find_packages([*directories, builtin.FOLDER])
+    except NoPackageError as error:
+        raise InterfaceBuildError(str(error)) from error
+    return packages
 
 
 def build_interfaces(directories: Sequence[Path], output: Path) -> InterfaceInstall:
-    """Build every interface package in or below ``directories`` into ``output/install``.
+    """Build every package as :func:`build_packages` does, or fail.
+
+    Raises:
+        InterfaceBuildError: besides, a package is not built.
+    """
+    built = build_packages(directories, output)
+    if built.unbuilt:
+        lines = [f"{item.name} is not built: {item.reason}" for item in built.unbuilt]
+        raise InterfaceBuildError(lines[0], (*built.unbuilt[0].written, *lines[1:]))
+    return built
+
+
+def build_packages(directories: Sequence[Path], output: Path) -> InterfaceInstall:
+    """Build every package in or below ``directories``, and ``bt_interfaces``, into ``output/install``.
 
     Args:
-        directories: ROS interface packages, or folders of them.
+        directories: ROS interface packages, or folders of them; what they lack for colcon is made in
+            ``output``. Packages of programs (``ament_python``) are built, too.
         output: where colcon's build, install and log folders go.
 
     Returns:
-        The install; ``cached`` says that nothing had changed since the last build.
+        The install, with those that cannot be built; ``cached`` says that nothing had changed since
+        the last build, which had built all.
 
     Raises:
-        InterfaceBuildError: a tool or wheel is missing, ``output`` has other content, or the build
-            failed.
+        InterfaceBuildError: there is no package, a tool or wheel is missing, or ``output`` has other
+            content.
     """
-    packages = find_packages(directories)
-    names = tuple(path.name for path in packages)
-    digest = _content_hash(packages)
+    found = _packages(directories, output)
+    digest = _content_hash([package.folder for package in found])
     stamp = output / _STAMP
     prefix = output / "install"
+    whole = InterfaceInstall(
+        prefix,
+        tuple(package.name for package in found),
+        cached=True,
+        types=tuple(package.types for package in found),
+    )
     if (
         stamp.is_file()
         and stamp.read_text() == digest
-        and all((prefix / n).is_dir() for n in names)
+        and all((prefix / name).is_dir() for name in whole.packages)
     ):
-        return _with_setup(InterfaceInstall(prefix, names, cached=True), output)
+        return _with_setup(whole, output)
     _require_tools()
     _repair_wheel_paths(Path(sys.prefix))
     _empty(output, stamp)
-    _run_colcon(packages, output)
-    stamp.write_text(digest)
-    return _with_setup(InterfaceInstall(prefix, names, cached=False), output)
+    elsewhere = [path for path in prefixes() if not path.is_relative_to(output)]
+    found = checked(found, elsewhere)
+    sound = [package for package in found if not package.fault]
+    unbuilt = [Unbuilt(package.name, package.fault) for package in found if package.fault]
+    written: tuple[str, ...] = ()
+    if sound:
+        folders = [
+            package.folder if package.complete else completed(package, output / "src")
+            for package in sound
+        ]
+        written = _run_colcon(folders, output)
+    built = msgspec.structs.replace(whole, cached=False, packages=tuple(p.name for p in sound))
+    _with_setup(built, output)  # for the processes that import them
+    for package in sound:
+        reason = why_not_importable(package, output)
+        if reason:
+            said = (_said_of(package.name, output) or written) if reason == _NOT_INSTALLED else ()
+            unbuilt.append(Unbuilt(package.name, reason, said))
+    lost = {item.name for item in unbuilt}
+    sound = [package for package in sound if package.name not in lost]
+    if not unbuilt:
+        stamp.write_text(digest)
+    return _with_setup(
+        InterfaceInstall(
+            prefix,
+            tuple(package.name for package in sound),
+            cached=False,
+            types=tuple(package.types for package in sound),
+            unbuilt=tuple(sorted(unbuilt, key=lambda item: item.name)),
+        ),
+        output,
+    )
+
+
+_IMPORT = """
+import importlib, sys
+package, *types = sys.argv[1:]
+importlib.import_module(package)
+if types:
+    from rclpy.type_support import check_for_type_support
+missing = []
+for name in types:
+    kind, _, last = name.partition("/")
+    try:
+        found = getattr(importlib.import_module(f"{package}.{kind}"), last)
+    except (ModuleNotFoundError, AttributeError):
+        missing.append(f"{name}.{kind}")
+    else:
+        check_for_type_support(found)
+if missing:
+    sys.exit("built without " + ", ".join(missing) + "; list it in CMakeLists.txt")
+"""
+
+
+def why_not_importable(package: Package, output: Path) -> str:
+    """Why a process that has sourced the setup script cannot import the package with all its types.
+
+    Returns:
+        "" if it can.
+    """
+    root = output / "install" / package.name
+    if not (root / "share" / package.name / "package.xml").is_file():
+        return _NOT_INSTALLED
+    if not package.types and not list(root.glob(f"lib/*/site-packages/{package.name}")):
+        return ""  # launch files, say
+    command = ["sh", "-c", '. "$0" && exec "$@"', str(output / SETUP_SCRIPT)]
+    command += [sys.executable, "-P", "-c", _IMPORT, package.name, *package.types]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=IMPORT_TIMEOUT_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return f"it was not imported in {IMPORT_TIMEOUT_S} s"
+    if done.returncode < 0:
+        return f"to import it ended the process by signal {-done.returncode}"
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or ["nothing is said why"])[-1]
+        return last if last.startswith("built without ") else f"it cannot be imported: {last}"
+    return ""
+
+
+def _said_of(name: str, output: Path) -> tuple[str, ...]:
+    """The last lines of what colcon's tools wrote on a package that they failed at."""
+    for file in ("stderr.log", "stdout_stderr.log"):
+        try:
+            lines = (output / "log" / "latest_build" / name / file).read_text(errors="replace")
+        except OSError:
+            continue
+        if lines.strip():
+            return tuple(lines.splitlines()[-SHOWN_LINES:])
+    return ()
 
 
 def _with_setup(install: InterfaceInstall, output: Path) -> InterfaceInstall:
@@ -183,6 +331,7 @@ def _empty(output: Path, stamp: Path) -> None:
         shutil.rmtree(output)
     output.mkdir(parents=True, exist_ok=True)
     stamp.write_text("")
+    (output / "COLCON_IGNORE").touch()  # a build in the folder above finds no packages in here
 
 
 def _content_hash(packages: Sequence[Path]) -> str:
@@ -227,7 +376,8 @@ def _repair_wheel_paths(root: Path) -> None:
             path.write_text(repaired, errors="surrogateescape")
 
 
-def _run_colcon(packages: Sequence[Path], output: Path) -> None:
+def _run_colcon(packages: Sequence[Path], output: Path) -> tuple[str, ...]:
+    """Build; the last lines that colcon wrote if not all was well."""
     scripts = Path(sys.executable).parent
     environment = {
         **os.environ,
@@ -239,7 +389,7 @@ def _run_colcon(packages: Sequence[Path], output: Path) -> None:
     }
     command = [
         *(sys.executable, "-m", "colcon", "--log-base", str(output / "log")),
-        *("build", "--base-paths", *map(str, packages)),
+        *("build", "--continue-on-error", "--base-paths", *map(str, packages)),
         *("--build-base", str(output / "build"), "--install-base", str(output / "install")),
         *("--cmake-args", f"-DPython3_EXECUTABLE={sys.executable}", "-DBUILD_TESTING=OFF"),
     ]
@@ -256,7 +406,5 @@ def _run_colcon(packages: Sequence[Path], output: Path) -> None:
     except subprocess.TimeoutExpired as expired:
         raise InterfaceBuildError(f"colcon did not finish in {BUILD_TIMEOUT_S} s") from expired
     if done.returncode:
-        raise InterfaceBuildError(
-            f"colcon build failed with exit code {done.returncode}:",
-            (done.stdout + done.stderr).splitlines()[-25:],
-        )
+        return tuple((done.stdout + done.stderr).splitlines()[-SHOWN_LINES:]) or ("colcon failed",)
+    return ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import click
@@ -17,9 +18,7 @@ def interfaces() -> None:
 
 
 @interfaces.command()
-@click.argument(
-    "directories", nargs=-1, required=True, type=click.Path(path_type=Path, file_okay=False)
-)
+@click.argument("directories", nargs=-1, type=click.Path(path_type=Path, file_okay=False))
 @click.option(
     "-o",
     "--output",
@@ -29,22 +28,43 @@ def interfaces() -> None:
     help="Where colcon's build, install and log folders go.",
 )
 def build(directories: tuple[Path, ...], output: Path) -> None:
-    """Build the interface packages in DIRECTORIES with colcon, for ROS 2.
+    """Build the interface packages in DIRECTORIES with colcon, for ROS 2, and bt_interfaces.
 
-    Needs the ROS 2 wheels (pip install 'm2c-moon[ros2]'), cmake and a C++ compiler. A build of
-    unchanged packages is taken from the output folder.
+    A package is a folder with definitions in msg, srv or action; package.xml and CMakeLists.txt are
+    made where they are missing. Without DIRECTORIES only bt_interfaces is built, the types of a
+    behaviour tree's ticks. Needs the ROS 2 wheels (pip install 'm2c-moon[ros2]'), cmake and a C++
+    compiler. A build of unchanged packages is taken from the output folder. Exit code 1: some package
+    was not built.
 
     Example: m2c interfaces build examples/lab_tour/interfaces
     """
-    from m2c.rosidl.build import SETUP_SCRIPT, InterfaceBuildError, build_interfaces
-    from m2c.terminal import fail, show
+    from m2c.rosidl.build import SETUP_SCRIPT, InterfaceBuildError, build_packages
+    from m2c.terminal import fail, say, show
 
     try:
-        built = build_interfaces(
+        built = build_packages(
             [Path(os.path.realpath(path)) for path in directories], output.resolve()
         )
     except InterfaceBuildError as error:
         fail(*error.lines)
+    width = max((len(name) for name in built.packages), default=0)
+    for name, types in zip(built.packages, built.types, strict=True):
+        show(f"  {name:{width}}  {_counted(types)}")
+    for item in built.unbuilt:
+        say(f"error: {item.name} is not built: {item.reason}", *item.written)
     how = "unchanged, taken from" if built.cached else "built into"
-    show(f"{len(built.packages)} packages {how} {output}: {', '.join(built.packages)}")
-    show(f"to use them in a shell: . {output / SETUP_SCRIPT}")
+    packages = "1 package" if len(built.packages) == 1 else f"{len(built.packages)} packages"
+    show(f"{packages} {how} {output}" + ("" if built.cached else ", and imported"))
+    if built.packages:
+        show(f"to use them in a shell: . {output / SETUP_SCRIPT}")
+    sys.exit(1 if built.unbuilt else 0)
+
+
+def _counted(types: tuple[str, ...]) -> str:
+    """``2 messages, 1 service``."""
+    counts = []
+    for kind, word in (("msg", "message"), ("srv", "service"), ("action", "action")):
+        count = sum(name.startswith(f"{kind}/") for name in types)
+        if count:
+            counts.append(f"{count} {word}{'' if count == 1 else 's'}")
+    return ", ".join(counts) or "no types of its own"
