@@ -87,6 +87,8 @@ _ERRORS = {
     "large-tree": "a tree with its sub-trees has more than 100,000 nodes",
     "unknown-node": "an element of the tree that is neither a control node nor a leaf",
     "unknown-port": "an attribute that the tree's node does not have",
+    "bad-port": "a port of the tree's node has a value that it cannot have",
+    "unset-entry": "a node reads an entry of the blackboard that nothing in the policy sets",
     "child-count": "a tree's node has too few or too many children",
     "leaf-address": "a leaf does not say which service answers its ticks",
     "leaf-port": "a port of a leaf is not given, or not in a way that it can be",

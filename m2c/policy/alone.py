@@ -42,7 +42,7 @@ def check_policy(path: Path, log: DiagnosticLog, naming: Naming = ANYWHERE) -> N
     root = read_xml(path, DiagnosticLog())
     policy = read_policy_file(path, log, _perhaps_plugins(root) if root is not None else {})
     if policy is not None:
-        _check_loads(path, policy, log)
+        _check_loads(policy, log)
     for leaf in policy.leaves() if policy is not None else ():
         for key in _ADDRESSES:
             address = leaf.get(key)
@@ -55,11 +55,11 @@ def check_policy(path: Path, log: DiagnosticLog, naming: Naming = ANYWHERE) -> N
     log.note("policy-alone", Position(str(path)), "", what, "give the system file to check them")
 
 
-def _check_loads(path: Path, policy: PolicyFile, log: DiagnosticLog) -> None:
+def _check_loads(policy: PolicyFile, log: DiagnosticLog) -> None:
     """Report ``refused-policy`` for what BehaviorTree.CPP finds, whoever answers the leaves."""
     from m2c.policy.leaves import BoundLeaf
     from m2c.policy.normalise import normalised
-    from m2c.policy.program import Leaf, Policy, refusal_of
+    from m2c.policy.refusal import check_loading
 
     bound = {
         leaf.position: BoundLeaf(
@@ -67,11 +67,8 @@ def _check_loads(path: Path, policy: PolicyFile, log: DiagnosticLog) -> None:
         )
         for number, leaf in enumerate(policy.leaves())
     }
-    leaves = tuple(Leaf(id=leaf.name, name=leaf.name, action=True) for leaf in bound.values())
-    refused = refusal_of(Policy(path.stem, policy.main, normalised(policy, bound), leaves))
-    if refused:
-        what = f"BehaviorTree.CPP refuses the policy: {refused}"
-        log.error("refused-policy", Position(str(path)), "", what)
+    names = tuple(leaf.name for leaf in bound.values())
+    check_loading(policy, normalised(policy, bound), names, log)
 
 
 def _perhaps_plugins(root: Element) -> dict[str, bool]:

@@ -1,68 +1,111 @@
-"""Entries of the blackboard that a leaf reads and nothing in the policy could have set."""
+"""Entries of the blackboard that are read and that nothing sets: reading one ends the run.
+
+Trees see each other's entries in many ways, so an entry counts as set if anything in the policy may set an
+entry of that name; what is left is never there.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.typing import nearest
-from m2c.policy.leaves import BoundLeaf
-from m2c.policy.tree import LeafNode, PolicyFile, SubTreeNode, TreeNode
+from m2c.policy.plugins import referenced_entry
+from m2c.policy.tree import (
+    CONDITIONS,
+    BuiltinNode,
+    LeafNode,
+    PolicyFile,
+    SubTreeNode,
+    TreeNode,
+)
 
-_WORD = re.compile(r"[A-Za-z_]\w*")
-
-
-def check_entries(
-    policy: PolicyFile, bound: Mapping[Position, BoundLeaf], log: DiagnosticLog
-) -> None:
-    """Warn of ports whose entry is named nowhere else in the policy (``unset-entry``).
-
-    Whatever names an entry may set it (a script, an output port, a sub-tree's port), in whatever tree:
-    so that every warning is a certainty.
-
-    Args:
-        policy: with its trees.
-        bound: its leaves, by the position of their elements.
-        log: where the findings go.
-    """
-    named = {
-        word
-        for tree in policy.trees
-        for node in _nodes(tree.root)
-        for text in _texts(node, bound)
-        for word in _WORD.findall(text)
-    }
-    for node in policy.leaves():
-        leaf = bound.get(node.position)
-        for port in leaf.inputs if leaf is not None else ():
-            entry = port.entry.removeprefix("@")
-            if entry and not named.intersection(_WORD.findall(entry)):
-                outputs = {out.entry for other in bound.values() for out in other.outputs}
-                hint = nearest(entry, outputs)
-                if not hint.startswith("did you mean"):
-                    hint = "write a value, or set it: <SetBlackboard>, <Script> or an output port"
-                what = f"the port `{port.key}` reads the entry `{port.entry}`, which nothing sets"
-                log.warning("unset-entry", node.position, node.element, what, hint)
+_SCRIPTS = {("Script", "code"), ("ScriptCondition", "code"), ("Precondition", "if")}
+_READ = {
+    ("Parallel", "success_count"),
+    ("Parallel", "failure_count"),
+    ("ParallelAll", "max_failures"),
+    ("Repeat", "num_cycles"),
+    ("RetryUntilSuccessful", "num_attempts"),
+    ("Sleep", "msec"),
+    ("Delay", "delay_msec"),
+    ("Timeout", "msec"),
+}
+"""Ports without whose value their nodes cannot go on; others have one of their own then."""
+_TEXTS = re.compile(r"""'[^']*'|"[^"]*\"""")
+_NAME = re.compile(r"@?[A-Za-z_]\w*")
+_ASSIGNED = re.compile(r"(@?[A-Za-z_]\w*)\s*:=")
+_WORDS = ("true", "false")
 
 
-def _nodes(root: TreeNode) -> Iterator[TreeNode]:
-    pending = [root]
-    while pending:
-        node = pending.pop()
-        yield node
-        if not isinstance(node, SubTreeNode):
-            pending += node.children
+def check_entries(policy: PolicyFile, log: DiagnosticLog) -> None:
+    """Report ``unset-entry``: no script, port or sub-tree of ``policy`` can set what a node reads."""
+    nodes = [node for tree in policy.trees for node in nodes_of(tree.root)]
+    known = {name for node in nodes for name in _may_set(node)}
+    for node in nodes:
+        for key, name in _reads(node):
+            if name.lstrip("@") not in known:
+                element = node.element if isinstance(node, LeafNode) else _tag(node)
+                what = f"`{key}` reads the entry `{name}`, which nothing in the policy sets"
+                near = nearest(name, known)
+                hint = f'set it before, <Script code="{name} := …"/>'
+                hint = near if near.startswith("did you mean") else hint
+                log.error("unset-entry", node.position, element, what, hint)
+                break
 
 
-def _texts(node: TreeNode, bound: Mapping[Position, BoundLeaf]) -> Iterator[str]:
-    """What ``node`` has written that may name an entry to be set."""
-    leaf = bound.get(node.position) if isinstance(node, LeafNode) else None
-    read = {port.key for port in leaf.inputs} if leaf is not None else set()
+def _tag(node: TreeNode) -> str:
+    return node.tag if isinstance(node, BuiltinNode) else "SubTree"
+
+
+def nodes_of(node: TreeNode) -> Iterator[TreeNode]:
+    """``node`` and all below it in its tree."""
+    yield node
+    if not isinstance(node, SubTreeNode):
+        for child in node.children:
+            yield from nodes_of(child)
+
+
+def _scripts(node: TreeNode) -> Iterator[tuple[str, str]]:
+    """The scripts of a node, without the texts in them, by the attribute where they stand."""
     for key, value in node.attributes:
-        if key not in read:
-            yield value
-        if isinstance(node, SubTreeNode):
-            yield key
-    for port in leaf.outputs if leaf is not None else ():
-        yield port.entry
+        if key in CONDITIONS or (isinstance(node, BuiltinNode) and (node.tag, key) in _SCRIPTS):
+            yield key, _TEXTS.sub("''", value)
+
+
+def _may_set(node: TreeNode) -> Iterator[str]:
+    for _, script in _scripts(node):
+        yield from (name.lstrip("@") for name in _ASSIGNED.findall(script))
+    for key, value in node.attributes:
+        entry = referenced_entry(value, key).lstrip("@")
+        match node:
+            case BuiltinNode(tag="SetBlackboard") if key == "output_key":
+                yield value.strip().lstrip("@")
+            case BuiltinNode(tag=tag) if tag.startswith("Loop") and key == "value" and entry:
+                yield entry
+            case SubTreeNode() if not key.startswith("_"):
+                yield key
+                if entry:
+                    yield entry
+            case LeafNode() if entry and (node.id, key) not in _READ:
+                yield entry  # a plugin may write it
+
+
+def _reads(node: TreeNode) -> Iterator[tuple[str, str]]:
+    for key, script in _scripts(node):
+        written = set(_ASSIGNED.findall(script))
+        for found in _NAME.finditer(script):
+            name = found[0]
+            if name not in _WORDS and name not in written and not _is_number(script, found.start()):
+                yield key, name
+    tag = node.id if isinstance(node, LeafNode) else _tag(node)
+    for key, value in node.attributes:
+        entry = referenced_entry(value, key)
+        if entry and (tag, key) in _READ:
+            yield key, entry
+
+
+def _is_number(script: str, start: int) -> bool:
+    """Whether the name at ``start`` is the end of a number, as in ``0xFF`` or ``1e3``."""
+    return start > 0 and (script[start - 1].isdigit() or script[start - 1] == ".")

@@ -12,7 +12,7 @@ import re
 import msgspec
 
 from m2c.model.datatypes import is_integer
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.interfaces import ServiceType
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
@@ -37,6 +37,8 @@ _BY_NAME = "ROS2SERVICE"
 _MONITOR_SUFFIX = "_mon"
 _TICK_PORTS = ("service_name", "service_name_tick")
 _HALT_PORT = "service_name_halt"
+_MOST_MS = 2**32
+"""BehaviorTree.CPP's ports for milliseconds are ``unsigned``."""
 _ADDRESS = (*_TICK_PORTS, _HALT_PORT, "interface")
 
 
@@ -185,12 +187,13 @@ class _Binder:
         key = TIMED[node.id]
         written = node.get(key)
         entry = referenced_entry(written, key)
-        if not entry and not written.isdigit():
-            what = f"`{key}` is `{written}`" if written else f"`{key}` is missing"
+        told = re.fullmatch("[0-9]{1,10}", written) is not None and int(written) < _MOST_MS
+        if not entry and not told:
+            what = f"`{key}` is `{shortened(written, 80)}`" if written else f"`{key}` is missing"
             hint = f'write a number of milliseconds, {key}="500"'
             self._log.error("leaf-port", node.position, node.element, what, hint)
             return None
-        value = int(written) if written.isdigit() else 0
+        value = 0 if entry else int(written)
         return BoundLeaf(
             name=node.name,
             kind=LeafKind.ACTION,

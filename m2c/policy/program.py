@@ -11,17 +11,18 @@ from pathlib import Path
 import msgspec
 
 from m2c.model.datatypes import Structure
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import CHANNEL_KINDS
 from m2c.model.naming import ANYWHERE, Naming, check_channel
 from m2c.model.system import System
-from m2c.policy.entries import check_entries
 from m2c.policy.forwarding import only_forwards
+from m2c.policy.leaf_entries import check_leaf_entries
 from m2c.policy.leaves import BoundLeaf, bind_leaves
 from m2c.policy.normalise import normalised
 from m2c.policy.plugins import PortValue, has_children
 from m2c.policy.reader import read_policy_file
+from m2c.policy.refusal import check_loading
 from m2c.policy.tree import LeafKind
 
 
@@ -91,16 +92,14 @@ def read_policy(
     if file is not None:
         bound = bind_leaves(file, system, own)
         _check_channels(bound.values(), system, naming, own)
-        check_entries(file, bound, own)
+        check_leaf_entries(file, bound, own)
         if not own.has_errors:
             direct = {plugin.name for plugin in system.plugins if only_forwards(plugin)}
             leaves = {leaf.name: _runnable(leaf, system.library, direct) for leaf in bound.values()}
             xml = normalised(file, bound)
             policy = Policy(path.stem, file.main, xml, tuple(leaves.values()), system.tick_rate_hz)
-            refused = refusal_of(policy)
-            if refused:
-                what = f"BehaviorTree.CPP refuses the policy: {refused}"
-                own.error("refused-policy", Position(str(path)), "", what)
+            check_loading(file, xml, tuple(leaves), own)
+            if own.has_errors:
                 policy = None
     log.diagnostics += own.diagnostics
     return policy
@@ -128,21 +127,6 @@ def _check_channels(
         for kind, channel in dict.fromkeys(named):
             if channel and channel not in known:
                 check_channel(kind, channel, leaf.position, "", naming, log)
-
-
-def refusal_of(policy: Policy) -> str:
-    """Why BehaviorTree.CPP does not load ``policy``; empty if it does."""
-    import behaviortreepy
-
-    factory = behaviortreepy.BehaviorTreeFactory()
-    for leaf in policy.leaves:
-        factory.register_simple_condition(leaf.id, bool)
-    try:
-        factory.register_behavior_tree_from_text(policy.xml)
-        factory.create_tree(policy.main)
-    except RuntimeError as error:
-        return " ".join(str(error).split())
-    return ""
 
 
 def _runnable(leaf: BoundLeaf, library: InterfaceLibrary, direct: Collection[str]) -> Leaf:

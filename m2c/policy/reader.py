@@ -14,10 +14,13 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
+from m2c.policy.entries import check_entries
 from m2c.policy.includes import elements_of
 from m2c.policy.nesting import check_nesting
+from m2c.policy.ports import check_ports
 from m2c.policy.tree import (
     BUILTINS,
+    CONDITIONS,
     MANY,
     MARK,
     MARK_IGNORED,
@@ -66,7 +69,8 @@ def read_policy_file(
     Args:
         path: the XML file.
         log: where faults go: ``unknown-node``, ``duplicate-tree``, ``missing-tree``,
-            ``child-count``, ``unknown-port`` and those of :func:`m2c.model.xml.read_xml`,
+            ``child-count``, ``unknown-port``, ``unset-entry`` and those of ``m2c.policy.ports``,
+            :func:`m2c.model.xml.read_xml`,
             ``m2c.policy.includes`` and ``m2c.policy.nesting``.
         plugins: names of behaviour-tree plugins, so that ``<MyPlugin …/>`` is known, and whether
             each takes children (a control node or a decorator).
@@ -109,7 +113,11 @@ class _PolicyReader:
             return None  # what follows would blame other places for the trees that are missing
         check_nesting(trees, self._log)
         main = self._main_tree(root, trees)
-        return PolicyFile(self._path, main, tuple(trees.values())) if main is not None else None
+        if main is None:
+            return None
+        policy = PolicyFile(self._path, main, tuple(trees.values()))
+        check_entries(policy, self._log)
+        return policy
 
     def _read_declarations(self, model: Element) -> None:
         for element in model.all("Action", "Condition"):
@@ -142,6 +150,10 @@ class _PolicyReader:
 
     def _read_tree(self, element: Element, trees: dict[str, Tree]) -> Tree | None:
         name = element.get("ID") or "BehaviorTree"
+        for written in element.attributes:
+            if written not in ("ID", "name", *_EDITOR):
+                what, hint = f"a tree has no `{written}`", "write it on the tree's root node"
+                self._log.error("unknown-attribute", element.at(written), element.tag, what, hint)
         if name in trees:
             what = f"a second tree `{name}`"
             hint = f"the first stands at {trees[name].position}"
@@ -192,10 +204,11 @@ class _PolicyReader:
             return None
         kept: dict[str, str] = {}
         for written in element.attributes:
-            if written not in ("ID", "name"):
-                self._keep(
-                    element, written, _VERSION_3_PORTS.get(("SubTree", written), written), kept
-                )
+            key = _VERSION_3_PORTS.get(("SubTree", written), written)
+            if key.startswith("_") and key not in (*CONDITIONS, *_EDITOR, "_autoremap"):
+                self._unknown_port(element, written, "SubTree", (*CONDITIONS, "_autoremap"))
+            elif written not in ("ID", "name", *_EDITOR):
+                self._keep(element, written, key, kept)
         return SubTreeNode(
             id=name,
             name=element.get("name"),
@@ -208,6 +221,7 @@ class _PolicyReader:
         if key in kept:
             what = f"`{written}` is the port `{key}`, which is given already"
             self._log.error("unknown-port", element.at(written), element.tag, what, "give it once")
+            return
         kept[key] = element.attributes[written]
 
     def _read_builtin(self, element: Element, tag: str) -> BuiltinNode:
@@ -255,14 +269,19 @@ class _PolicyReader:
             if key in ports and not value.strip():
                 what = f"`{written}` is empty: its default is used"
                 self._log.note("empty-port", element.at(written), element.tag, what)
-            elif key in ports or key.startswith("_"):
+            elif key in ports or key in CONDITIONS:
                 self._keep(element, written, key, kept)
             else:
-                what = f"{tag} has no port `{written}`"
-                self._log.error(
-                    "unknown-port", element.at(written), element.tag, what, nearest(key, ports)
-                )
+                self._unknown_port(element, written, tag, (*ports, *CONDITIONS))
+        check_ports(element, tag, kept, self._log)
         return tuple(kept.items())
+
+    def _unknown_port(
+        self, element: Element, written: str, tag: str, known: tuple[str, ...]
+    ) -> None:
+        what = f"{tag} has no port `{written}`"
+        hint = nearest(written, known)
+        self._log.error("unknown-port", element.at(written), element.tag, what, hint)
 
     def _read_leaf(
         self, element: Element, tag: str, takes_children: bool = False
@@ -283,6 +302,9 @@ class _PolicyReader:
         own = ["ID", "name", *_EDITOR]
         if tag not in self._plugins:  # a plugin may declare a port of that name
             own.append(MARK)
+            for written in element.attributes:
+                if written.startswith("_") and written not in (*CONDITIONS, *_EDITOR):
+                    self._unknown_port(element, written, tag, CONDITIONS)
             if is_marked(attributes.get(MARK, "")):
                 self._log.note("monitored-leaf", element.at(MARK), element.tag, *MARK_IGNORED)
         return LeafNode(

@@ -263,6 +263,8 @@ RULE_EXAMPLES: dict[str, Example] = {
     ),
     "unknown-node": main_tree(f"<Sequenze>{LEAF}</Sequenze>"),
     "unknown-port": main_tree(f'<Parallel succes_count="1">{LEAF}</Parallel>'),
+    "bad-port": main_tree(f'<Parallel success_count="2">{LEAF}</Parallel>'),
+    "unset-entry": main_tree('<ScriptCondition code="levle > 3"/>'),
     "child-count": main_tree(f"<Inverter>{LEAF}{LEAF}</Inverter>"),
     "leaf-address": main_tree('<Action ID="ROS2Action" name="Go"/>'),
     "leaf-port": main_tree('<Action ID="Visit" name="Go"/>'),

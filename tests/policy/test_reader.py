@@ -304,5 +304,23 @@ def test_what_behavior_tree_cpp_refuses_is_a_finding_of_the_policy(
     policy, found = read(system, tmp_path, tree('<Script code="a:="/>'))
     assert policy is None
     (fault,) = found
-    assert fault.startswith("policy.xml:0:0: error: BehaviorTree.CPP refuses the policy: error: ")
+    refused = "BehaviorTree.CPP refuses the policy: error: "
+    assert fault.startswith(f"policy.xml:1:28: error: <Script>: {refused}")
     assert fault.endswith("expected operand [refused-policy]")
+
+
+@pytest.mark.parametrize("written", ["²", "-1", "1.5", "4294967296", "9" * 5000])
+def test_a_time_that_is_none_is_refused_with_its_place(
+    system: System, tmp_path: Path, written: str
+) -> None:
+    policy, found = read(system, tmp_path, tree(f'<Sleep msec="{written}"/>'))
+    assert policy is None
+    assert found[0].startswith("policy.xml:1:28: error: <Sleep>: `msec` is ")
+    assert len(found[0]) < 400
+
+
+def test_the_node_that_is_refused_is_found_among_others(system: System, tmp_path: Path) -> None:
+    text = tree('<Sequence>\n<AlwaysSuccess/>\n<AlwaysSuccess _post="a :="/>\n</Sequence>')
+    policy, found = read(system, tmp_path, text)
+    assert policy is None
+    assert found[0].startswith("policy.xml:3:1: error: <AlwaysSuccess>: BehaviorTree.CPP refuses")
