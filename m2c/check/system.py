@@ -42,7 +42,8 @@ def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) 
     """Check every machine of ``system``, and what they say of each other's channels.
 
     Rules across machines: ``duplicate-node``, ``duplicate-server``, ``type-disagreement``, those of
-    :func:`m2c.check.names.check_names` and :func:`m2c.check.ticks.check_ticks`, and the warning ``nobody-serves``. A policy makes a system a
+    :func:`m2c.check.names.check_names` and :func:`m2c.check.ticks.check_ticks`, and the warning
+    ``nobody-serves``. A policy makes a system a
     whole one: every channel needs its other end. Without one (some models, a folder of them) the
     other end may be elsewhere, so only a near miss is reported: nobody has the other end, but
     somebody that of a name almost the same. Where ``log`` has errors already (a model that was not

@@ -1,4 +1,4 @@
-"""Do the services that answer ticks say what a behaviour tree understands?
+"""Whether the services that answer ticks say what a behaviour tree understands.
 
 ``bt_interfaces`` may be the user's own, and may differ from the built-in one: what a status means may not.
 """

@@ -67,7 +67,8 @@ def policy_as_dot(name: str, root: Node) -> str:
             rows, style = [f"{node.name}?"], ", style=rounded"
         elif node.is_leaf and node.kind == LeafKind.ACTION:
             rows = [node.name]
-        lines.append(f"  {own} [label={quoted(*rows)}{style}];")
+        ports = [line for told in node.told for line in svg.folded(told, _COLUMNS)]
+        lines.append(f"  {own} [label={quoted(*rows, *ports)}{style}];")
         for child in node.children:
             below = add(child)
             label = ' [label="not"]' if child.negated else ""

@@ -68,12 +68,14 @@ def policy_as_mermaid(name: str, root: Node) -> str:
         nonlocal count
         own = f"n{count}"
         count += 1
+        ports = [line for told in node.told for line in svg.folded(told, _COLUMNS)]
         if node.is_leaf and node.kind == LeafKind.CONDITION:
-            lines.append(f'  {own}(["{escaped(node.name)}?"])')
+            lines.append(f'  {own}(["{_rows([f"{node.name}?", *ports])}"])')
         elif node.is_leaf and node.kind == LeafKind.ACTION:
-            lines.append(f'  {own}["{escaped(node.name)}"]')
+            lines.append(f'  {own}["{_rows([node.name, *ports])}"]')
         else:
-            lines.append(f'  {own}["{_rows(dict.fromkeys((node.name or node.kind, node.kind)))}"]')
+            words = dict.fromkeys((node.name or node.kind, node.kind))
+            lines.append(f'  {own}["{_rows([*words, *ports])}"]')
         for child in node.children:
             at = len(lines)
             below = add(child)

@@ -1,4 +1,4 @@
-"""A policy's main tree as a picture, its sub-trees in place."""
+"""A policy's main tree as a picture, its sub-trees in place, with every port and attribute of its nodes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,19 @@ from m2c.policy.tree import BuiltinNode, LeafKind, LeafNode, PolicyFile, SubTree
 
 _MARGIN = 16.0
 _TOP = 48.0
-_ROW = 42.0
+_LEAF, _CONTROL = 32.0, 38.0
+"""Heights of boxes without ports."""
+_PORT = 13.0
+"""A line more."""
+_BELOW_LEAF, _BELOW_CONTROL = 10.0, 4.0
 _GAP = 44.0
 """Between the columns: room for the lines' bends."""
 _NOT = 42.0
 """And for the sign of an inverter."""
 _COLUMNS = 44
-"""Characters of a name; longer ones are shortened."""
+"""Characters of a line; longer ones are shortened, and shown in full when one points at the box."""
+_PORT_COLUMNS = 54
+"""The same for a port, which is set smaller."""
 
 LEGEND = (
     "→ Sequence: one after the other, until one fails · ? Fallback: until one succeeds · "
@@ -41,6 +47,7 @@ class Node(msgspec.Struct):
         negated: an inverter stands before it.
         children: in the order in which they are ticked.
         place: ``file:line:column`` in the policy.
+        ports: what its ports and attributes are given, as it is written.
         y: its middle, once it has a place.
     """
 
@@ -49,12 +56,18 @@ class Node(msgspec.Struct):
     negated: bool
     children: list[Node]
     place: str = ""
+    ports: tuple[tuple[str, str], ...] = ()
     y: float = 0
 
     @property
     def is_leaf(self) -> bool:
         """Whether a skill, or a built-in leaf, answers it."""
         return not self.children
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Its ports, a line each: ``num_cycles=3``."""
+        return tuple(f"{key}={value}" for key, value in self.ports)
 
 
 def tree_of(policy: PolicyFile) -> Node:
@@ -75,18 +88,20 @@ def tree_of(policy: PolicyFile) -> Node:
             )
             raise TooLargeError(f"{what}; draw its sub-trees instead")
         match node:
-            case SubTreeNode(id=called):
+            case SubTreeNode(id=called, attributes=()):
                 return read(trees[called], called, negated)
-            case BuiltinNode(tag="Inverter", children=(inner,)):
+            case SubTreeNode(id=called):
+                sort, label = "SubTree", node.name or called
+                children = [read(trees[called], called if node.name else "", False)]
+            case BuiltinNode(tag="Inverter", children=(inner,), attributes=()):
                 return read(inner, name, not negated)
             case LeafNode(kind=kind) if kind is not None and not node.children:
-                return Node(_leaf_kind(node, kind), node.name, negated, [], str(node.position))
-            case LeafNode():
+                sort, label, children = _leaf_kind(node, kind), node.name, []
+            case _:
+                sort = node.id if isinstance(node, LeafNode) else node.tag
+                label = name or node.name
                 children = [read(child, "", False) for child in node.children]
-                return Node(node.id, name or node.name, negated, children, str(node.position))
-        children = [read(child, "", False) for child in node.children]
-        sort = node.tag + _ports(node)
-        return Node(sort, name or node.name, negated, children, str(node.position))
+        return Node(sort, label, negated, children, str(node.position), node.attributes)
 
     return read(trees[policy.main], policy.main, False)
 
@@ -95,12 +110,6 @@ def _leaf_kind(node: LeafNode, kind: LeafKind) -> str:
     return (
         str(kind) if node.id == node.element or node.element in ("Action", "Condition") else node.id
     )
-
-
-def _ports(node: BuiltinNode) -> str:
-    """What a decorator is told: ``Repeat num_cycles=3``."""
-    told = [f" {key}={value}" for key, value in node.attributes]
-    return svg.shortened("".join(told), _COLUMNS)
 
 
 def leaf_keys(root: Node) -> dict[str, str]:
@@ -129,25 +138,40 @@ def draw_policy(root: Node, prefix: str = "") -> svg.Picture:
     leaves = 0
     widths: dict[int, float] = {}
     negated: dict[int, bool] = {}
-    leaf_width, rows, any_negated_leaf = 120.0, 0, False
+    leaf_width, any_negated_leaf = 120.0, False
+    spans: dict[int, float] = {}
 
-    def place(node: Node, depth: int) -> None:
-        nonlocal leaf_width, rows, any_negated_leaf
-        for child in node.children:
-            place(child, depth + 1)
+    def measure(node: Node) -> float:
+        inner = sum(measure(child) for child in node.children)
+        below = _BELOW_LEAF if node.is_leaf else _BELOW_CONTROL
+        spans[id(node)] = max(inner, _height(node) + below)
+        return spans[id(node)]
+
+    def place(node: Node, depth: int, top: float) -> None:
+        nonlocal leaf_width, any_negated_leaf
+        span = spans[id(node)]
+        ports = max((svg.name_width(line, 11, bold=False) for line in _lines(node)), default=0)
         if node.is_leaf:
-            leaf_width = max(leaf_width, svg.name_width(_leaf_words(node), bold=False) + 28)
-            node.y = _TOP + rows * _ROW
+            own = svg.name_width(_leaf_words(node), bold=False)
+            leaf_width = max(leaf_width, own + 28, ports + 28)
+            node.y = top + span / 2
             any_negated_leaf = any_negated_leaf or node.negated
-            rows += 1
             return
-        node.y = (node.children[0].y + node.children[-1].y) / 2
+        below = top + (span - sum(spans[id(child)] for child in node.children)) / 2
+        for child in node.children:
+            place(child, depth + 1, below)
+            below += spans[id(child)]
+        half = _height(node) / 2
+        middle = (node.children[0].y + node.children[-1].y) / 2
+        node.y = min(max(middle, top + half), top + span - half)
         name, kind = _control_words(node)
-        width = max(svg.name_width(name), svg.name_width(kind, 11, bold=False)) + 24
+        width = max(svg.name_width(name), svg.name_width(kind, 11, bold=False), ports) + 24
         widths[depth] = max(widths.get(depth, 120.0), width)
         negated[depth] = negated.get(depth, False) or node.negated
 
-    place(root, 0)
+    measure(root)
+    top = _TOP - (_LEAF + _BELOW_LEAF) / 2
+    place(root, 0, top)
     columns: list[float] = []
     x = _MARGIN
     for depth in range(len(widths)):
@@ -164,18 +188,28 @@ def draw_policy(root: Node, prefix: str = "") -> svg.Picture:
         if node.is_leaf:
             rounded = node.kind == LeafKind.CONDITION
             kind, corner = ("box", 16) if rounded else ("tool", 4)
+            height = _height(node)
+            begin = node.y - height / 2
             shapes = [
-                svg.box(leaves_at, node.y - 16, leaf_width, 32, kind, corner),
-                svg.text(leaves_at + 14, node.y + 5, _leaf_words(node)),
+                svg.box(leaves_at, begin, leaf_width, height, kind, corner),
+                svg.text(leaves_at + 14, begin + 21, _leaf_words(node)),
+                *_port_texts(node, leaves_at + 14, begin + 21),
             ]
-            parts.append(svg.group(shapes, "leaf", f"{prefix}l{leaves}"))
+            parts.append(svg.group(shapes, "leaf", f"{prefix}l{leaves}", _in_full(node)))
             leaves += 1
             return
         x, width = columns[depth], widths[depth]
         name, kind = _control_words(node)
-        parts.append(svg.box(x, node.y - 19, width, 38))
-        parts.append(svg.text(x + 10, node.y - 3, name, "head"))
-        parts.append(svg.text(x + 10, node.y + 12, kind, "small"))
+        height = _height(node)
+        begin = node.y - height / 2
+        shapes = [
+            svg.box(x, begin, width, height),
+            svg.text(x + 10, begin + 16, name, "head"),
+            svg.text(x + 10, begin + 31, kind, "small"),
+            *_port_texts(node, x + 10, begin + 31),
+        ]
+        full = _in_full(node)
+        parts.extend([svg.group(shapes, title=full)] if full else shapes)
         middle = x + width + 22
         for child in node.children:
             end = leaves_at if child.is_leaf else columns[depth + 1]
@@ -197,7 +231,7 @@ def draw_policy(root: Node, prefix: str = "") -> svg.Picture:
     if root.negated:
         _sign(_MARGIN, root.y)
     draw(root, 0)
-    bottom = _TOP + rows * _ROW
+    bottom = top + spans[id(root)] + (_LEAF + _BELOW_LEAF) / 2
     parts.append(svg.text(leaves_at, bottom - 4, "rounded: condition · square: action", "small"))
     width = max(
         leaves_at + leaf_width,
@@ -205,6 +239,28 @@ def draw_policy(root: Node, prefix: str = "") -> svg.Picture:
         svg.name_width(LEGEND, 11, bold=False),
     )
     return svg.Picture(width + _MARGIN, bottom + 6, tuple(parts))
+
+
+def _height(node: Node) -> float:
+    return (_LEAF if node.is_leaf else _CONTROL) + _PORT * len(node.ports)
+
+
+def _lines(node: Node) -> list[str]:
+    return [svg.shortened(" ".join(line.split()), _PORT_COLUMNS) for line in node.told]
+
+
+def _port_texts(node: Node, x: float, y: float) -> list[str]:
+    return [
+        svg.text(x, y + _PORT * number, line, "small")
+        for number, line in enumerate(_lines(node), 1)
+    ]
+
+
+def _in_full(node: Node) -> str:
+    """Name and ports, where the box has not room for all of them."""
+    texts = (node.name, *node.told)
+    cut = len(node.name) > _COLUMNS or any(len(line) > _PORT_COLUMNS for line in node.told)
+    return " · ".join(texts) if cut else ""
 
 
 def _leaf_words(node: Node) -> str:
@@ -219,10 +275,8 @@ def _leaf_words(node: Node) -> str:
 
 
 def _control_words(node: Node) -> tuple[str, str]:
-    base = node.kind.split(" ")[0]
-    sign = next((s for ending, s in _SIGNS.items() if base.endswith(ending)), "◇")
-    if base.startswith("SequenceWithMemory"):
+    sign = next((s for ending, s in _SIGNS.items() if node.kind.endswith(ending)), "◇")
+    if node.kind == "SequenceWithMemory":
         sign = "→"
-    return svg.shortened(
-        node.name or base, _COLUMNS
-    ), f"{sign} {svg.shortened(node.kind, _COLUMNS)}"
+    name = svg.shortened(node.name or node.kind, _COLUMNS)
+    return name, f"{sign} {svg.shortened(node.kind, _COLUMNS)}"

@@ -1,7 +1,9 @@
 """Build ROS interface packages (``.msg/.srv/.action``) with colcon, inside a virtual environment.
 
 ``bt_interfaces`` is built with them, unless they have one or one is installed. What is said to be built
-was imported by a process that knows no more than the setup script. The pip wheels of ROS 2 Jazzy carry CMake files with two absolute paths of the machine that made
+was imported by a process that knows no more than the setup script.
+
+The pip wheels of ROS 2 Jazzy carry CMake files with two absolute paths of the machine that made
 them (the interpreter's and numpy's include folders); they are pointed at this interpreter before
 the build. The result is cached by the content of the packages.
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -200,3 +201,72 @@ def test_dot_strings_are_closed_and_braces_match(system: System, policy: PolicyF
 
 def test_a_dot_string_escapes_quotes_backslashes_and_entities() -> None:
     assert quoted('a"b\\c & d', "second") == '"a\\"b\\\\c &amp; d\\nsecond"'
+
+
+PORTS = """<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M">
+<Sequence _skipIf="1 == 2">
+  <Script code="n := 1; m := 2"/>
+  <Repeat num_cycles="3" _onSuccess="n := 2"><Condition ID="Level" service_name="/Level/tick"/></Repeat>
+  <Inverter _post="n := 3"><AlwaysSuccess/></Inverter>
+  <Inverter><Action ID="Go" name="Go there" service_name="/Go/tick" service_name_halt="/Go/halt" speed="{n}"/></Inverter>
+  <SubTree ID="T" name="twice" goal="{n}" _autoremap="true"/>
+  <SubTree ID="T"/>
+</Sequence></BehaviorTree>
+<BehaviorTree ID="T"><SetBlackboard output_key="k" value="VALUE"/></BehaviorTree></root>"""
+
+
+def ports_in(path: Path, text: str) -> tuple[PolicyFile, list[str]]:
+    path.write_text(text)
+    log = DiagnosticLog()
+    file = read_policy_file(path, log)
+    assert file is not None, log.diagnostics
+    elements = ElementTree.fromstring(text).iter()
+    skipped = ("ID", "name", "main_tree_to_execute", "BTCPP_format")
+    return file, [
+        f"{key}={value}" for one in elements for key, value in one.items() if key not in skipped
+    ]
+
+
+def test_every_port_and_attribute_of_a_node_is_drawn(tmp_path: Path) -> None:
+    file, written = ports_in(tmp_path / "policy.xml", PORTS)
+    tree = tree_of(file)
+    drawn = ElementTree.fromstring(document(draw_policy(tree), "p"))
+    words = [one.text for one in drawn.iter("{http://www.w3.org/2000/svg}text")]
+    for port in written:
+        assert words.count(port) == (2 if port in ("output_key=k", "value=VALUE") else 1)
+        assert quoted(port).strip('"') in policy_as_dot("p", tree)
+        assert escaped(port) in policy_as_mermaid("p", tree)
+    assert "twice" in words
+
+
+def test_boxes_with_many_ports_do_not_overlap(tmp_path: Path) -> None:
+    many = " ".join(f'p{number}="{number}"' for number in range(12))
+    sub_trees = f'<SubTree ID="T" {many}/>' * 3
+    text = PORTS.replace('<SubTree ID="T"/>', sub_trees)
+    file, _ = ports_in(tmp_path / "policy.xml", text)
+    drawn = ElementTree.fromstring(document(draw_policy(tree_of(file)), "p"))
+    columns: dict[float, list[tuple[float, float]]] = {}
+    for box in drawn.iter("{http://www.w3.org/2000/svg}rect"):
+        if box.get("class") in ("box", "tool") and box.get("width") != "30":
+            x, y, height = (float(str(box.get(key))) for key in ("x", "y", "height"))
+            columns.setdefault(x, []).append((y, y + height))
+    for boxes in columns.values():
+        boxes.sort()
+        assert all(end <= begin for (_, end), (begin, _) in itertools.pairwise(boxes))
+        assert boxes[0][0] > 20
+        assert boxes[-1][1] < float(str(drawn.get("height")))
+
+
+def test_a_long_value_is_shortened_in_its_box_and_in_full_where_one_points(tmp_path: Path) -> None:
+    value = "ever " * 100
+    file, _ = ports_in(tmp_path / "policy.xml", PORTS.replace("VALUE", value))
+    tree = tree_of(file)
+    text = document(draw_policy(tree), "p")
+    drawn = ElementTree.fromstring(text)
+    titles = [one.text or "" for one in drawn.iter("{http://www.w3.org/2000/svg}title")]
+    assert any(f"value={value}" in title for title in titles)
+    words = [one.text or "" for one in drawn.iter("{http://www.w3.org/2000/svg}text")]
+    assert any(word.startswith("value=ever") and word.endswith("…") for word in words)
+    assert float(str(drawn.get("width"))) < 1600
+    assert policy_as_dot("p", tree).count("ever") == 200
+    assert policy_as_mermaid("p", tree).count("ever") == 200
