@@ -12,7 +12,7 @@ import math
 import os
 import select
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -25,6 +25,7 @@ from transports.options import DEFAULT_ENDPOINT, meeting_at, transport_options
 from transports.stop_signals import StopSignals, end_by
 
 if TYPE_CHECKING:
+    from m2c.model.interfaces import InterfaceLibrary
     from transports.interface import Transport
 
 REFRESH_S = 0.5
@@ -119,6 +120,18 @@ def options_of(network: Network) -> dict[str, str]:
     config = str(network.zenoh_config) if network.zenoh_config is not None else ""
     options = transport_options(endpoints, config, network.namespace)
     return meeting_at(options) if network.transport == "zenoh" else options
+
+
+def library_in(folders: Sequence[Path], transport: str) -> InterfaceLibrary:
+    """The types in ``folders`` of interface packages, and on ROS 2 those of a sourced one."""
+    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.model.interfaces import InterfaceLibrary
+
+    known = list(folders)
+    if transport == "ros2":
+        prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        known += [Path(prefix, "share") for prefix in prefixes if prefix]
+    return InterfaceLibrary.load([folder for folder in known if folder.is_dir()], DiagnosticLog())
 
 
 @contextmanager

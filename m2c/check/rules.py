@@ -117,7 +117,7 @@ _WARNINGS = {
     "xml-prologue": "blank lines before the XML declaration",
     "xml-namespace": "the namespace is not SCXML's",
     "leaf-kind": "a leaf is written as a condition and served as an action, or the other way round",
-    "unset-entry": "a port reads an entry of the blackboard that nothing sets",
+    "unset-port": "a plugin's port reads an entry of the blackboard that nothing sets",
     "unserved-leaf": "no node of the system answers the leaf's ticks",
 }
 

@@ -138,6 +138,13 @@ class InterfaceLibrary:
             or (_package(name) == PACKAGE and name.rpartition("/")[2] not in own)
         )
 
+    def structure(self, name: str) -> Structure | None:
+        """A message, or part of a service or action (``pkg/srv/Name_Response``); None if not known."""
+        try:
+            return self._structure(name)
+        except KeyError:
+            return None
+
     def file(self, name: str) -> Path | None:
         """The file that defines ``name`` (``pkg/<kind>/Name``); None for ROS 2's standard types."""
         return self._files.get(name)

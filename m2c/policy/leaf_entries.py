@@ -17,7 +17,7 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 def check_leaf_entries(
     policy: PolicyFile, bound: Mapping[Position, BoundLeaf], log: DiagnosticLog
 ) -> None:
-    """Warn of ports whose entry is named nowhere else in the policy (``unset-entry``).
+    """Warn of ports whose entry is named nowhere else in the policy (`X.
 
     Whatever names an entry may set it (a script, an output port, a sub-tree's port), in whatever tree:
     so that every warning is a certainty.
@@ -44,7 +44,7 @@ def check_leaf_entries(
                 if not hint.startswith("did you mean"):
                     hint = "write a value, or set it: <SetBlackboard>, <Script> or an output port"
                 what = f"the port `{port.key}` reads the entry `{port.entry}`, which nothing sets"
-                log.warning("unset-entry", node.position, node.element, what, hint)
+                log.warning("unset-port", node.position, node.element, what, hint)
 
 
 def _texts(node: TreeNode, bound: Mapping[Position, BoundLeaf]) -> Iterator[str]:

@@ -11,7 +11,6 @@ counts says nothing that a lost message could contradict; told later, it takes b
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
 
 import msgspec
 
@@ -28,6 +27,7 @@ from moon.properties.property import Property, Role
 from moon.properties.verdict import Fact, Status, Witness
 from moon.properties.verdict import Verdict as PropertyVerdict
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from moon.wording import Wording, value_text
 from transports.interface import Observation, ObservationKind
 
 SHOWN_FACTS = 8
@@ -37,7 +37,6 @@ MOST_PLACES = 10_000
 REMEMBERED = 256
 """Violations of a property that a loss that is told of later than it should can still take back."""
 TAKEN_BACK = "the violation is taken back: what it missed came later than anything of late"
-_LONGEST_DATA = 120
 
 _OUTCOMES = {
     Status.TRUE: Outcome.CONFORMING,
@@ -82,6 +81,7 @@ class PropertyWatch:
         properties: what to monitor; names must differ.
         latency_ns: nothing is heard later than this after its stamp.
         departures: of ``properties``, with the models of nodes; by default, without any.
+        wording: how explanations word messages; by default numbers have no names.
     """
 
     def __init__(
@@ -89,9 +89,11 @@ class PropertyWatch:
         properties: Iterable[Property],
         latency_ns: int,
         departures: Departures | None = None,
+        wording: Wording | None = None,
     ) -> None:
         properties = tuple(properties)
         self._departures = departures or Departures(properties)
+        self._wording = wording or Wording()
         self.properties = {item.name: item for item in properties}
         self.late = 0
         """Observations that came too late to be judged."""
@@ -341,7 +343,7 @@ class PropertyWatch:
 
     def _told(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
         tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
-        made = verdict_on(self.properties[name], verdict)
+        made = verdict_on(self.properties[name], verdict, self._wording)
         tally.outcome = outcome
         if outcome is Outcome.VIOLATED:
             tally.violations += 1
@@ -390,7 +392,7 @@ class PropertyWatch:
         )
 
 
-def verdict_on(item: Property, verdict: PropertyVerdict) -> Verdict:
+def verdict_on(item: Property, verdict: PropertyVerdict, wording: Wording) -> Verdict:
     """What is published of ``verdict``: the property stands in for machine and node."""
     outcome = _OUTCOMES[verdict.status]
     stamp = max(verdict.since_ns, 0)
@@ -398,15 +400,15 @@ def verdict_on(item: Property, verdict: PropertyVerdict) -> Verdict:
         return Verdict(item.name, item.name, outcome, stamp, verdict.reason, kind=PROPERTY)
     broken = "assumption broken" if item.role is Role.ASSUMPTION else str(item.severity)
     reason = f"{broken}: {item.text or item.meaning}"
-    why = _explained(item, verdict.witness)
+    why = _explained(item, verdict.witness, wording)
     return Verdict(item.name, item.name, outcome, stamp, reason, why, PROPERTY)
 
 
-def _explained(item: Property, witness: Witness | None) -> Explanation:
+def _explained(item: Property, witness: Witness | None, wording: Wording) -> Explanation:
     facts = witness.facts if witness is not None else ()
     facts = tuple(fact for fact in facts if not fact.predicate.startswith(PREFIX))
     shown = facts[-SHOWN_FACTS:]
-    evidence = [Evidence(_since(fact), _fact(fact)) for fact in shown]
+    evidence = [Evidence(_since(fact), _fact(fact, wording)) for fact in shown]
     evidence.sort(key=lambda item: item.stamp_ns)
     if witness is not None and (len(shown) < len(facts) or not witness.complete):
         first_ns = evidence[0].stamp_ns if evidence else witness.at_ns
@@ -432,17 +434,11 @@ def _what(fact: Fact) -> str:
     return f"{what} for {duration(lasted)}" if lasted > 0 else what
 
 
-def _fact(fact: Fact) -> str:
+def _fact(fact: Fact, wording: Wording) -> str:
     seen = fact.observation
     if seen is None:
         return _what(fact)
     whose = f" of {seen.source}" if seen.source else ""
     kind = str(seen.kind).replace("_", " ")
-    return f"{_what(fact)}: {kind} on {seen.channel}{whose}{_data(seen.data)}"
-
-
-def _data(data: Any) -> str:
-    if data is None:
-        return ""
-    text = " " + msgspec.json.encode(data).decode()
-    return text if len(text) <= _LONGEST_DATA else f"{text[:_LONGEST_DATA]}…"
+    data = value_text(seen.data, wording.kind(seen.type_name)) if seen.data is not None else ""
+    return f"{_what(fact)}: {kind} on {seen.channel}{whose} {data}".rstrip()

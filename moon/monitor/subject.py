@@ -22,6 +22,7 @@ from moon.monitor.reading import (
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.properties.property import Property
+from moon.wording import Wording
 
 
 class Subject(msgspec.Struct, frozen=True):
@@ -67,10 +68,9 @@ class Monitored(msgspec.Struct, frozen=True):
 
     def property_watch(self) -> PropertyWatch:
         """A fresh monitor of the properties."""
-        nodes = self.system.nodes
-        return PropertyWatch(
-            self.properties, self.bounds.latency, Departures(self.properties, nodes)
-        )
+        departures = Departures(self.properties, self.system.nodes)
+        wording = Wording(self.system.library)
+        return PropertyWatch(self.properties, self.bounds.latency, departures, wording)
 
 
 class NothingLeftError(ValueError):

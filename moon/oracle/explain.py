@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
+from m2c.model.scopes import output_data_type
 from moon.oracle.bounds import TooManyError
 from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis, Instances, Owed
 from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
 from moon.verdict import Evidence, Explanation
+from moon.wording import Wording, value_text
 
 SHOWN = 4
 """So many possibilities are told; more would hide the point."""
 
 
-def told(fact: Fact) -> str:
+def told(fact: Fact, wording: Wording) -> str:
     """An observation in one line."""
     observation = fact.observation
-    data = "" if fact.data is None else f" {_short(fact.data)}"
+    kind = wording.kind(observation.type_name)
+    data = "" if fact.data is None else f" {value_text(fact.data, kind)}"
     channel = observation.channel
     match fact.role:
         case Role.MESSAGE:
@@ -82,12 +84,12 @@ def explanation_of(
         state_text(search, instances): None
         for instances in befores or (h.instances for h in survivors)
     }
-    observed = "nothing in time" if fact is None else told(fact)
+    observed = "nothing in time" if fact is None else told(fact, search.wording)
     return Explanation(
         tuple(expected)[:SHOWN],
         observed,
         tuple(states)[:SHOWN],
-        tuple(Evidence(item.stamp, told(item)) for item in history),
+        tuple(Evidence(item.stamp, told(item, search.wording)) for item in history),
         tuple(places)[:SHOWN],
     )
 
@@ -95,7 +97,10 @@ def explanation_of(
 def owed_text(search: Search, owed: Owed) -> str:
     """What a machine owes, in one line."""
     channel = search.channel_of_output(owed.kind, owed.interface)
-    data = "" if owed.data is None else f" {_short(owed.data)}"
+    data = ""
+    if owed.data is not None:
+        kind = output_data_type(owed.kind, owed.interface, search.machine, search.library)
+        data = f" {value_text(owed.data, kind)}"
     to = f" to {owed.call[0]}" if owed.call and owed.call[0] else ""
     return f"{_OUTPUTS[owed.kind]} {channel}{data}{to}"
 
@@ -105,18 +110,9 @@ def state_text(search: Search, instances: Instances) -> str:
     texts = []
     for program, (state, data) in zip(search.programs, instances, strict=True):
         values = ", ".join(
-            f"{name}={_short(value)}"
-            for name, value in zip(program.names, data, strict=True)
-            if name in program.assigned and name in program.live
+            f"{declared.name}={value_text(value, declared.type)}"
+            for declared, value in zip(program.machine.data, data, strict=True)
+            if declared.name in program.assigned and declared.name in program.live
         )
         texts.append(f"{program.states[state].name}{f' ({values})' if values else ''}")
     return " | ".join(texts)
-
-
-def _short(value: Any) -> str:
-    text = repr(value) if not isinstance(value, dict) else _fields(value)
-    return text if len(text) <= 160 else text[:157] + "..."
-
-
-def _fields(value: dict[str, Any]) -> str:
-    return "{" + ", ".join(f"{name}: {item!r}" for name, item in value.items()) + "}"

@@ -276,7 +276,7 @@ class Judging:
                 continue  # perhaps its end is not instrumented
             observed = "nothing: the request was not taken up"
             expected = (f"request {fact.call[1]} of {fact.call[0]} to be received",)
-            evidence = tuple(Evidence(f.stamp, told(f)) for f in self._history)
+            evidence = tuple(Evidence(f.stamp, told(f, self.search.wording)) for f in self._history)
             explanation = Explanation(expected, observed, (), evidence)
             verdict = self._verdict_of(fact.stamp, explanation, "unresponsive: ")
             place = (self.node, fact.observation.channel, False)

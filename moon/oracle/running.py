@@ -31,6 +31,7 @@ from moon.oracle.hypothesis import (
 from moon.oracle.step import Delayed, Output, Step
 from moon.oracle.steps import MachineProgram
 from moon.oracle.unknowns import Unknown
+from moon.wording import Wording
 
 
 class Running:
@@ -49,6 +50,8 @@ class Running:
         self.machine = machine
         self.bounds = bounds
         self._channels = channels
+        self.library = library
+        self.wording = Wording(library)
         main = MachineProgram(machine, library)
         self.programs = [main]
         self._threads: list[tuple[ActionThread, int]] = []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import os
 import re
 import sys
 import time
@@ -21,6 +20,7 @@ from moon.connection import (
     Watching,
     connected,
     finite,
+    library_in,
     network_options,
     ready_option,
     say_ready,
@@ -206,12 +206,6 @@ def _split(text: str) -> Split:
 
 def _definitions(interfaces: tuple[Path, ...], transport: str) -> Definitions:
     """The types in ``interfaces``, and those of a sourced ROS 2."""
-    from m2c.model.diagnostics import DiagnosticLog
-    from m2c.model.interfaces import InterfaceLibrary
     from moon.recording.definitions import Definitions
 
-    folders = list(interfaces)
-    if transport == "ros2":
-        prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-        folders += [Path(prefix, "share") for prefix in prefixes if prefix]
-    return Definitions(InterfaceLibrary.load([f for f in folders if f.is_dir()], DiagnosticLog()))
+    return Definitions(library_in(interfaces, transport))

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 
 from m2c.printable import printable
-from moon.tap.render import compact
+from moon.wording import Wording
 from transports.interface import Observation, ObservationKind
 
 MAX_SHOWN = 150_000
@@ -67,13 +67,15 @@ class Shelf:
 
     Args:
         violations_ns: when violations were said, on the recorder's clock.
+        wording: the definitions by which numbers have names.
 
     Attributes:
         heard: all that it was told.
         of_other_channels: what is left out because there are too many channels.
     """
 
-    def __init__(self, violations_ns: Iterable[int]) -> None:
+    def __init__(self, violations_ns: Iterable[int], wording: Wording | None = None) -> None:
+        self._wording = wording or Wording()
         self._violations = sorted(violations_ns)
         self._channels: dict[str, Channel] = {}
         self._texts: dict[str, int] = {"": 0}
@@ -138,7 +140,7 @@ class Shelf:
     def _text(self, seen: Observation) -> int:
         words = printable(seen.error) if seen.error else ""
         if not words and seen.data is not None:
-            words = compact(seen.data)
+            words = self._wording.message(seen.data, seen.type_name)
         if seen.client:
             words = f"#{seen.call} of {printable(seen.client)}  {words}".rstrip()
         words = words if len(words) <= MAX_TEXT else words[: MAX_TEXT - 1] + "…"

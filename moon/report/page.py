@@ -30,6 +30,7 @@ from moon.report.observations import MAX_CHANNELS, Shelf
 from moon.report.plot_drawing import drawn
 from moon.report.plots import Plots
 from moon.verdict import Explanation
+from moon.wording import Wording
 from transports.interface import Observation
 
 MAX_VIOLATIONS = 2_000
@@ -53,10 +54,11 @@ def write_report(result: CheckResult, path: Path) -> None:
     """
     system = read_system(result.models, result.interfaces)
     violations = result.each_violation[:MAX_VIOLATIONS]
-    shelf = Shelf(said.received_ns for said in violations)
+    library = system.library if system is not None else None
+    wording = Wording(library)
+    shelf = Shelf((said.received_ns for said in violations), wording)
     properties, missing = _read_properties(result, violations)
     plots = Plots(properties, violations)
-    library = system.library if system is not None else None
     missing += _take_observations(result, library, shelf, plots)
     figures = figures_of(system, [said.verdict.machine for said in violations])
     if system is None and result.models:

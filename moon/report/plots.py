@@ -20,7 +20,7 @@ from moon.properties.binding import ANY_CHANNEL, bind, value_of
 from moon.properties.predicates import UNKNOWN_ERRORS
 from moon.properties.property import Port, Property
 from moon.recording.entries import Said
-from moon.tap.render import compact
+from moon.wording import compact
 from transports.interface import Observation, ObservationKind
 
 MAX_POINTS = 50_000

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from moon.wording import Word, goal_id
+
 SEPARATOR = "/_action/"
 """Between the name of an action and that of one of its channels."""
 
@@ -64,7 +66,7 @@ def _essence(part: str, data: Any) -> tuple[str, Any]:
         case "goal":
             return goal_id(data["goal_id"]), data["goal"]
         case "goal response":
-            return "", "accepted" if data["accepted"] else "rejected"
+            return "", Word("accepted" if data["accepted"] else "rejected")
         case "result request":
             return goal_id(data["goal_id"]), {}
         case "result":
@@ -82,14 +84,5 @@ def _essence(part: str, data: Any) -> tuple[str, Any]:
             }
 
 
-def _named(names: tuple[str, ...], code: int) -> str:
-    return names[code] if 0 <= code < len(names) else str(code)
-
-
-def goal_id(wire: Any) -> str:
-    """The first eight hex digits of a ``unique_identifier_msgs/msg/UUID``: enough to tell apart.
-
-    Raises:
-        KeyError, TypeError: ``wire`` is no UUID.
-    """
-    return bytes(octet & 0xFF for octet in wire["uuid"][:4]).hex()
+def _named(names: tuple[str, ...], code: int) -> Word:
+    return Word(names[code] if 0 <= code < len(names) else str(code))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from m2c.inputs import interface_folders
 from m2c.terminal import say
-from moon.connection import Network, Watching, connected, finite, network_options
+from moon.connection import Network, Watching, connected, finite, library_in, network_options
 from moon.tap.selection import KINDS, GlobError, Selection
 
 if TYPE_CHECKING:
+    from moon.wording import Wording
     from transports.interface import Transport
 
 
@@ -36,6 +39,7 @@ if TYPE_CHECKING:
     callback=finite,
     help="Stop after this many seconds.",
 )
+@interface_folders
 @click.option("--count", type=click.IntRange(min=1), help="Stop after this many lines.")
 def tap(
     channels: tuple[str, ...],
@@ -45,27 +49,34 @@ def tap(
     as_json: bool,
     stats: bool,
     seconds: float | None,
+    interfaces: tuple[Path, ...],
     count: int | None,
 ) -> None:
     """Watch everything that happens: topics, service calls, actions; decoded and matched.
 
     CHANNELS are globs such as '/BatteryLevelSkill/*' (`**` crosses parts of a name; an action stands
     for all its parts); without any, everything is shown. A response is shown with its round-trip
-    time. The tap is passive: no node waits for it or knows of it.
+    time. Numbers that the interface definitions have names for are shown with them, `FAILURE (1)`: those
+    of bt_interfaces, of ROS 2's standard types, and of --interfaces. The tap is passive: no node waits
+    for it or knows of it.
 
     Example: moon tap '/NavigationComponent/**' --endpoint tcp/127.0.0.1:7447
     """
+    from moon.wording import Wording
+
     try:
         selection = Selection(channels, node, kind)
     except GlobError as error:
         raise click.BadParameter(str(error), param_hint="CHANNELS") from error
     with connected(network, "moon_tap", writing="what was heard") as connection:
-        _watch(connection, selection, as_json, stats, seconds, count)
+        wording = Wording(library_in(interfaces, network.transport))
+        _watch(connection, selection, wording, as_json, stats, seconds, count)
 
 
 def _watch(
     connection: Transport,
     selection: Selection,
+    wording: Wording,
     as_json: bool,
     stats: bool,
     seconds: float | None,
@@ -76,7 +87,7 @@ def _watch(
     from moon.tap.watch import Watch
 
     start = time.monotonic()
-    output = output_for(as_json, stats, connection.post)
+    output = output_for(as_json, stats, connection.post, wording)
     watching = Watching(connection)
     watch = Watch(selection, output, Notices(say), count, watching.stop)
     try:

@@ -14,6 +14,7 @@ from moon.json_lines import versioned_line
 from moon.tap.render import Renderer
 from moon.tap.statistics import HEADER, Statistics, cells, table
 from moon.tap.stream import Line
+from moon.wording import Wording
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -147,7 +148,10 @@ class LastTable:
 
 
 def output_for(
-    as_json: bool, statistics: bool, post: Callable[[Callable[[], None]], None]
+    as_json: bool,
+    statistics: bool,
+    post: Callable[[Callable[[], None]], None],
+    wording: Wording | None = None,
 ) -> Output:
     """The output that the options ask for, on standard output; ``post`` as for :class:`Lines`."""
     on_terminal = sys.stdout.isatty()
@@ -155,7 +159,8 @@ def output_for(
         return LiveTable() if on_terminal and not as_json else LastTable(as_json)
     if as_json:
         return Lines(json_of, post)
-    text = Renderer(colour=on_terminal and not os.environ.get("NO_COLOR")).text
+    colour = on_terminal and not os.environ.get("NO_COLOR")
+    text = Renderer(colour, wording).text
     encoding = sys.stdout.encoding or "utf-8"
     return Lines(lambda line: text(line).encode(encoding, "backslashreplace"), post)
 

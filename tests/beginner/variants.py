@@ -274,7 +274,7 @@ PORTS: list[Row] = [
     ("port of an unknown type", FULL, 'key="limit" type="int32"', 'key="limit" type="whole"',
      "unknown-type models/is_full.scxml:3:41 unknown type `whole`"),
     ("port from the blackboard that nothing sets", POLICY, 'limit="3"', 'limit="{limit}"',
-     "warning unset-entry policy.xml:5:7 the port `limit` reads the entry `limit`, which nothing sets"),
+     "warning unset-port policy.xml:5:7 the port `limit` reads the entry `limit`, which nothing sets"),
 ]
 
 TREE: list[Row] = [

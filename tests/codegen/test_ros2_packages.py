@@ -242,8 +242,7 @@ def test_a_workspace_of_generated_packages_builds_with_colcon_and_runs(tmp_path:
     system = tmp_path / "two"
     done = generated(tmp_path / "system.xml", system)
     assert done.exit_code == 0, done.output
-    bt_interfaces = LAB_TOUR / "interfaces" / "bt_interfaces"
-    install = build_interfaces([bt_interfaces, system], tmp_path / "workspace")
+    install = build_interfaces([system], tmp_path / "workspace")
     assert {"battery_level_skill", "wait_skill"} < set(install.packages)
     program = Path(executable(install.prefix, "wait_skill")).read_text()
     assert program.startswith("#!/usr/bin/env python3\n")  # the shell's, not colcon's

@@ -313,7 +313,7 @@ RULE_EXAMPLES: dict[str, Example] = {
     "xml-prologue": Example({"m.scxml": f'\n<?xml version="1.0"?>{machine(STATE)}'}),
     "xml-namespace": Example({"m.scxml": f'<scxml xmlns="..." name="M">{STATE}</scxml>'}),
     "leaf-kind": main_tree(LEAF.replace("Action ID", "Condition ID")),
-    "unset-entry": main_tree('<Action ID="Visit" name="Go" poi="{poi}"/>'),
+    "unset-port": main_tree('<Action ID="Visit" name="Go" poi="{poi}"/>'),
     "unserved-leaf": main_tree(LEAF.replace("/Skill", "/Skil")),
     "ignored-element": system(extra="<properties/>"),
     "monitored-leaf": main_tree(LEAF.replace("/>", ' isMonitored="true"/>')),

@@ -52,8 +52,7 @@ def test_a_model_with_errors_is_refused_as_m2c_check_refuses_it(broken, command)
 def test_a_policy_with_errors_is_refused(tmp_path) -> None:
     write_models(tmp_path)
     (tmp_path / "policy.xml").write_text(
-        '<root><BehaviorTree ID="M"><Condition ID="C" name="Nobody" interface="ROS2SERVICE"/>'
-        "</BehaviorTree></root>"
+        '<root><BehaviorTree ID="M"><Condition ID="C" name="Nobody"/></BehaviorTree></root>'
     )
     system = tmp_path / "system.xml"
     system.write_text(

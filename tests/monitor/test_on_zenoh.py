@@ -100,9 +100,11 @@ def test_a_wrong_answer_is_found_at_once_and_explained(start, wrong, tmp_path) -
     (found,) = [v for v in monitor.verdicts if v["outcome"] == "violated"]
     why = found["explanation"]
     assert why["expected"] == [
-        "response on /BatteryLevelSkill/tick {status: 0, is_ok: True} to policy"
+        "response on /BatteryLevelSkill/tick {status: SUCCESS (0), is_ok: true} to policy"
     ]
-    assert why["observed"] == "response on /BatteryLevelSkill/tick {status: 1, is_ok: True}"
+    assert (
+        why["observed"] == "response on /BatteryLevelSkill/tick {status: FAILURE (1), is_ok: true}"
+    )
     assert why["states"][0].startswith("idle (percentage=")
     assert why["evidence"][-1]["text"] == "request 1 of policy to /BatteryLevelSkill/tick {}"
     assert why["evidence"][-1]["stamp_ns"] <= found["stamp_ns"]

@@ -247,7 +247,7 @@ def test_a_violation_says_what_was_meant_what_was_seen_and_where_it_is_written(w
         "high  VIOLATED  critical: Before the first `battery < 30`, `wrong` never happens."
     )
     text = "\n".join(lines)
-    assert 'wrong: response sent on /Level/tick of Level {"status":1}' in text
+    assert "wrong: response sent on /Level/tick of Level {status: 1}" in text
     assert "not (battery < 30)" in text
     assert "(and more before)" not in text
     assert re.search(r"written +\S*p\.yaml:8:", text)

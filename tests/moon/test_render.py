@@ -8,8 +8,9 @@ import msgspec
 import pytest
 
 from moon.tap.output import json_of
-from moon.tap.render import MAX_DATA, Renderer, compact
+from moon.tap.render import Renderer
 from moon.tap.stream import Line
+from moon.wording import MAX_DATA, compact
 
 UUID = {"uuid": list(range(0xA0, 0xB0))}
 
@@ -33,19 +34,23 @@ def part(name: str, data, kind="message") -> str:
         ("feedback", {"goal_id": UUID, "feedback": {"left": 3}}, "feedback a0a1a2a3  left: 3"),
         ("result request", {"goal_id": UUID}, "result request a0a1a2a3"),
         ("result", {"status": 4, "result": {"ok": True}}, "result  status: succeeded, ok: true"),
-        ("result", {"status": 77, "result": {}}, "result  status: '77'"),
+        ("result", {"status": 77, "result": {}}, "result  status: 77"),
         ("cancel", {"goal_info": {"goal_id": UUID}}, "cancel a0a1a2a3"),
-        ("cancel response", {"return_code": 2}, "cancel response  'unknown goal'"),
+        ("cancel response", {"return_code": 2}, "cancel response  unknown goal"),
         (
             "status",
             {"status_list": [{"goal_info": {"goal_id": UUID}, "status": 2}]},
             "status  a0a1a2a3: executing",
         ),
-        ("goal", {"something": "else"}, "goal  something: else"),
+        ("goal", {"something": "else"}, "goal  something: 'else'"),
         ("goal", [1, 2], "goal  [1, 2]"),
-        ("result", {"status": "odd", "result": 3}, "result  status: odd, result: 3"),
+        ("result", {"status": "odd", "result": 3}, "result  status: 'odd', result: 3"),
         ("status", {"status_list": 3}, "status  status_list: 3"),
-        ("goal", {"goal_id": {"uuid": "abc"}, "goal": {}}, "goal  goal_id: {uuid: abc}, goal: {}"),
+        (
+            "goal",
+            {"goal_id": {"uuid": "abc"}, "goal": {}},
+            "goal  goal_id: {uuid: 'abc'}, goal: {}",
+        ),
     ],
 )
 def test_parts_of_an_action_are_told_in_words(name, data, expected) -> None:

@@ -30,9 +30,7 @@ def warnings(folder: Path, tree: str) -> list[str]:
     log = DiagnosticLog()
     read_and_check([folder / "system.xml"], [], log)
     assert not log.has_errors, log.diagnostics
-    return [
-        f"{item.message}; {item.hint}" for item in log.diagnostics if item.rule == "unset-entry"
-    ]
+    return [f"{item.message}; {item.hint}" for item in log.diagnostics if item.rule == "unset-port"]
 
 
 @pytest.mark.parametrize(
