@@ -55,7 +55,7 @@ def meant(path: Path) -> str:
         if os.path.exists(here):
             continue
         name = _nearest_entry(here.parent, part)
-        if not name:
+        if name in ("", part):  # itself: a loop of links
             return ""
         found = here.with_name(name)
         whole = found.joinpath(*parts[index + 1 :])

@@ -60,6 +60,11 @@ def test_what_is_like_nothing_or_exists_has_no_suggestion(folder: Path, written:
     assert meant(Path(written)) == ""
 
 
+def test_a_loop_of_links_is_not_suggested_in_its_own_place(folder: Path) -> None:
+    (folder / "loop").symlink_to("loop")
+    assert meant(folder / "loop" / "inside") == ""
+
+
 @pytest.mark.parametrize(
     ("command", "arguments", "found"),
     [
