@@ -339,7 +339,7 @@ PATHS: list[Row] = [
      "missing-attribute system.xml:9:5 the attribute `src` is missing"),
     ("src misspelt", SYSTEM, 'src="models/tank.scxml"', 'source="models/tank.scxml"',
      "missing-attribute system.xml:9:5 the attribute `src` is missing"),
-    ("type misspelt", SYSTEM, 'type="ros-scxml" src="models/tank.scxml"', 'type="ros-sxml" src="models/tank.scxml"',
+    ("type of an input misspelt", SYSTEM, 'type="ros-scxml" src="models/tank.scxml"', 'type="ros-sxml" src="models/tank.scxml"',
      "unknown-tag system.xml:9:5 did you mean ros-scxml?"),
     ("a path of Windows", SYSTEM, TANK, "models\\tank.scxml",
      "missing-file system.xml:9:34 did you mean models/tank.scxml?"),
