@@ -26,6 +26,7 @@ from moon.recording.entries import (
     Turn,
 )
 from moon.recording.writer import RecordingWriter
+from moon.tap.notices import Standing
 from moon.verdict import Verdict
 from transports.interface import Observation, Publisher, Tap, Timer, Topic
 
@@ -161,6 +162,7 @@ class RecordedRun:
         self._connection = connection
         self._writer = writer
         self._problems: frozenset[str] = frozenset()
+        self._standing = Standing()
 
     def take(self, verdict: Verdict) -> None:
         """The monitor says ``verdict``."""
@@ -168,10 +170,11 @@ class RecordedRun:
 
     def note_problems(self, problems: Sequence[str]) -> None:
         """The tap says what it could not hear."""
-        for text in problems:
+        standing = self._standing.look(problems)
+        for text in standing:
             if text not in self._problems:
                 self._writer.add(Missed(self._connection.now_ns(), text))
-        self._problems = frozenset(problems)
+        self._problems = frozenset(standing)
 
     def flush(self) -> None:
         """Hand what was recorded to the system; OSError if it could not be written."""

@@ -9,6 +9,7 @@ from moon.monitor.pace import read_together
 from moon.recording.entries import UNUSUAL_NS, Began, Ended, Missed, NodeChange, Pulse, Turn, Whole
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
+from moon.tap.notices import Standing
 from moon.tap.selection import Selection, check, matches
 from transports.interface import Observation, Tap, Transport
 
@@ -57,6 +58,7 @@ class Recorder:
         """The time of day when both clocks were looked at, or when something was heard since."""
         self._wanted: dict[str, bool] = {}
         self._problems: frozenset[str] = frozenset()
+        self._standing = Standing()
         self.listener: Tap | None = None
 
     def start(self) -> None:
@@ -79,7 +81,7 @@ class Recorder:
             OSError: the file cannot be written.
         """
         assert self.listener is not None
-        problems = self.listener.problems()
+        problems = self._standing.look(self.listener.problems())
         for text in problems:
             if text not in self._problems:
                 self._note_missed(text)

@@ -9,6 +9,23 @@ _COUNT = re.compile(r"\b(\d+) (?:message|call)s?\b")
 """What grows in a sentence about messages that were missed."""
 
 
+class Standing:
+    """Which of a tap's problems are to be taken seriously.
+
+    Those with a number of messages at once; others (a node that is not linked) if they are still there at the
+    next look: links come up one after the other.
+    """
+
+    def __init__(self) -> None:
+        self._before: frozenset[str] = frozenset()
+
+    def look(self, sentences: Sequence[str]) -> list[str]:
+        """Those of ``sentences``."""
+        found = [text for text in sentences if text in self._before or _COUNT.search(text)]
+        self._before = frozenset(sentences)
+        return found
+
+
 class Notices:
     """Says what changed of a listener's links and problems."""
 
@@ -17,7 +34,7 @@ class Notices:
         self._peers: tuple[str, ...] = ()
         self._looks = 0
         self._said: dict[str, int] = {}
-        self._standing: frozenset[str] = frozenset()
+        self._standing = Standing()
 
     def links(self, peers: Sequence[str]) -> None:
         """Say to which nodes the tap is linked, if that changed."""
@@ -37,26 +54,18 @@ class Notices:
             self._say("no longer linked to any node")
 
     def problems(self, sentences: Sequence[str]) -> None:
-        """Warn of what is new, and of a number of messages when it has doubled since last said.
-
-        A problem without a number (a node that is not linked) is given until the next look to go
-        away by itself: links come up one after the other.
-        """
-        for sentence in sentences:
+        """Warn of what is new, and of a number of messages when it has doubled since last said."""
+        for sentence in self._standing.look(sentences):
             problem, count = _told_apart(sentence)
             said = self._said.get(problem)
-            if count:
-                if count >= 2 * (said or 0):
-                    self._warn(sentence, problem, count)
-            elif said is None and sentence in self._standing:
+            if said is None or (count and count >= 2 * said):
                 self._warn(sentence, problem, count)
-        self._standing = frozenset(sentences)
 
     def last_problems(self, sentences: Sequence[str]) -> None:
         """At the end: warn of what is new, and say numbers that have grown as they are now."""
-        for sentence in sentences:
+        for sentence in self._standing.look(sentences):
             problem, count = _told_apart(sentence)
-            if self._said.get(problem) != count and (count or sentence in self._standing):
+            if self._said.get(problem) != count:
                 self._warn(sentence, problem, count)
 
     def _warn(self, sentence: str, problem: str, count: int) -> None:

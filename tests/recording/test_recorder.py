@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-from moon.recording.entries import Entry, Pulse, set_by_ns
+from moon.recording.entries import Entry, Missed, Pulse, set_by_ns
 from moon.recording.recorder import Recorder
 from transports.interface import Observation, ObservationKind
 
@@ -22,6 +22,8 @@ class ByHand:
         self.set_ns = 0
         self.entries: list[Entry] = []
         self.hear: Any = None
+        self.said: list[str] = []
+        self.made: Recorder | None = None
 
     def now_ns(self) -> int:
         return self.time_ns + self.set_ns
@@ -38,6 +40,12 @@ class ByHand:
 
     def add(self, entry: Entry) -> None:
         self.entries.append(entry)
+
+    def problems(self) -> list[str]:
+        return self.said
+
+    def flush(self) -> None:
+        pass
 
     def receive(self, late_s: float) -> None:
         """An observation that waited for ``late_s`` until the recorder's thread took it."""
@@ -65,7 +73,8 @@ class ByHand:
 def recorder() -> ByHand:
     hand = ByHand()
     connection: Any = hand
-    Recorder(connection, "zenoh", connection, (), print, hand.monotonic_ns).start()
+    hand.made = Recorder(connection, "zenoh", connection, (), print, hand.monotonic_ns)
+    hand.made.start()
     return hand
 
 
@@ -87,3 +96,13 @@ def test_a_clock_that_was_set_is_looked_at_with_the_next_message() -> None:
     hand.receive(0.0)
     hand.receive(0.0)
     assert hand.steps_s() == [-1.0]
+
+
+def test_a_link_that_comes_up_a_moment_later_is_no_problem_of_the_recording() -> None:
+    hand = recorder()
+    made: Any = hand.made
+    unlinked, lost = "A is up, but not linked to this tap: it is not heard", "lost 3 messages of A"
+    for problems in ([unlinked], [lost], [lost], [unlinked], [unlinked]):
+        hand.said = problems
+        made.look_around()
+    assert [entry.text for entry in hand.entries if type(entry) is Missed] == [lost, unlinked]
