@@ -96,7 +96,7 @@ def test_an_output_with_a_wrong_value_is_explained_by_the_state_before_its_step(
     run.call(2, 1)
     run.call(3, 7)
     why = run.violation()
-    assert why.expected == ("response on /Probe/ask {value: 2, ok: True} to somebody",)
+    assert why.expected == ("response on /Probe/ask {value: 2, ok: true} to somebody",)
     assert why.states == ("idle (n=1)",)  # after the step: asked (n=2)
 
 
