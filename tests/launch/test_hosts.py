@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,11 +11,11 @@ import pytest
 
 from tests.launch.system import Run, System
 from tests.monitor.processes import Process
-from tests.transports.hosts import ADDRESSES, two_hosts
+from tests.transports.hosts import ADDRESSES, may_be_made, two_hosts
 
 pytestmark = [
     pytest.mark.zenoh,
-    pytest.mark.skipif(os.geteuid() != 0, reason="only root may make network namespaces"),
+    pytest.mark.skipif(not may_be_made(), reason="only root may make network namespaces"),
 ]
 
 MEETING = f"tcp/{ADDRESSES[0]}:7447"

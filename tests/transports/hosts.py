@@ -11,6 +11,15 @@ ADDRESSES = ("10.77.0.1", "10.77.0.2")
 """Of the first host and of the second one, on the cable."""
 
 
+def may_be_made() -> bool:
+    """Whether this user, on this machine, may have two hosts."""
+    try:
+        with two_hosts():
+            return True
+    except (OSError, subprocess.CalledProcessError, AssertionError):
+        return False
+
+
 @contextlib.contextmanager
 def two_hosts() -> Iterator[tuple[list[str], list[str]]]:
     """The beginning of a command line for each: what follows runs on that host."""
@@ -31,6 +40,7 @@ def _host() -> Iterator[int]:
         ["unshare", "--net", "--", "sh", "-c", "echo apart; read _ || true"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
     )
     with keeper:
         assert keeper.stdin is not None
@@ -45,4 +55,4 @@ def _inside(host: int) -> list[str]:
 
 
 def _ip(host: int, *arguments: str) -> None:
-    subprocess.run([*_inside(host), "ip", *arguments], check=True)
+    subprocess.run([*_inside(host), "ip", *arguments], check=True, capture_output=True)
