@@ -392,7 +392,7 @@ class PropertyWatch:
         )
 
 
-def verdict_on(item: Property, verdict: PropertyVerdict, wording: Wording) -> Verdict:
+def verdict_on(item: Property, verdict: PropertyVerdict, wording: Wording | None = None) -> Verdict:
     """What is published of ``verdict``: the property stands in for machine and node."""
     outcome = _OUTCOMES[verdict.status]
     stamp = max(verdict.since_ns, 0)
@@ -400,7 +400,7 @@ def verdict_on(item: Property, verdict: PropertyVerdict, wording: Wording) -> Ve
         return Verdict(item.name, item.name, outcome, stamp, verdict.reason, kind=PROPERTY)
     broken = "assumption broken" if item.role is Role.ASSUMPTION else str(item.severity)
     reason = f"{broken}: {item.text or item.meaning}"
-    why = _explained(item, verdict.witness, wording)
+    why = _explained(item, verdict.witness, wording or Wording())
     return Verdict(item.name, item.name, outcome, stamp, reason, why, PROPERTY)
 
 

@@ -88,7 +88,9 @@ def test_what_the_engine_of_trees_refuses_is_said(tmp_path: Path) -> None:
     code, said = lines(tmp_path, TREE.format(f'<Sequence><Script code="a:="/>{SKILL}</Sequence>'))
     assert code == 2
     (found,) = [line for line in said if line.endswith("[refused-policy]")]
-    assert found.startswith("policy.xml:0:0: error: BehaviorTree.CPP refuses the policy: ")
+    assert found.startswith(
+        "policy.xml:2:11: error: <Script>: BehaviorTree.CPP refuses the policy: "
+    )
 
 
 def test_a_command_that_needs_the_system_says_so(tmp_path: Path) -> None:

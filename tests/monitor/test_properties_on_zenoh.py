@@ -6,6 +6,7 @@ import contextlib
 import json
 import re
 import signal
+import socket
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ import pytest
 import zenoh
 
 from moon.sinks.topic import VERDICTS
-from tests.monitor.processes import BIN, WAIT_S, Monitor, Process, free_endpoint, router
+from tests.monitor.processes import BIN, WAIT_S, Monitor, Process, router
 from transports.interface import Topic
 from transports.zenoh import connect
 
@@ -187,7 +188,7 @@ def test_a_violation_is_printed_with_its_witness_for_people(start, robot, proper
     assert monitor.end(signal.SIGINT) == 1, monitor.said
     text = "\n".join(monitor.out)
     assert "high  VIOLATED  warning: At every moment, `level >= 30`." in text
-    assert 'not (level >= 30): message on /level of robot {"data":20}' in text
+    assert "not (level >= 30): message on /level of robot {data: 20}" in text
     assert "answers  inconclusive  messages on /asked were missed" in text
     assert "2 properties: 1 violated, 1 inconclusive" in text
 
@@ -233,11 +234,15 @@ def test_beside_models_a_nominal_tour_breaks_nothing(start, tmp_path) -> None:
 
 
 def test_where_nobody_listens_is_exit_code_2(properties) -> None:
-    done = subprocess.run(
-        [str(BIN / "moon"), "monitor", "--properties", properties, "--endpoint", free_endpoint()],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    with socket.socket() as silent:  # bound, and does not listen: nobody else can
+        silent.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{silent.getsockname()[1]}"
+        done = subprocess.run(
+            [str(BIN / "moon"), "monitor", "--properties", properties, "--endpoint", endpoint],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+        )
     assert done.returncode == 2
     assert "Traceback" not in done.stderr

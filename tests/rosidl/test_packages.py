@@ -32,7 +32,7 @@ def faults(*folders: Path) -> dict[str, str]:
 
 @pytest.mark.parametrize(
     ("name", "said"),
-    [("nowhere", "does not exist"), ("here", r"expected definitions in <package>/msg")],
+    [("nowhere", "no such folder"), ("here", r"expected definitions in <package>/msg")],
 )
 def test_a_folder_without_packages_is_refused_with_what_was_expected(
     tmp_path: Path, name: str, said: str
