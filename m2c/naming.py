@@ -8,15 +8,24 @@ from transports.interface import TransportError
 from transports.registry import available, name_rules
 
 
-def naming_for(transport: str | None) -> Naming:
-    """What ``transport`` takes; without one, what each does. Ends the process if it is not installed."""
+def naming_of(transport: str | None) -> Naming:
+    """What ``transport`` takes; without one, what each does.
+
+    Raises:
+        TransportError: it is not installed, or an installed rule cannot be loaded.
+    """
     if transport is not None and transport not in available():
         known = ", ".join(available())
-        fail(f"no transport `{transport}` is installed; installed: {known}")
-    try:
-        rules = name_rules()
-    except TransportError as error:
-        fail(str(error))
+        raise TransportError(f"no transport `{transport}` is installed; installed: {known}")
+    rules = name_rules()
     if transport is None:
         return Naming(rules)
     return Naming({name: rules[name] for name in rules if name == transport}, chosen=True)
+
+
+def naming_for(transport: str | None) -> Naming:
+    """The same for a command: ends the process if ``transport`` is not installed."""
+    try:
+        return naming_of(transport)
+    except TransportError as error:
+        fail(str(error))

@@ -1,8 +1,68 @@
-"""Watch a running system without touching it."""
+"""Watch a running system without touching it.
+
+The names in ``__all__`` are the interface; everything else may change. A recorded run is checked
+against models, properties, or both:
+
+>>> import m2c, moon
+>>> system = m2c.read_system("examples/lab_tour/system.xml")
+>>> result = moon.check_recording("tests/recordings/zenoh-T3.mcap", system)
+>>> result.violations
+1
+>>> result.violated[0].verdict.node
+'BatteryLevelSkill'
+
+A running one is watched by a :class:`Monitor`; here it runs in a simulated world:
+
+>>> from transports import SimulatedWorld
+>>> world = SimulatedWorld(seed=1)
+>>> properties = moon.PropertySet.from_files("examples/lab_tour/properties.yaml", system=system)
+>>> monitor = moon.Monitor(world.connect("monitor"), system, properties, on_verdict=print)
+>>> monitor.start()
+>>> world.run_for(0.01)
+>>> run = m2c.simulate(system, world)
+"""
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from moon.api import Monitor, check_recording
+    from moon.monitor.subject import NothingLeftError
+    from moon.offline.engine import EmptyRecordingError
+    from moon.oracle.oracle import Oracle
+    from moon.properties.monitor import PropertySet, TimeOrderError
+    from moon.recording.reader import Recording, RecordingError
+    from moon.verdict import Verdict
+
+__all__ = [
+    "EmptyRecordingError",
+    "Monitor",
+    "NothingLeftError",
+    "Oracle",
+    "PropertySet",
+    "Recording",
+    "RecordingError",
+    "TimeOrderError",
+    "Verdict",
+    "check_recording",
+]
+
+_HOMES = {
+    "EmptyRecordingError": "moon.offline.engine",
+    "Monitor": "moon.api",
+    "NothingLeftError": "moon.monitor.subject",
+    "Oracle": "moon.oracle.oracle",
+    "PropertySet": "moon.properties.monitor",
+    "Recording": "moon.recording.reader",
+    "RecordingError": "moon.recording.reader",
+    "TimeOrderError": "moon.properties.monitor",
+    "Verdict": "moon.verdict",
+    "check_recording": "moon.api",
+}
+"""Where a name is defined. It is imported when it is first used: the command line stays quick."""
 
 
 def _refuse_stale(package: Path) -> None:
@@ -25,3 +85,13 @@ def _refuse_stale(package: Path) -> None:
 
 
 _refuse_stale(Path(__file__).parent)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

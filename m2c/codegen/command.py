@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -49,10 +48,9 @@ def generate(
     """
     from m2c.check.reading import read_and_check
     from m2c.check.report import print_findings
-    from m2c.codegen.package import system_files
-    from m2c.codegen.packaging import MARKS, packaging_of
-    from m2c.codegen.rendering import TemplateFault, Templates
-    from m2c.codegen.writer import EditedFilesError, counted, write_files
+    from m2c.codegen.generation import OtherPackagesError, write_system
+    from m2c.codegen.rendering import TemplateFault
+    from m2c.codegen.writer import EditedFilesError, counted
     from m2c.model import DiagnosticLog, ModelError
     from m2c.naming import naming_for
 
@@ -62,44 +60,21 @@ def generate(
     print_findings(log.diagnostics)
     if system is None or log.has_errors:
         sys.exit(2)
-    packaging = packaging_of(transport)
     try:
-        made_from = Templates(templates)
-        files = system_files(system, packaging, made_from, naming)
-        other = _packed_otherwise(files, output, MARKS[packaging], MARKS.values())
-        if other is not None:
-            fail(
-                f"{other}: {output} has packages for another transport; "
-                f"give those for {transport} a folder of their own"
-            )
-        written, unchanged = write_files(files, output, force)
+        made = write_system(system, output, transport, templates, naming, force)
     except EditedFilesError as error:
         fail(*error.lines)
-    except TemplateFault as error:
+    except (OtherPackagesError, TemplateFault) as error:
         fail(str(error))
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
     except OSError as error:
         fail(f"cannot write {error.filename}: {error.strerror}")
-    for path in made_from.unused():
-        say(f"warning: {path}: makes no file; ours are: {', '.join(made_from.names)}")
+    for path in made.unused:
+        say(f"warning: {path}: makes no file; ours are: {', '.join(made.templates)}")
     policy = ", 1 policy" if system.policy is not None else ""
     show(
         f"{system.name}: {counted(len(system.nodes), 'node')}{policy} in {output} "
-        f"({counted(written, 'file')} written, {unchanged} unchanged)"
+        f"({counted(made.written, 'file')} written, {made.unchanged} unchanged)"
     )
-
-
-def _packed_otherwise(
-    files: Iterable[str], output: Path, own: str, marks: Iterable[str]
-) -> Path | None:
-    """A file in ``output`` that one of the packages of ``files`` has only for another transport."""
-    others = [mark for mark in marks if mark != own]
-    for name in files:
-        if name.endswith(f"/{own}"):
-            for other in others:
-                path = (output / name).with_name(other)
-                if path.exists():
-                    return path
-    return None

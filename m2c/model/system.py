@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position, shortened
+from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position, shortened
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine, Spelling
 from m2c.model.paths import entries_below, meant, why_no_file, why_no_folder
@@ -53,6 +53,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
         library: the interface types that the models use.
         sources: every file that was read, models and policy.
         qualities: what is asked of the middleware for single topics; the machines have it too.
+        findings: what its reader found, where that was asked for (:func:`m2c.read_system`).
     """
 
     name: str
@@ -64,6 +65,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     library: InterfaceLibrary
     sources: tuple[Path, ...] = ()
     qualities: tuple[TopicQuality, ...] = ()
+    findings: tuple[Diagnostic, ...] = ()
 
     def node(self, name: str) -> Machine | None:
         """The node called ``name``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -94,8 +95,35 @@ def read_subject(subject: Subject) -> Monitored:
     notes = [str(item) for item in log.diagnostics if item.severity is Severity.WARNING]
     if not subject.models:
         return Monitored(system, (), properties, subject.bounds, tuple(notes))
-    machines, unjudged = judgeable(select(system, subject.only, subject.without))
-    why_no_policy = policy_unmonitored(system, machines, subject.without)
+    return monitored_of(
+        system, properties, subject.bounds, subject.only, subject.without, tuple(notes)
+    )
+
+
+def monitored_of(
+    system: System,
+    properties: tuple[Property, ...],
+    bounds: Bounds,
+    only: Sequence[str] = (),
+    without: Sequence[str] = (),
+    notes: Sequence[str] = (),
+) -> Monitored:
+    """What is monitored of ``system``, which has no errors.
+
+    Args:
+        system: all models.
+        properties: what else is monitored.
+        bounds: what is assumed of the middleware.
+        only: monitor these nodes; empty: all.
+        without: do not monitor these.
+        notes: what a person should know of what was read, one sentence each.
+
+    Raises:
+        SelectionError: a node that is not there was chosen, or none is left.
+        NothingLeftError: no node is left that can be judged.
+    """
+    machines, unjudged = judgeable(select(system, only, without))
+    why_no_policy = policy_unmonitored(system, machines, without)
     unmonitored = (*unjudged, *filter(None, [why_no_policy]))
     if not machines:
         why = f"{system.name}: no node is left to be judged"
@@ -104,7 +132,7 @@ def read_subject(subject: Subject) -> Monitored:
         system,
         machines,
         properties,
-        subject.bounds,
+        bounds,
         (*unmonitored, *notes),
         unmonitored,
         why_no_policy is None,

@@ -56,3 +56,28 @@ def load_properties(
             found[item.name] = item
     log.raise_if_errors()
     return list(found.values())
+
+
+def parse_properties(text: str, name: str, interfaces: Interfaces | None = None) -> list[Property]:
+    """The properties of ``text``: XML if it begins with ``<``, else YAML.
+
+    Args:
+        text: the contents of a property file.
+        name: what findings call it.
+        interfaces: what they are held against, if anything.
+
+    Raises:
+        ModelError: with everything that is wrong in it.
+    """
+    log = DiagnosticLog()
+    content = text.encode("utf-8", "surrogatepass")
+    if text.lstrip().startswith("<"):
+        from moon.properties.xml_file import parse_property_xml
+
+        found = parse_property_xml(content, name, log, interfaces)
+    else:
+        from moon.properties.yaml_file import parse_property_yaml
+
+        found = parse_property_yaml(content, name, log, interfaces)
+    log.raise_if_errors()
+    return found

@@ -10,14 +10,17 @@ by then is decided, so that a response that never comes is reported at its deadl
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 import msgspec
 
+from m2c.model.system import System
 from m2c.model.walk import variables_of
 from moon.properties.binding import ANY_CHANNEL, Group
 from moon.properties.cell import Cell, TimeOrderError, UnknownAtom
 from moon.properties.formula import Formula, predicates
+from moon.properties.interfaces import Interfaces
 from moon.properties.predicates import PredicateError
 from moon.properties.property import Port, Property
 from moon.properties.rules import NEVER
@@ -53,6 +56,43 @@ class PropertySet:
         self._sealed = -1
         self._earliest = 0
         """The least stamp that is not too late."""
+
+    @classmethod
+    def from_files(cls, *paths: Path | str, system: System | None = None) -> PropertySet:
+        """The properties of property files.
+
+        Args:
+            paths: property files, ``.yaml``, ``.yml`` or ``.xml``.
+            system: the models with whose channels and types the properties must agree; None: they are
+                not compared with any.
+
+        Raises:
+            ModelError: something in a file is wrong, or a property is declared twice.
+        """
+        from moon.properties.files import load_properties
+
+        interfaces = None if system is None else Interfaces(system.library, system)
+        return cls(load_properties(*map(Path, paths), interfaces=interfaces))
+
+    @classmethod
+    def from_text(
+        cls, text: str, *, name: str = "<text>", system: System | None = None
+    ) -> PropertySet:
+        """The properties of ``text``, the contents of a property file (YAML, or XML if it begins with ``<``).
+
+        Args:
+            text: the contents.
+            name: what findings call it instead of a file's path.
+            system: the models with whose channels and types the properties must agree; None: they are
+                not compared with any.
+
+        Raises:
+            ModelError: something in ``text`` is wrong.
+        """
+        from moon.properties.files import parse_properties
+
+        interfaces = None if system is None else Interfaces(system.library, system)
+        return cls(parse_properties(text, name, interfaces))
 
     def observe(self, observation: Observation) -> Sequence[tuple[str, Verdict]]:
         """Take ``observation`` in; returns the properties whose verdict changed, with the verdict.

@@ -62,6 +62,21 @@ class Recording:
         self._conversion = Conversion(self._definitions)
         self._lines: JsonLines | None = None
 
+    @classmethod
+    def open(cls, path: Path | str, library: InterfaceLibrary | None = None) -> Recording:
+        """Open the recording at ``path``.
+
+        Args:
+            path: what ``moon record`` or ``ros2 bag record`` wrote (a file or a folder), or a log of
+                JSON lines.
+            library: types of messages that the recording itself does not define; those of models
+                are ``System.library``.
+
+        Raises:
+            RecordingError: there is none, or nothing of it can be read.
+        """
+        return open_recording(Path(path), library)
+
     def entries(self, wanted: Wanted | None = None) -> Iterator[Entry]:
         """What was recorded, in the order in which it was received; to be asked for once.
 

@@ -11,13 +11,16 @@ import random
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from transports.interface import TransportError
 from transports.simulated.routes import Routes
 from transports.simulated.tasks import Task, current_task
+
+if TYPE_CHECKING:
+    from transports.simulated.transport import SimulatedTransport
 
 START_NS = 1_700_000_000 * 10**9
 """Virtual time of the first event, ns since the epoch."""
@@ -252,6 +255,19 @@ class SimulatedWorld:
         self._wake.clear()
 
     # --- nodes -----------------------------------------------------------------------------------
+
+    def connect(self, node: str) -> SimulatedTransport:
+        """Connect a node to this world.
+
+        Args:
+            node: its name, unique in the world.
+
+        Raises:
+            TransportError: the world has a node of that name.
+        """
+        from transports.simulated.transport import SimulatedTransport
+
+        return SimulatedTransport(self, node)
 
     def spawn(self, work: Callable[[], None], name: str) -> Task:
         """Run ``work`` as one of several callers that may wait (a policy's tick waits for answers).

@@ -1,0 +1,167 @@
+"""The interface of :mod:`moon`: monitoring a system that runs, and checking one that was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import m2c
+from m2c.model.system import System
+from moon.monitor.joining import Joining
+from moon.monitor.reading import no_system
+from moon.monitor.status import MachineStatus
+from moon.monitor.subject import Monitored, Subject, monitored_of
+from moon.monitor.watch import SystemWatch
+from moon.offline import engine
+from moon.offline.result import CheckResult
+from moon.oracle.bounds import Bounds
+from moon.properties.monitor import PropertySet
+from moon.verdict import Verdict
+from transports.interface import Transport
+
+DEADLINE_S = 1.0
+LATENCY_S = 0.2
+
+
+class Monitor:
+    """Watches a running system, live or simulated, without touching it.
+
+    It listens from :meth:`start` on. It takes no part in the system: no node waits for it.
+
+    Args:
+        transport: a connection of its own (:func:`transports.connect`,
+            :meth:`transports.SimulatedWorld.connect`); its executor runs the monitor.
+        system: the models; None: only properties are monitored.
+        properties: what else is monitored; of the set only the properties count, not its state.
+        on_verdict: gets every verdict that is new, on the executor.
+        on_notice: told what a person should know, one sentence each.
+        deadline_s: seconds in which a node must send what it owes.
+        latency_s: seconds in which a message is taken, and an event received here.
+
+    Attributes:
+        unmonitored: what of the system is not monitored, and why, one sentence each.
+
+    Raises:
+        ModelError: :func:`m2c.check` finds errors in ``system``.
+        NothingLeftError: no model of ``system`` can be monitored; the text says why.
+        ValueError: there is neither a system nor properties.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        system: System | None = None,
+        properties: PropertySet | None = None,
+        *,
+        on_verdict: Callable[[Verdict], None] = lambda verdict: None,
+        on_notice: Callable[[str], None] = lambda sentence: None,
+        deadline_s: float = DEADLINE_S,
+        latency_s: float = LATENCY_S,
+    ) -> None:
+        monitored = _monitored(system, properties, deadline_s, latency_s)
+        self.unmonitored = monitored.unmonitored
+        self._say = on_notice
+        self._joining = Joining(transport)
+        self._watch = SystemWatch(
+            self._joining,
+            monitored.system,
+            monitored.machines,
+            monitored.bounds,
+            [_Sink(on_verdict)],
+            on_notice,
+            monitored.property_watch(),
+            policy=monitored.policy,
+        )
+
+    def start(self) -> None:
+        """Begin as soon as everything is received; on the executor, or before it spins.
+
+        Nodes that start afterwards are known from their first act. One that runs already is monitored
+        from the first moment at which its state is certain.
+        """
+        self._joining.when_complete(self._watch.start, self._say)
+
+    @property
+    def violations(self) -> int:
+        """How often a model or a property was violated."""
+        return self._watch.violations
+
+    def statuses(self) -> list[MachineStatus]:
+        """How each machine stands, then each property.
+
+        A status has the name (``machine``), the ``verdict`` (``conforming``, ``violated``,
+        ``inconclusive``, or ``unseen``), the ``states`` in which the machine may be, and the number of
+        its ``violations``.
+        """
+        return self._watch.statuses()
+
+    def problems(self) -> list[str]:
+        """What could not be received or judged, one sentence each."""
+        return self._watch.problems()
+
+
+class _Sink:
+    """A function that takes verdicts."""
+
+    def __init__(self, on_verdict: Callable[[Verdict], None]) -> None:
+        self.take = on_verdict
+
+
+def check_recording(
+    path: Path | str,
+    system: System | None = None,
+    properties: PropertySet | None = None,
+    *,
+    deadline_s: float = DEADLINE_S,
+    latency_s: float = LATENCY_S,
+) -> CheckResult:
+    """Check a recorded run, as a :class:`Monitor` that was there would have.
+
+    Args:
+        path: what ``moon record`` or ``ros2 bag record`` wrote, or a log of JSON lines.
+        system: the models; None: only properties are checked.
+        properties: what else is checked; of the set only the properties count, not its state.
+        deadline_s: seconds in which a node must send what it owes.
+        latency_s: seconds in which a message is taken, and an event received by the recorder.
+
+    Returns:
+        The result: ``violations`` counts them, ``violated`` has them with the time of each,
+        ``machines`` has how each machine and property stands at the end, ``recording`` what the file
+        is, and what cannot be concluded from it.
+
+    Raises:
+        RecordingError: there is no recording at ``path``, or nothing of it can be read.
+        EmptyRecordingError: it holds nothing that could be checked.
+        ModelError: :func:`m2c.check` finds errors in ``system``.
+        NothingLeftError: no model of ``system`` can be monitored; the text says why.
+        ValueError: there is neither a system nor properties.
+    """
+    monitored = _monitored(system, properties, deadline_s, latency_s)
+    files = {item.position.file: None for item in monitored.properties}
+    subject = Subject(
+        () if system is None else (system.path,),
+        tuple(map(Path, files)),
+        (),
+        (),
+        (),
+        monitored.bounds,
+    )
+    return engine.check_recording(Path(path), subject, monitored)
+
+
+def _monitored(
+    system: System | None, properties: PropertySet | None, deadline_s: float, latency_s: float
+) -> Monitored:
+    if system is None and properties is None:
+        raise ValueError("nothing to monitor: give a system, or properties, or both")
+    for what, seconds in (("deadline_s", deadline_s), ("latency_s", latency_s)):
+        if not 0 < seconds < float("inf"):
+            raise ValueError(f"{what} is a number of seconds above 0, not {seconds!r}")
+    bounds = Bounds(latency=round(latency_s * 1e9), deadline=round(deadline_s * 1e9))
+    chosen = () if properties is None else properties.properties
+    if system is None:
+        return Monitored(no_system(), (), chosen, bounds, ())
+    errors = [found for found in m2c.check(system) if found.severity == "error"]
+    if errors:
+        raise m2c.ModelError(errors)
+    return monitored_of(system, chosen, bounds)
