@@ -1,7 +1,7 @@
 """Compile models of robot deliberation into running nodes.
 
-The names in ``__all__`` are the interface; everything else may change. A system is read, checked,
-and generated or run:
+The names in ``__all__`` are the interface; everything else may change. A system is read, checked and
+generated:
 
 >>> import m2c
 >>> system = m2c.read_system("examples/lab_tour/system.xml")
@@ -10,10 +10,18 @@ and generated or run:
 >>> m2c.check(system)
 []
 >>> import tempfile
->>> folder = tempfile.mkdtemp()
->>> files = m2c.generate(system, folder)
->>> files[0].relative_to(folder).as_posix()
+>>> with tempfile.TemporaryDirectory() as folder:
+...     files = m2c.generate(system, folder)
+...     files[0].relative_to(folder).as_posix()
 'alarm_skill/alarm_skill/__init__.py'
+
+The same nodes run in a simulated world, in virtual time:
+
+>>> from transports import SimulatedWorld
+>>> run = m2c.simulate(system, SimulatedWorld(seed=1))
+>>> run.run(10.0)
+>>> len(run.ticks)
+50
 """
 
 from __future__ import annotations

@@ -1,25 +1,44 @@
 """Watch a running system without touching it.
 
-The names in ``__all__`` are the interface; everything else may change. A recorded run is checked
-against models, properties, or both:
+The names in ``__all__`` are the interface; everything else may change. A system that runs is watched by a
+:class:`Monitor`. Here it runs in a simulated world, in virtual time:
 
 >>> import m2c, moon
->>> system = m2c.read_system("examples/lab_tour/system.xml")
->>> result = moon.check_recording("tests/recordings/zenoh-T3.mcap", system)
->>> result.violations
-1
->>> result.violated[0].verdict.node
-'BatteryLevelSkill'
-
-A running one is watched by a :class:`Monitor`; here it runs in a simulated world:
-
 >>> from transports import SimulatedWorld
->>> world = SimulatedWorld(seed=1)
+>>> system = m2c.read_system("examples/lab_tour/system.xml")
 >>> properties = moon.PropertySet.from_files("examples/lab_tour/properties.yaml", system=system)
->>> monitor = moon.Monitor(world.connect("monitor"), system, properties, on_verdict=print)
+>>> world = SimulatedWorld(seed=1)
+>>> verdicts = []
+>>> monitor = moon.Monitor(world.connect("monitor"), system, properties, on_verdict=verdicts.append)
 >>> monitor.start()
 >>> world.run_for(0.01)
->>> run = m2c.simulate(system, world)
+>>> m2c.simulate(system, world).run(20.0)
+>>> monitor.violations
+0
+>>> {status.verdict for status in monitor.statuses()}
+{'conforming'}
+
+A recorded run is checked in the same way:
+
+>>> result = moon.check_recording("tests/recordings/zenoh-T3.mcap", system, properties)
+>>> [found.verdict.machine for found in result.violated]
+['P1', 'BatteryLevelSkill']
+>>> result.violated[1].verdict.explanation.observed
+'response on /BatteryLevelSkill/tick {status: FAILURE (1), is_ok: true}'
+
+What was recorded is read, and given to the oracle of one machine or to anything else, by hand:
+
+>>> from transports import Observation
+>>> oracle = moon.Oracle(system.node("BatteryLevelSkill"), library=system.library)
+>>> recording = moon.Recording.open("tests/recordings/zenoh-T3.mcap", system.library)
+>>> found = [
+...     verdict
+...     for entry in recording.entries()
+...     if isinstance(entry, Observation)
+...     for verdict in oracle.feed(entry)
+... ]
+>>> str(found[-1].outcome)
+'violated'
 """
 
 from __future__ import annotations

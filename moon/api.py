@@ -19,9 +19,6 @@ from moon.properties.monitor import PropertySet
 from moon.verdict import Verdict
 from transports.interface import Transport
 
-DEADLINE_S = 1.0
-LATENCY_S = 0.2
-
 
 class Monitor:
     """Watches a running system, live or simulated, without touching it.
@@ -55,8 +52,8 @@ class Monitor:
         *,
         on_verdict: Callable[[Verdict], None] = lambda verdict: None,
         on_notice: Callable[[str], None] = lambda sentence: None,
-        deadline_s: float = DEADLINE_S,
-        latency_s: float = LATENCY_S,
+        deadline_s: float = 1.0,
+        latency_s: float = 0.2,
     ) -> None:
         monitored = _monitored(system, properties, deadline_s, latency_s)
         self.unmonitored = monitored.unmonitored
@@ -112,8 +109,8 @@ def check_recording(
     system: System | None = None,
     properties: PropertySet | None = None,
     *,
-    deadline_s: float = DEADLINE_S,
-    latency_s: float = LATENCY_S,
+    deadline_s: float = 1.0,
+    latency_s: float = 0.2,
 ) -> CheckResult:
     """Check a recorded run, as a :class:`Monitor` that was there would have.
 

@@ -40,7 +40,9 @@ class RecordingError(Exception):
 
 
 class Recording:
-    """One recording, open to be read once from front to back; nothing of it is kept in memory.
+    """One recording, opened by :meth:`open` to be read once from front to back.
+
+    Nothing of it is kept in memory.
 
     Attributes:
         path: where it is.
