@@ -77,7 +77,7 @@ def monitor(
     """
     monitored = read_or_fail(choice.subject(models))
     if network.transport == "simulated":
-        fail("--transport simulated: that world is in one process; watch it there (SystemWatch)")
+        fail("--transport simulated: that world is in one process; watch it there (moon.Monitor)")
     with (
         connected(network, "moon_monitor", writing="verdicts") as connection,
         _recorder(record_file, monitored) as recorder,
