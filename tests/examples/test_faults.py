@@ -19,10 +19,10 @@ from m2c.check import check_flow, check_types
 from m2c.model import DiagnosticLog, Machine, System, load
 from m2c.model.machine import State
 from m2c.model.system import read_with_reference
-from moon.mutation import mutants
-from moon.mutation.shape import Shapes
 from moon.properties.files import load_properties
 from moon.properties.monitor import PropertySet
+from tests.mutation import mutants
+from tests.mutation.shape import Shapes
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 FAULTS = EXAMPLE / "faults"

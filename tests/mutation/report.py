@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import msgspec
 
-from moon.mutation import OPERATORS
+from tests.mutation import OPERATORS
 from tests.mutation.trial import SCENES
 
 GOAL = 0.99
@@ -75,7 +75,7 @@ def document(results: Sequence[Result]) -> str:
 
 _INTRODUCTION = """# Mutants: what the oracle would miss
 
-Written by `make mutants`. Every first-order mutant of every lab-tour machine (`moon/mutation`) is generated
+Written by `make mutants`. Every first-order mutant of every lab-tour machine (`tests/mutation`) is generated
 as code, put in the original's place on the simulated transport, and watched by the oracle of the *original*
 model. A mutant is killed when the oracle says *violated*. Each is tried for one virtual minute in each of
 three scenes, and who survives that, for ten (the last scene first):
@@ -90,8 +90,8 @@ three scenes, and who survives that, for ten (the last scene first):
 The machines as they should be run in the same scenes, as long; an alarm there would be a failure of the run.
 
 A mutant is equivalent if a normal form that keeps everything observable is the original's
-(`moon/mutation/equivalence.py`); if it only adds responses that nobody can be waiting for
-(`moon/mutation/waiting.py`); or by an argument written by hand (`tests/mutation/by_hand.py`), which counts
+(`tests/mutation/equivalence.py`); if it only adds responses that nobody can be waiting for
+(`tests/mutation/waiting.py`); or by an argument written by hand (`tests/mutation/by_hand.py`), which counts
 only if the mutant never did anything else than the original did in the same worlds. What a survivor did
 otherwise is listed with it."""
 

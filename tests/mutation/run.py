@@ -24,11 +24,11 @@ from msgspec.structs import replace
 
 from m2c.launch.in_process import NodeClass, compile_node
 from m2c.model.machine import Machine
-from moon.mutation import Mutant, equivalence, mutants
-from moon.mutation.waiting import UNAWAITED, without_unawaited_responses
+from tests.mutation import Mutant, equivalence, mutants
 from tests.mutation.by_hand import BY_HAND, HOLES
 from tests.mutation.report import GOAL, Found, Result, document, summary
 from tests.mutation.trial import SCENES, Scene, Trial, trial
+from tests.mutation.waiting import UNAWAITED, without_unawaited_responses
 from tests.oracle.tour import lab_tour
 from transports.interface import Observation
 

@@ -1,4 +1,4 @@
-"""``python -m moon.mutation``."""
+"""``python -m tests.mutation``."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from moon.mutation import mutants
+from tests.mutation import mutants
 from tests.mutation.test_lab_tour_mutants import LAB_TOUR, SYSTEM
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "moon.mutation", *arguments]
+    command = [sys.executable, "-m", "tests.mutation", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 

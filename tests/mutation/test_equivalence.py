@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from moon.mutation import equivalence, mutants
+from tests.mutation import equivalence, mutants
 from tests.mutation.test_lab_tour_mutants import LAB_TOUR
 from tests.mutation.test_operators import GATE, read
 from tests.oracle import machines

@@ -11,8 +11,8 @@ from m2c.check import check_system
 from m2c.codegen.package import node_package
 from m2c.model import DiagnosticLog, Severity, System, load
 from m2c.model.machine import Machine
-from moon.mutation import OPERATORS, mutants
-from moon.mutation.shape import Shapes
+from tests.mutation import OPERATORS, mutants
+from tests.mutation.shape import Shapes
 
 SYSTEM = Path(__file__).parents[2] / "examples" / "lab_tour" / "system.xml"
 

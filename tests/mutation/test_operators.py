@@ -8,8 +8,8 @@ from m2c.model import DiagnosticLog, InterfaceLibrary
 from m2c.model.machine import Emit, Machine
 from m2c.model.reader import machine_of
 from m2c.model.xml import parse_xml
-from moon.mutation import mutants
-from moon.mutation.shape import Shapes
+from tests.mutation import mutants
+from tests.mutation.shape import Shapes
 
 GATE = """<scxml xmlns="http://www.w3.org/2005/07/scxml" datamodel="ecmascript" name="Gate" initial="shut">
   <datamodel>

@@ -6,11 +6,11 @@ import pytest
 
 from m2c.launch.in_process import compile_node
 from m2c.model.machine import Machine
-from moon.mutation import equivalence, mutants
-from moon.mutation.waiting import without_unawaited_responses
+from tests.mutation import equivalence, mutants
 from tests.mutation.by_hand import BY_HAND
 from tests.mutation.report import Found, Result, document, summary
 from tests.mutation.trial import SCENES, Scene, trial
+from tests.mutation.waiting import without_unawaited_responses
 from tests.oracle.tour import lab_tour
 
 

@@ -8,7 +8,7 @@ from random import Random
 import msgspec
 
 from m2c.model.machine import InterfaceKind, Machine
-from moon.mutation import mutants
+from tests.mutation import mutants
 from tests.oracle.steps import Call
 from tests.oracle.traces import LAST_STAMP_NS, MS, SENT, Trace, conforming, numbered, observation
 from transports.interface import Observation, ObservationKind

@@ -26,10 +26,10 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.walk import root_of
-from moon.mutation import places
-from moon.mutation.constants import constants
-from moon.mutation.places import Block
-from moon.mutation.shape import Shapes
+from tests.mutation import places
+from tests.mutation.constants import constants
+from tests.mutation.places import Block
+from tests.mutation.shape import Shapes
 
 Step = Callable[[Machine], Machine]
 

@@ -1,4 +1,4 @@
-"""``python -m moon.mutation PATH…``: how many mutants each operator makes of each machine."""
+"""``python -m tests.mutation PATH…``: how many mutants each operator makes of each machine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def main(paths: tuple[Path, ...], listed: bool) -> None:
     system file.
     """
     from m2c.model import DiagnosticLog, load
-    from moon.mutation.operators import OPERATORS, mutants
+    from tests.mutation.operators import OPERATORS, mutants
 
     log = DiagnosticLog()
     system = load([_system_in(path) for path in paths], log)

@@ -29,10 +29,10 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import interface_kind_of
-from moon.mutation import places
-from moon.mutation.constants import altered, constants, name_of, same_typed, shifted_literals
-from moon.mutation.places import Block, Place, swapped, without
-from moon.mutation.shape import Shapes
+from tests.mutation import places
+from tests.mutation.constants import altered, constants, name_of, same_typed, shifted_literals
+from tests.mutation.places import Block, Place, swapped, without
+from tests.mutation.shape import Shapes
 
 
 class Mutant(msgspec.Struct, frozen=True):

@@ -23,7 +23,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from moon.mutation.places import Block, swapped
+from tests.mutation.places import Block, swapped
 
 UNAWAITED = "a response that nobody waits for is not sent"
 """The argument, in words."""

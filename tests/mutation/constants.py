@@ -18,7 +18,7 @@ from m2c.model.expressions import (
 )
 from m2c.model.machine import Assign, Machine
 from m2c.model.walk import root_of
-from moon.mutation import places
+from tests.mutation import places
 
 _LARGEST = frozenset(2**bits - 1 for bits in (7, 8, 15, 16, 31, 32, 53, 63, 64))
 """One more than these may not fit the type any more."""
