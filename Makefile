@@ -52,17 +52,17 @@ browser:
 # What runs for every observation, compiled by mypyc: two to three times as fast (needs a C compiler).
 compiled: build/compiled.stamp
 
-build/compiled.stamp: $(VENV)/.installed setup.py mypyc.ini $(wildcard moon/*.py moon/*/*.py)
+build/compiled.stamp: $(VENV)/.installed setup.py mypyc.ini $(wildcard moon/*.py moon/*/*.py) transports/cdr.py
 	@echo "Compiling the monitors (two minutes) ..."
 	@mkdir -p build
-	@find moon -name '*.so' -delete
+	@find moon transports -name '*.so' -delete
 	@MOON_COMPILED=1 $(BIN)/python -W ignore setup.py --quiet build_ext --inplace > build/compiled.log 2>&1 \
 	  || { tail -n 30 build/compiled.log; exit 1; }
-	@touch moon/compiled__mypyc*.so $@
+	@touch moon/compiled__mypyc*.so transports/compiled__mypyc*.so $@
 
 # As written again, for work on them.
 interpreted:
-	find moon -name '*.so' -delete
+	find moon transports -name '*.so' -delete
 	rm -f build/compiled.stamp
 
 unit: $(VENV)/.installed compiled

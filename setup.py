@@ -20,8 +20,12 @@ MODULES = {
     "moon/policy": "calls follow oracle remembered",
     "moon/properties": "cell doubt foresight gaps held monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
+    "transports": "cdr",
 }
 """What runs for every observation, by package."""
+
+GROUPS = ("moon", "transports")
+"""Each is one library of its own: transports load nothing of moon's."""
 
 
 def is_fit(module: Path) -> bool:
@@ -47,12 +51,15 @@ def extensions() -> list[Extension]:
         return []
     from mypyc.build import mypycify
 
-    made: list[Extension] = mypycify(
-        ["--config-file", "mypyc.ini", *modules()],
-        opt_level="2",
-        debug_level="0",
-        group_name="moon.compiled",
-    )
+    made: list[Extension] = []
+    for group in GROUPS:
+        files = [name for name in modules() if Path(name).parts[0] == group]
+        made += mypycify(
+            ["--config-file", "mypyc.ini", *files],
+            opt_level="2",
+            debug_level="0",
+            group_name=f"{group}.compiled",
+        )
     return made
 
 

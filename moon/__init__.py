@@ -94,7 +94,7 @@ def _refuse_stale(package: Path) -> None:
     if library is None or not (package.parent / "setup.py").exists():
         return
     made = library.stat().st_mtime_ns
-    for module in package.glob(f"*/*{library.suffix}"):
+    for module in package.rglob(f"*{library.suffix}"):
         source = module.with_name(module.name.partition(".")[0] + ".py")
         if source.exists() and source.stat().st_mtime_ns > made:
             raise ImportError(
@@ -104,6 +104,7 @@ def _refuse_stale(package: Path) -> None:
 
 
 _refuse_stale(Path(__file__).parent)
+_refuse_stale(Path(__file__).parents[1] / "transports")
 
 
 def __getattr__(name: str) -> Any:

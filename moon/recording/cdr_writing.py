@@ -15,9 +15,9 @@ from operator import itemgetter
 from typing import Any
 
 from m2c.model.datatypes import Array, DataType, Primitive, Structure
-from moon.recording.cdr import CODES, MAX_ITEMS, CdrError
+from transports.cdr import CODES, HEADER_BYTES, LITTLE_ENDIAN, MAX_ITEMS, SIZES, CdrError, layouts
 
-HEADER = b"\x00\x01\x00\x00"
+HEADER = LITTLE_ENDIAN + bytes(HEADER_BYTES - len(LITTLE_ENDIAN))
 """Plain CDR, little endian (RTPS 2.5, 10.2.1)."""
 
 _FLOAT32 = struct.Struct("<f")
@@ -93,15 +93,8 @@ def _run_writer(run: list[tuple[str, str]]) -> Write:
     names = tuple(name for name, _ in run)
     types = tuple(_class_of(kind) for _, kind in run)
     singles = tuple(name for name, kind in run if kind == "float32")
-    packs = []
-    for begin in range(8):
-        position, layout = (begin - len(HEADER)) % 8, "<"
-        for _, kind in run:
-            size = struct.calcsize(f"<{CODES[kind]}")
-            padding = -position % size
-            layout += "x" * padding + CODES[kind]
-            position += padding + size
-        packs.append(struct.Struct(layout).pack)
+    found = layouts(kind for _, kind in run)
+    packs = [found[(begin - len(HEADER)) % 8].pack for begin in range(8)]
     if len(names) == 1:
         (name,), (only,) = names, types
 
@@ -141,7 +134,7 @@ def _writer(kind: DataType) -> Write:
 
 def _scalar_writer(name: str) -> Write:
     expected, single = _class_of(name), name == "float32"
-    pack, size = struct.Struct(f"<{CODES[name]}").pack, struct.calcsize(f"<{CODES[name]}")
+    pack, size = struct.Struct(f"<{CODES[name]}").pack, SIZES[name]
 
     def scalar(value: Any, out: bytearray) -> None:
         if type(value) is not expected or (single and not _is_single(value)):
@@ -165,7 +158,7 @@ def _write_string(value: Any, out: bytearray) -> None:
 def _array_writer(element: DataType, length: int | None, fixed: bool) -> Write:
     scalar = element.name if isinstance(element, Primitive) and element.name in CODES else ""
     code, single = CODES.get(scalar, ""), scalar == "float32"
-    size = struct.calcsize(f"<{code}") if scalar else 1
+    size = SIZES.get(scalar, 1)
     expected = {_class_of(scalar)} if scalar else set()
     write = None if scalar else _writer(element)
 

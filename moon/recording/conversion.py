@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from moon.recording import own_entries
-from moon.recording.cdr import CdrError, Decoder
+from moon.recording.cdr import Decoder
 from moon.recording.contents import MADE_UP
 from moon.recording.definitions import Definitions, UnknownTypeError
 from moon.recording.entries import Entry
@@ -28,6 +28,7 @@ from moon.recording.stored import (
     unzstd,
 )
 from transports import ros_forms
+from transports.cdr import CdrError
 from transports.interface import Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import PayloadError

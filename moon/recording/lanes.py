@@ -11,7 +11,6 @@ import msgspec
 
 from m2c.model.datatypes import Structure
 from moon.recording import format as layout
-from moon.recording.cdr import CdrError
 from moon.recording.cdr_writing import HEADER, InexactError, Write, as_typed, encoder
 from moon.recording.definition_text import definition_text
 from moon.recording.definitions import Definitions, UnknownTypeError
@@ -19,6 +18,7 @@ from moon.recording.format import Form
 from moon.recording.mcap_writing import McapWriter
 from moon.recording.numbers import Numbering, numbering_of
 from moon.recording.offers import OFFERED, Offer, text_of
+from transports.cdr import CdrError
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
 

@@ -10,7 +10,7 @@ import msgspec
 
 from m2c.model.datatypes import Array, Structure
 from moon.recording import format as layout
-from moon.recording.cdr import CdrError, Decoder, part_reader
+from moon.recording.cdr import Decoder, part_reader
 from moon.recording.cdr_writing import HEADER
 from moon.recording.entries import Entry, Event, Pulse, Said, Turn
 from moon.recording.format import Form
@@ -18,6 +18,7 @@ from moon.recording.numbers import Numbering, Numbers
 from moon.recording.stored import StoredChannel, StoredMessage
 from moon.recording.whole import unpack_whole
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from transports.cdr import CdrError
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, RESPONSE_SENT, TYPE_SUFFIX
 

@@ -13,8 +13,9 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from m2c.model.datatypes import Array, Primitive, Structure
-from moon.recording.cdr import CdrError, Decoder
+from moon.recording.cdr import Decoder
 from moon.recording.definitions import Definitions
+from transports.cdr import CdrError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 DUMMY = "structure_needs_at_least_one_member"

@@ -20,12 +20,13 @@ import numpy  # rosidl keeps arrays of fixed size in it
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.serialization import serialize_message
 
+from transports.cdr import HEADER_BYTES, LITTLE_ENDIAN, CdrError
 from transports.ros2 import cdr
 from transports.ros2.interfaces import ros_class
 from transports.ros2.messages import type_name_of
 from transports.service_events import REQUEST_RECEIVED
 
-_ENCAPSULATION = cdr.LITTLE_ENDIAN + bytes(cdr.HEADER_BYTES - len(cdr.LITTLE_ENDIAN))
+_ENCAPSULATION = LITTLE_ENDIAN + bytes(HEADER_BYTES - len(LITTLE_ENDIAN))
 _INFO = "B3xiI16s4xq"
 """``ServiceEventInfo``: event type, stamp (s, ns), the client's GID, sequence number."""
 _HEADERS = {
@@ -54,7 +55,7 @@ def former(event: Any, message: Any, which: str) -> Formed:
         message: that of the request or response in it.
         which: "request" or "response".
     """
-    begin = serialize_message(message())[: cdr.HEADER_BYTES]  # loads the type's support, too
+    begin = serialize_message(message())[:HEADER_BYTES]  # loads the type's support, too
     if begin != _ENCAPSULATION or not cdr.can_move(message, _ALIGNED[which]):
         return functools.partial(_whole, event(), f"_{which}")
     pack, serialize = _HEADERS[which].pack, _rclpy.rclpy_serialize
@@ -63,13 +64,13 @@ def former(event: Any, message: Any, which: str) -> Formed:
         def response(event_type: int, stamp_ns: int, gid: bytes, call: int, sent: Any) -> bytes:
             s, ns = divmod(stamp_ns, 10**9)
             head = pack(_ENCAPSULATION, event_type, s, ns, gid, call, 0, 1)
-            return bytes(head + serialize(sent, message)[cdr.HEADER_BYTES :])
+            return bytes(head + serialize(sent, message)[HEADER_BYTES:])
 
         return response
 
     def request(event_type: int, stamp_ns: int, gid: bytes, call: int, sent: Any) -> bytes:
         s, ns = divmod(stamp_ns, 10**9)
-        body = serialize(sent, message)[cdr.HEADER_BYTES :]
+        body = serialize(sent, message)[HEADER_BYTES:]
         head = pack(_ENCAPSULATION, event_type, s, ns, gid, call, 1)
         return bytes(head + body + bytes(-len(body) % 4 + _LENGTH_BYTES))  # no response
 
@@ -148,7 +149,7 @@ def _class_in(event: Any, which: str) -> Any:
 
 def _at_most_one(event: Any, count: int) -> None:
     if count > 1:
-        raise cdr.CdrError(f"it is no {event.__name__}: {count} messages where there may be one")
+        raise CdrError(f"it is no {event.__name__}: {count} messages where there may be one")
 
 
 def _of_plain(data: dict[str, Any]) -> Event:

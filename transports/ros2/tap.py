@@ -16,9 +16,10 @@ from typing import Any
 import msgspec
 
 from transports import ros_forms
+from transports.cdr import CdrError
 from transports.channel_filter import matches
 from transports.interface import Observation, TransportError
-from transports.ros2 import cdr, native, qos
+from transports.ros2 import native, qos
 from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph
 from transports.ros2.interfaces import ros_class
@@ -349,7 +350,7 @@ class Tap:
                 heard.numbers[taken.gid] = taken.number
             try:
                 data = read(taken.payload)
-            except cdr.CdrError as error:
+            except CdrError as error:
                 source = self._graph.publisher_of(topic, taken.gid)
                 self._notes.losses.undecodable(topic, source, error)
                 return True
