@@ -113,7 +113,7 @@ def over_zenoh(folder: Path, rate_hz: float, count: int) -> tuple[float, int]:
         assert other.stdin is not None
         assert other.stdout is not None
         writer = RecordingWriter(path, Definitions())
-        recorder = Recorder(here, "zenoh", writer, ["/level"])
+        recorder = Recorder(here, "zenoh", writer, ["/level"], print)
         recorder.start()
         here.every(FLUSH_S, recorder.look_around)
         here.wait_for_nodes(["publisher"], 10)
