@@ -52,7 +52,7 @@ browser:
 # What runs for every observation, compiled by mypyc: two to three times as fast (needs a C compiler).
 compiled: build/compiled.stamp
 
-build/compiled.stamp: $(VENV)/.installed setup.py mypyc.ini $(wildcard moon/*.py moon/*/*.py) transports/cdr.py
+build/compiled.stamp: $(VENV)/.installed setup.py mypyc.ini $(wildcard moon/*.py moon/*/*.py transports/*.py)
 	@echo "Compiling the monitors (two minutes) ..."
 	@mkdir -p build
 	@find moon transports -name '*.so' -delete

@@ -20,7 +20,7 @@ MODULES = {
     "moon/policy": "calls follow oracle remembered",
     "moon/properties": "cell doubt foresight gaps held monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
-    "transports": "cdr",
+    "transports": "cdr sequences",
 }
 """What runs for every observation, by package."""
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from transports.sequences import Sequel, Sequences
+
 KEPT_PLACES = 10_000
 """Channels and sources that are told apart; their names come from the wire, and never end."""
 
@@ -18,31 +20,20 @@ class Losses:
     """Counts of what a tap missed or could not decode, per channel and source."""
 
     def __init__(self) -> None:
-        self._last: dict[_Place, tuple[int, int]] = {}
-        """Number and stamp of the last that is new."""
+        self._sequences = Sequences(KEPT_PLACES)
         self._missed: dict[_Place, int] = {}
         self._undecodable: dict[_Place, tuple[int, str]] = {}
         self._elsewhere = 0
         """What was missed or not decoded on channels or from sources of which no more can be kept."""
 
     def number(self, channel: str, source: str, sequence: int, stamp_ns: int) -> None:
-        """Take the sequence number of something heard into account.
-
-        A number that does not go up is one that was heard before, or a late one, if its stamp is not newer;
-        else it is a restarted node's, whose numbers start again.
-        """
+        """Take the sequence number of something heard into account."""
         place = (channel, source)
-        last = self._last.get(place)
-        if last is not None:
-            number, before_ns = last
-            if sequence <= number and stamp_ns <= before_ns:
-                return
-            missed = sequence - number - 1
-            if missed > 0 and self._has_room(self._missed, place, missed):
+        sequel, last = self._sequences.follow(place, sequence, stamp_ns)
+        if sequel is Sequel.AFTER_A_GAP and last is not None:
+            missed = sequence - last[0] - 1
+            if self._has_room(self._missed, place, missed):
                 self._missed[place] = self._missed.get(place, 0) + missed
-        elif len(self._last) >= KEPT_PLACES:
-            del self._last[next(iter(self._last))]
-        self._last[place] = (sequence, stamp_ns)
 
     def undecodable(self, channel: str, source: str, error: Exception) -> None:
         """Count a payload that could not be decoded."""

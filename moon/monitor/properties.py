@@ -29,6 +29,7 @@ from moon.properties.verdict import Verdict as PropertyVerdict
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from moon.wording import Wording, value_text
 from transports.interface import Observation, ObservationKind
+from transports.sequences import Sequel, Sequences
 
 SHOWN_FACTS = 8
 """So many facts explain a violation, the latest; more would hide the point."""
@@ -115,7 +116,7 @@ class PropertyWatch:
         self.channels = frozenset(
             name for name in self._ordered.channels() if not name.startswith(PREFIX)
         )
-        self._numbers: dict[tuple[str, str, bool], tuple[int, int]] = {}
+        self._sequences = Sequences(MOST_PLACES)
         self._losses: list[_Loss] = []
         self._reached_ns = -1
         self._quiet_until = 0
@@ -165,14 +166,12 @@ class PropertyWatch:
         if seen.sequence < 0:
             return False
         place = (seen.source, seen.channel, seen.kind is ObservationKind.MESSAGE)
-        last = self._numbers.get(place)
-        if last is not None and seen.sequence <= last[0] and seen.stamp_ns <= last[1]:
+        sequel, last = self._sequences.follow(place, seen.sequence, seen.stamp_ns)
+        if sequel is Sequel.AGAIN:
             return True
-        if last is None and len(self._numbers) >= MOST_PLACES:
-            del self._numbers[next(iter(self._numbers))]
-        self._numbers[place] = (seen.sequence, seen.stamp_ns)
-        # a smaller number is a node that has started again, with 0
-        if last is not None and seen.sequence not in (last[0] + 1, 0):
+        # a node that has started again sends 0 first
+        is_gap = sequel is Sequel.AFTER_A_GAP or (sequel is Sequel.ANEW and seen.sequence > 0)
+        if is_gap and last is not None:
             start, end = last[1] + 1, seen.stamp_ns
             if start >= end:  # stamps that do not increase: it was sent at one of them
                 start, end = min(last[1], end), max(last[1], end) + 1

@@ -1,16 +1,14 @@
 """Lanes: what one source sends on one channel, read by one machine's oracle, and its numbers.
 
-Whoever publishes or calls numbers what it sends on each channel; a gap tells that something was lost,
-a number again that something came twice.
+What the numbers tell is said in :mod:`transports.sequences`; here it is kept with what only an oracle needs.
 """
 
 from __future__ import annotations
 
-from enum import Enum
-
 from moon.oracle.channels import AT_THE_SERVER, Channels
 from moon.oracle.readers import Reader
 from transports.interface import Observation, ObservationKind
+from transports.sequences import Sequel, sequel_of
 
 KEPT_LANES = 4096
 """Lanes that are remembered; their names come from the wire."""
@@ -20,16 +18,6 @@ NONE = -2
 
 Place = tuple[str, str, bool]
 """Source, channel, and whether it is a message: what is numbered together."""
-
-
-class Sequel(Enum):
-    """How an observation follows the one before it on its channel from its source."""
-
-    NEXT = 0
-    AGAIN = 1
-    AFTER_A_GAP = 2
-    ANEW = 3
-    FIRST = 4
 
 
 class Count:
@@ -52,20 +40,16 @@ class Count:
 
     def sequel(self, number: int, stamp: int) -> Sequel:
         """How ``number`` follows; it is the last one from now on, unless it came before."""
-        expected = self.next
-        if number < expected and stamp <= self.stamp:
-            return Sequel.AGAIN
+        sequel = sequel_of((self.next - 1, self.stamp) if self.next >= 0 else None, number, stamp)
+        if sequel is Sequel.AGAIN:
+            return sequel
         self.next = number + 1
         self.stamp = stamp
-        if expected < 0:
+        if sequel is Sequel.FIRST:
             self.unknown_until = stamp if number > 0 else 0
-            return Sequel.FIRST
-        if number == expected:
-            return Sequel.NEXT
-        if number > expected:
-            return Sequel.AFTER_A_GAP
-        self.unknown_until = stamp  # its source has started again: its last ones may be missing
-        return Sequel.ANEW
+        elif sequel is Sequel.ANEW:
+            self.unknown_until = stamp  # its source's last ones may be missing
+        return sequel
 
 
 class Lane:

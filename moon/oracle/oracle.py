@@ -12,10 +12,11 @@ from moon.oracle.bounds import TooManyError
 from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis
 from moon.oracle.judging import Judging
-from moon.oracle.lanes import Count, Sequel
+from moon.oracle.lanes import Count
 from moon.oracle.steps import TooOpenError
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
+from transports.sequences import Sequel
 
 _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 # looked up for every observation

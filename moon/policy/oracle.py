@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
@@ -31,6 +31,7 @@ from moon.policy.run import Ask, Life
 from moon.policy.shape import shape_of
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
+from transports.sequences import Sequel, Sequences
 
 EVIDENCE = 12
 """So many calls and answers are kept for explanations."""
@@ -110,7 +111,8 @@ class PolicyOracle:
         self._window: list[tuple[int, int, Observation]] = []
         self._count = 0
         self._finished = 0
-        self._numbers: dict[str, tuple[int, int]] = {}
+        self._sequences = Sequences(KEPT_CHANNELS)
+        """Of the policy's node, by channel."""
         self._pending: Observation | None = None
         self._last_ns = 0
         self._owed = False
@@ -149,11 +151,12 @@ class PolicyOracle:
         if self._progress.heard < stamp_ns:  # of the life before
             self._progress.restart()
         # what has come of it already stays, if that is all of it
-        window, numbers = self._window, self._numbers
+        window, numbers = self._window, self._sequences.last
         window[:] = [entry for entry in window if entry[0] >= stamp_ns]
         for channel in [c for c, (_, last_ns) in numbers.items() if last_ns < stamp_ns]:
             del numbers[channel]
-        begun = {entry[2].channel for entry in window if entry[2].sequence <= 0}
+        self._sequences.complete = True
+        begun: set[Hashable] = {entry[2].channel for entry in window if entry[2].sequence <= 0}
         self._elsewhere.clear()
         self._unanswered.clear()
         self._own.clear()
@@ -245,23 +248,21 @@ class PolicyOracle:
         verdicts: list[Verdict] = []
         number, stamp = observation.sequence, observation.stamp_ns
         if number >= 0:
-            last = self._numbers.get(observation.channel)
-            if last is not None and number <= last[0] and stamp <= last[1]:
+            sequences, channel = self._sequences, observation.channel
+            sequel, _ = sequences.follow(channel, number, stamp)
+            if sequel is Sequel.AGAIN:
                 self.repeated += 1
                 return []
-            if last is None and len(self._numbers) >= KEPT_CHANNELS:
-                del self._numbers[next(iter(self._numbers))]
-                self._fresh = False
-            self._numbers[observation.channel] = (number, stamp)
-            if last is not None and number <= last[0]:
-                self._numbers = {observation.channel: (number, stamp)}  # all are numbered anew
+            is_start = sequel is Sequel.FIRST and self._fresh and sequences.complete
+            if sequel is Sequel.ANEW:
+                sequences.last = {channel: (number, stamp)}  # all are numbered anew
                 self._unanswered.clear()
                 self._own.clear()
                 self._progress.restart()
                 self._unconfirmed.restart()
                 verdicts = self.lose(stamp - 1, f"{self.node} was restarted")
-            elif number != last[0] + 1 if last is not None else number > 0 and self._fresh:
-                why = f"observations on {observation.channel} from {self.node} were lost"
+            elif sequel is Sequel.AFTER_A_GAP or (is_start and number > 0):
+                why = f"observations on {channel} from {self.node} were lost"
                 verdicts = self.lose(stamp - 1, why)
         if stamp <= self._unclear_until:
             return verdicts
