@@ -158,7 +158,7 @@ _CALLBACK_S = 2
 """What a callback of Fast DDS at most takes on a busy machine."""
 
 
-class _Libraries:
+class Libraries:
     """The functions, with their types."""
 
     def __init__(self) -> None:
@@ -190,11 +190,12 @@ class _Libraries:
         self.subscription_options = self._declare(
             rcl, "rcl_subscription_get_default_options", _SubscriptionOptions
         )
-        self.capsule_pointer = ctypes.pythonapi.PyCapsule_GetPointer
-        self.capsule_pointer.restype = pointer
-        self.capsule_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
         self.subscribe.argtypes = [pointer, pointer, pointer, ctypes.c_char_p, pointer]
         self.unsubscribe.argtypes = [pointer, pointer]
+        self.take_request = self._declare(rcl, "rcl_take_request")
+        self.take_request.argtypes = [pointer, pointer, pointer]
+        self.send_response = self._declare(rcl, "rcl_send_response")
+        self.send_response.argtypes = [pointer, pointer, pointer]
         self.node_handle = self._declare(rcl, "rcl_node_get_rmw_handle", pointer)
         self.node_handle.argtypes = [pointer]
         self.participant_of = getattr(rmw, _PARTICIPANT_OF, None)
@@ -213,6 +214,12 @@ class _Libraries:
         self.bytes_init.argtypes = [pointer, size, pointer]
         self.bytes_fini.argtypes = [pointer]
 
+    def why(self) -> str:
+        """What rcl says of the last error on this thread, which is forgotten then."""
+        text: str = self.error_text().text.decode(errors="replace")
+        self.reset_error()
+        return " ".join(text.split()).rpartition(", at /")[0] or text
+
     @staticmethod
     def _declare(library: Any, name: str, result: Any = ctypes.c_int) -> Any:
         function = getattr(library, name)
@@ -220,14 +227,25 @@ class _Libraries:
         return function
 
 
-_libraries: _Libraries | None = None
+_libraries: Libraries | None = None
 
 
-def _functions() -> _Libraries:
+def functions() -> Libraries:
+    """rcl's, rmw's and rcutils' functions; rclpy must be loaded."""
     global _libraries  # noqa: PLW0603 - rclpy must be loaded first
     if _libraries is None:
-        _libraries = _Libraries()
+        _libraries = Libraries()
     return _libraries
+
+
+_capsule_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+_capsule_pointer.restype = ctypes.c_void_p
+_capsule_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+
+
+def address_in(capsule: Any) -> int:
+    """What a capsule of a generated message class holds (``_TYPE_SUPPORT`` and its like: without a name)."""
+    return int(_capsule_pointer(capsule, None))
 
 
 def graph_guard(node: Any) -> int:
@@ -236,7 +254,7 @@ def graph_guard(node: Any) -> int:
     Args:
         node: an ``rclpy.node.Node``.
     """
-    address = _functions().graph_guard(node.handle.pointer)
+    address = functions().graph_guard(node.handle.pointer)
     if not address:
         raise TransportError("this ROS 2 gives no graph events")
     return int(address)
@@ -244,8 +262,8 @@ def graph_guard(node: Any) -> int:
 
 def add_guard(wait_set: Any, guard: int) -> None:
     """Have ``wait_set`` (of rclpy) wait for the guard condition at ``guard`` as well."""
-    if _functions().add_guard(wait_set.pointer, guard, None) != _RCL_RET_OK:
-        _functions().reset_error()
+    if functions().add_guard(wait_set.pointer, guard, None) != _RCL_RET_OK:
+        functions().reset_error()
         raise TransportError("cannot wait for graph events")
 
 
@@ -260,15 +278,15 @@ def ring_for(kind: str, handle: Any, bell: int | None) -> None:
     Raises:
         TransportError: this RMW does not tell of arrivals.
     """
-    functions = _functions()
-    set_callback = functions.on_new[kind]
+    rcl = functions()
+    set_callback = rcl.on_new[kind]
     code = (
         set_callback(handle.pointer, None, None)
         if bell is None
-        else set_callback(handle.pointer, functions.ring, bell)
+        else set_callback(handle.pointer, rcl.ring, bell)
     )
     if code != _RCL_RET_OK:
-        functions.reset_error()
+        rcl.reset_error()
         raise TransportError(
             f"{get_rmw_implementation_identifier()} does not tell when something arrives"
         )
@@ -285,12 +303,12 @@ def end_discovery(node: Any) -> None:
     Args:
         node: an ``rclpy.node.Node`` in a context of its own.
     """
-    functions = _functions()
-    if functions.participant_of is None or functions.set_listener is None:
+    rcl = functions()
+    if rcl.participant_of is None or rcl.set_listener is None:
         return
-    participant = functions.participant_of(functions.node_handle(node.handle.pointer))
+    participant = rcl.participant_of(rcl.node_handle(node.handle.pointer))
     if participant:
-        functions.set_listener(participant, None, _CALLBACK_S)
+        rcl.set_listener(participant, None, _CALLBACK_S)
 
 
 def make_subscription(address: int, node: Any, ros: Any, topic: str, profile: Any) -> None:
@@ -306,35 +324,33 @@ def make_subscription(address: int, node: Any, ros: Any, topic: str, profile: An
     Raises:
         TransportError: rcl refuses; the text says why.
     """
-    functions = _functions()
-    options = functions.subscription_options()
+    rcl = functions()
+    options = rcl.subscription_options()
     options.qos.history, options.qos.depth = int(profile.history), profile.depth
     options.qos.reliability = int(profile.reliability)
     options.qos.durability = int(profile.durability)
-    support = functions.capsule_pointer(type(ros)._TYPE_SUPPORT, None)
-    code = functions.subscribe(
+    support = address_in(type(ros)._TYPE_SUPPORT)
+    code = rcl.subscribe(
         address, node.handle.pointer, support, topic.encode(), ctypes.byref(options)
     )
     if code != _RCL_RET_OK:
-        why = functions.error_text().text.decode(errors="replace")
-        functions.reset_error()
-        raise TransportError(" ".join(why.split()).rpartition(", at /")[0] or why)
+        raise TransportError(rcl.why())
 
 
 def end_subscription(address: int, node: Any) -> None:
     """End what ``make_subscription`` began."""
-    functions = _functions()
-    if functions.unsubscribe(address, node.handle.pointer) != _RCL_RET_OK:
-        functions.reset_error()
+    rcl = functions()
+    if rcl.unsubscribe(address, node.handle.pointer) != _RCL_RET_OK:
+        rcl.reset_error()
 
 
 def gid_of_client(handle: Any) -> bytes:
     """The GID by which the events of a service's client (``client.handle``) name it."""
     gid = _Gid()
-    functions = _functions()
-    client = functions.client_handle(handle.pointer)
-    if not client or functions.gid_of_client(client, ctypes.byref(gid)) != _RCL_RET_OK:
-        functions.reset_error()
+    rcl = functions()
+    client = rcl.client_handle(handle.pointer)
+    if not client or rcl.gid_of_client(client, ctypes.byref(gid)) != _RCL_RET_OK:
+        rcl.reset_error()
         raise TransportError("cannot tell the GID of a service client")
     return bytes(gid.data)
 
@@ -343,16 +359,14 @@ class Taker:
     """Takes serialized messages with their publishers' GIDs; one thread at a time."""
 
     def __init__(self) -> None:
-        functions = _functions()
-        self._functions = functions
-        self._allocator = functions.default_allocator()
+        rcl = functions()
+        self._functions = rcl
+        self._allocator = rcl.default_allocator()
         self._bytes = _Bytes()
         self._info = _MessageInfo()
-        if functions.bytes_init(
-            ctypes.byref(self._bytes), _FIRST_BUFFER, ctypes.byref(self._allocator)
-        ):
+        if rcl.bytes_init(ctypes.byref(self._bytes), _FIRST_BUFFER, ctypes.byref(self._allocator)):
             raise TransportError("no memory for messages")
-        self._take = functions.take
+        self._take = rcl.take
         self._arguments = (ctypes.byref(self._bytes), ctypes.byref(self._info), None)
 
     def take(self, handle: Any) -> Taken | None:
@@ -366,30 +380,3 @@ class Taker:
     def close(self) -> None:
         """Give the buffer back; idempotent."""
         self._functions.bytes_fini(ctypes.byref(self._bytes))
-
-
-class _RequestId(ctypes.Structure):
-    _fields_ = (
-        ("writer_guid", ctypes.c_uint8 * GID_BYTES),
-        ("sequence_number", ctypes.c_int64),
-    )
-
-
-_INSTANCE_VALUE = object.__basicsize__
-"""Where a pybind11 object keeps the address of its value: right behind the object's head."""
-
-
-def gid_of_request(request_id: Any) -> bytes:
-    """Who sent a request: ``writer_guid`` of an ``rmw_request_id_t``, which rclpy keeps to itself.
-
-    Empty where the object is not laid out as expected, which its sequence number gives away.
-    """
-    if type(request_id).__basicsize__ < _INSTANCE_VALUE + ctypes.sizeof(ctypes.c_void_p):
-        return b""
-    address = ctypes.c_void_p.from_address(id(request_id) + _INSTANCE_VALUE).value
-    if not address:
-        return b""
-    found = _RequestId.from_address(address)
-    if found.sequence_number != request_id.sequence_number:
-        return b""
-    return bytes(found.writer_guid)

@@ -22,6 +22,7 @@ from transports.ros2.graph import Graph
 from transports.ros2.interfaces import ros_class
 from transports.ros2.introspection import FLUSH_DELAY_S, ServiceEvents
 from transports.ros2.messages import Codec
+from transports.ros2.requests import RequestId, Requests
 from transports.ros_forms import CallError
 from transports.timers import Timer
 
@@ -62,19 +63,20 @@ class Server:
         except (_rclpy.RCLError, ValueError) as error:
             text = " ".join(str(error).split())
             raise TransportError(f"cannot serve {name} ({service.type_name}): {text}") from error
+        self.requests = Requests(self.declared.handle, self._request.ros, self.response.ros)
         executor.handle(self.declared, self._take)
 
     def _take(self) -> bool:
         try:
-            request, header = self.declared.handle.service_take_request(self._request.ros)
-        except _rclpy.RCLError as error:
+            taken = self.requests.take()
+        except TransportError as error:
             self._refusals.refuse(self.name, "", error)
             return True
-        if header is None:
+        if taken is None:
             return False
-        request_id, events = header.request_id, self.events
+        (request_id, request), events = taken, self.events
         if stamp_ns := events.stamp():
-            gid, call = native.gid_of_request(request_id), request_id.sequence_number
+            gid, call = request_id.gid, request_id.call
             events.record(event.REQUEST_RECEIVED, stamp_ns, gid, call, request)
         self._handler(Request(self, request_id, self._request.decode(request)))
         if stamp_ns:
@@ -91,7 +93,7 @@ class Request:
 
     __slots__ = ("_id", "_open", "_server", "data")
 
-    def __init__(self, server: Server, request_id: Any, data: Any) -> None:
+    def __init__(self, server: Server, request_id: RequestId, data: Any) -> None:
         self._server = server
         self._id = request_id
         self._open = True
@@ -100,8 +102,7 @@ class Request:
     @property
     def client(self) -> str:
         """Who asks (node name); empty if the graph does not tell yet."""
-        gid = native.gid_of_request(self._id)
-        return self._server.graph.client_of(self._server.name, gid)
+        return self._server.graph.client_of(self._server.name, self._id.gid)
 
     def respond(self, response: Message) -> None:
         """Answer; TransportError if it is answered already."""
@@ -110,11 +111,11 @@ class Request:
         self._take()
         stamp_ns = server.events.stamp()
         try:
-            server.declared.handle.service_send_response(encoded, request_id)
-        except (_rclpy.RCLError, _rclpy.InvalidHandle) as error:
+            server.requests.answer(request_id, encoded)
+        except (TransportError, _rclpy.InvalidHandle) as error:
             raise TransportError(f"cannot answer {server.name}: {error}") from error
         if stamp_ns:
-            gid, call = native.gid_of_request(request_id), request_id.sequence_number
+            gid, call = request_id.gid, request_id.call
             server.events.record(event.RESPONSE_SENT, stamp_ns, gid, call, encoded)
             server.events.flush_later()
 
@@ -128,8 +129,8 @@ class Request:
                 type_name=server.type_name,
                 by_server=True,
                 client=self.client,
-                gid=native.gid_of_request(self._id).hex(),
-                call=self._id.sequence_number,
+                gid=self._id.gid.hex(),
+                call=self._id.call,
                 error=f"{CallOutcome.REMOTE_ERROR}: {error}",
                 node=server.node,
                 stamp_ns=time.time_ns(),
@@ -139,7 +140,7 @@ class Request:
     def _take(self) -> None:
         if not self._open:
             raise TransportError(
-                f"call {self._id.sequence_number} of {self.client or 'an unnamed client'} to "
+                f"call {self._id.call} of {self.client or 'an unnamed client'} to "
                 f"{self._server.name} is answered already"
             )
         self._open = False
