@@ -11,6 +11,7 @@ node for itself (parameter services, the ``/clock`` subscription) runs here as w
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections import deque
@@ -23,8 +24,10 @@ from rclpy.duration import Duration
 from transports.gathering import Gathering
 from transports.interface import TransportError
 from transports.refusals import Refusals
+from transports.ros2 import native
 from transports.ros2.arrivals import Arrivals, Take
 from transports.ros2.raw_subscription import RawSubscription
+from transports.ros2.wait_set import WaitSetArrivals
 from transports.timers import Timer, Timers
 
 LOG = logging.getLogger("transports.ros2")
@@ -32,6 +35,17 @@ LOG = logging.getLogger("transports.ros2")
 
 _AT_ONCE = 64
 """Messages taken from one subscription before the others have their turn, if nothing else is said."""
+
+
+WAIT_SET = "TRANSPORTS_ROS2_WAIT_SET"
+"""Set in the environment: nodes wait by wait sets, also where rcl can tell of arrivals."""
+
+
+def arrivals_of(node: Any) -> Arrivals | WaitSetArrivals:
+    """How ``node`` learns what has arrived: told by rcl if that works here, else by a wait set."""
+    if not os.environ.get(WAIT_SET) and native.tells_of_arrivals(node):
+        return Arrivals()
+    return WaitSetArrivals(node.context)
 
 
 class RosClock:
@@ -79,7 +93,7 @@ class Executor:
     def __init__(self, node: Any, refusals: Refusals) -> None:
         self._node = node
         self._refusals = refusals
-        self._arrivals = Arrivals()
+        self._arrivals = arrivals_of(node)
         self._posted: deque[Callable[[], None]] = deque()
         self._takers: dict[int, tuple[Any, Take]] = {}
         self._most: dict[Take, int] = {}

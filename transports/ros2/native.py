@@ -9,6 +9,8 @@ part of rcl's and rmw's public API. The structs are those of Jazzy's ``rmw/types
 from __future__ import annotations
 
 import ctypes
+import os
+import platform
 import struct
 from collections.abc import Sequence
 from typing import Any
@@ -158,6 +160,10 @@ _CALLBACK_S = 2
 """What a callback of Fast DDS at most takes on a busy machine."""
 
 
+_KINDS = (("subscription", "message"), ("service", "request"), ("client", "response"))
+"""Of what can ring a bell, and at what."""
+
+
 class Libraries:
     """The functions, with their types."""
 
@@ -168,18 +174,18 @@ class Libraries:
         pointer, size = ctypes.c_void_p, ctypes.c_size_t
         self.graph_guard = self._declare(rcl, "rcl_node_get_graph_guard_condition", pointer)
         self.add_guard = self._declare(rcl, "rcl_wait_set_add_guard_condition")
+        self.add_subscription = self._declare(rcl, "rcl_wait_set_add_subscription")
+        self.add_subscription.argtypes = [pointer, pointer, pointer]
         self.take = self._declare(rcl, "rcl_take_serialized_message")
         self.client_handle = self._declare(rcl, "rcl_client_get_rmw_handle", pointer)
         self.gid_of_client = self._declare(rmw, "rmw_get_gid_for_client")
         self.on_new = {
-            kind: self._declare(rcl, f"rcl_{kind}_set_on_new_{what}_callback")
-            for kind, what in (
-                ("subscription", "message"),
-                ("service", "request"),
-                ("client", "response"),
-            )
+            kind: self._declare(rcl, name)
+            for kind, what in _KINDS
+            if hasattr(rcl, name := f"rcl_{kind}_set_on_new_{what}_callback")
         }
-        self.ring = ctypes.cast(_library(None).eventfd_write, pointer)
+        ring = getattr(_library(None), "eventfd_write", None)
+        self.ring = None if ring is None else ctypes.cast(ring, pointer)
         self.bytes_init = self._declare(utils, "rcutils_uint8_array_init")
         self.bytes_fini = self._declare(utils, "rcutils_uint8_array_fini")
         self.default_allocator = self._declare(utils, "rcutils_get_default_allocator", _Allocator)
@@ -265,6 +271,42 @@ def add_guard(wait_set: Any, guard: int) -> None:
     if functions().add_guard(wait_set.pointer, guard, None) != _RCL_RET_OK:
         functions().reset_error()
         raise TransportError("cannot wait for graph events")
+
+
+def add_subscription(wait_set: Any, address: int) -> int:
+    """Have ``wait_set`` (of rclpy) wait for the ``rcl_subscription_t`` at ``address`` as well.
+
+    Returns:
+        Its place among the set's subscriptions.
+    """
+    rcl, place = functions(), ctypes.c_size_t()
+    if rcl.add_subscription(wait_set.pointer, address, ctypes.byref(place)) != _RCL_RET_OK:
+        raise TransportError(f"cannot wait for messages: {rcl.why()}")
+    return place.value
+
+
+_TWO_REGISTERS = ("x86_64", "aarch64")
+"""Machines that pass a pointer and a size as they pass a file's number and a count to add."""
+
+
+def tells_of_arrivals(node: Any) -> bool:
+    """Whether ``ring_for`` works here: on this machine, with this rcl and this RMW.
+
+    Args:
+        node: an ``rclpy.node.Node``; its services, which all nodes have, are asked to ring no bell.
+    """
+    services = tuple(node.services)
+    if not (hasattr(os, "eventfd") and platform.machine() in _TWO_REGISTERS and services):
+        return False
+    rcl = functions()
+    if rcl.ring is None or len(rcl.on_new) < len(_KINDS):
+        return False
+    try:
+        with services[0].handle:
+            ring_for("service", services[0].handle, None)
+    except TransportError:
+        return False
+    return True
 
 
 def ring_for(kind: str, handle: Any, bell: int | None) -> None:

@@ -33,3 +33,17 @@ def bare() -> Iterator[Bare]:
     made = Bare("bare")
     yield made
     made.close()
+
+
+@pytest.fixture(params=["told", "wait set"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> type:
+    """The test runs twice: rcl tells our nodes of arrivals, and wait sets do. The class that is used."""
+    from transports.ros2.arrivals import Arrivals
+    from transports.ros2.executor import WAIT_SET
+    from transports.ros2.wait_set import WaitSetArrivals
+
+    if request.param == "told":
+        monkeypatch.delenv(WAIT_SET, raising=False)
+        return Arrivals
+    monkeypatch.setenv(WAIT_SET, "1")
+    return WaitSetArrivals

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import pytest
 from rclpy.duration import Duration
@@ -19,7 +20,26 @@ from transports.conformance.stage import Answer, Ask
 from transports.interface import CallOutcome, CallResult
 from transports.networks import PATIENCE_S, ThreadedNetwork
 from transports.ros2 import arrivals, connect
-from transports.ros2.arrivals import Arrivals
+from transports.ros2.executor import arrivals_of
+
+pytestmark = pytest.mark.usefixtures("way")
+
+
+def test_what_tells_a_node_is_what_works_here(
+    bare: Bare, way: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from transports.ros2 import native
+    from transports.ros2.wait_set import WaitSetArrivals
+
+    def chosen() -> type:
+        made = arrivals_of(bare.node)
+        made.close()
+        made.close()
+        return type(made)
+
+    assert chosen() is way
+    monkeypatch.setattr(native.functions(), "on_new", {})  # as of an older rcl
+    assert chosen() is WaitSetArrivals
 
 
 class Late:
@@ -72,8 +92,8 @@ def test_more_topics_than_bells_are_all_heard(
     assert network.until(lambda: sorted(heard) == names)
 
 
-def test_a_signal_ends_a_wait_of_the_main_thread() -> None:
-    waiting = Arrivals()
+def test_a_signal_ends_a_wait_of_the_main_thread(bare: Bare) -> None:
+    waiting = arrivals_of(bare.node)
     asked = threading.Event()
     before = signal.signal(signal.SIGUSR1, lambda *_: asked.set())
     sender = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGUSR1))
@@ -88,8 +108,8 @@ def test_a_signal_ends_a_wait_of_the_main_thread() -> None:
         waiting.close()
 
 
-def test_a_pause_ends_when_it_is_over_or_somebody_rings() -> None:
-    waiting = Arrivals()
+def test_a_pause_ends_when_it_is_over_or_somebody_rings(bare: Bare) -> None:
+    waiting = arrivals_of(bare.node)
     ringer = threading.Timer(1.0, waiting.ring)
     try:
         waiting.ring()
@@ -107,11 +127,11 @@ def test_a_pause_ends_when_it_is_over_or_somebody_rings() -> None:
 
 
 def test_what_taps_hear_without_a_pause_is_gathered_and_all_heard(
-    network: ThreadedNetwork, bare: Bare, monkeypatch: pytest.MonkeyPatch
+    network: ThreadedNetwork, bare: Bare, way: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pauses: list[float] = []
-    pause = Arrivals.pause
-    monkeypatch.setattr(Arrivals, "pause", lambda own, s: (pauses.append(s), pause(own, s)))
+    pause = way.pause
+    monkeypatch.setattr(way, "pause", lambda own, s: (pauses.append(s), pause(own, s)))
     node = network.node("listener")
     heard: list[int] = []
     on(network, node, lambda: node.tap(["/many"], lambda seen: heard.append(seen.data["data"])))

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.ros2
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.usefixtures("way")
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 def test_ros2(check: Check, network: ThreadedNetwork) -> None:
     check(network)
