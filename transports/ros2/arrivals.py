@@ -7,7 +7,9 @@ the middleware that holds the reader's lock. Python code must not run there: it 
 interpreter's lock, which may be held by who wants the reader's. So the function is libc's own
 ``eventfd_write``: its arguments, a number of a file and one to add, are what rcl passes on.
 
-So the file counts arrivals, and that count matters: all clients of a service have one topic for its answers,
+Where rcl, the RMW or the machine does not allow that, ``transports.ros2.wait_set`` stands for this.
+
+The file counts arrivals, and that count matters: all clients of a service have one topic for its answers,
 and rmw drops what is for others in the same call in which it would have been taken. Taking nothing does not
 mean that nothing is left.
 """

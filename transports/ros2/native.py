@@ -1,9 +1,10 @@
 """What rcl and rmw know and rclpy 7 (Jazzy) does not hand out: graph events, publishers' GIDs,
-subscriptions that are made while the interpreter goes on.
+subscriptions that are made while the interpreter goes on, and what has arrived.
 
 rclpy gives the address of each rcl object (``handle.pointer``); the C functions called here are
-part of rcl's and rmw's public API. The structs are those of Jazzy's ``rmw/types.h``,
-``rcl/subscription.h`` and ``rcutils/types/uint8_array.h``.
+part of rcl's and rmw's public API. Those that may be missing are asked for by ``tells_of_arrivals``.
+The structs are those of Jazzy's ``rmw/types.h``, ``rcl/subscription.h`` and
+``rcutils/types/uint8_array.h``.
 """
 
 from __future__ import annotations
@@ -149,17 +150,6 @@ def _library(name: str | None) -> Any:
         raise TransportError(f"cannot load ROS 2's {name}: {error}") from error
 
 
-_PARTICIPANT_OF = "_ZN16rmw_fastrtps_cpp22get_domain_participantEP10rmw_node_s"
-"""``rmw_fastrtps_cpp::get_domain_participant(rmw_node_t *)``."""
-_SET_LISTENER = (
-    "_ZN8eprosima7fastdds3dds17DomainParticipant12set_listenerEPNS1_25DomainParticipantListenerE"
-    "NSt6chrono8durationIlSt5ratioILl1ELl1EEEE"
-)
-"""``DomainParticipant::set_listener(DomainParticipantListener *, std::chrono::seconds)`` of Fast DDS 2."""
-_CALLBACK_S = 2
-"""What a callback of Fast DDS at most takes on a busy machine."""
-
-
 _KINDS = (("subscription", "message"), ("service", "request"), ("client", "response"))
 """Of what can ring a bell, and at what."""
 
@@ -169,7 +159,7 @@ class Libraries:
 
     def __init__(self) -> None:
         rcl = _library("librcl.so")
-        rmw = _library(f"lib{get_rmw_implementation_identifier()}.so")
+        self.rmw = rmw = _library(f"lib{get_rmw_implementation_identifier()}.so")
         utils = _library("librcutils.so")
         pointer, size = ctypes.c_void_p, ctypes.c_size_t
         self.graph_guard = self._declare(rcl, "rcl_node_get_graph_guard_condition", pointer)
@@ -204,12 +194,6 @@ class Libraries:
         self.send_response.argtypes = [pointer, pointer, pointer]
         self.node_handle = self._declare(rcl, "rcl_node_get_rmw_handle", pointer)
         self.node_handle.argtypes = [pointer]
-        self.participant_of = getattr(rmw, _PARTICIPANT_OF, None)
-        self.set_listener = getattr(rmw, _SET_LISTENER, None)
-        if self.participant_of is not None and self.set_listener is not None:
-            self.participant_of.restype = pointer
-            self.participant_of.argtypes = [pointer]
-            self.set_listener.argtypes = [pointer, pointer, ctypes.c_int64]
         self.graph_guard.argtypes = [pointer]
         self.add_guard.argtypes = [pointer, pointer, pointer]
         self.take.argtypes = [pointer, pointer, pointer, pointer]
@@ -332,25 +316,6 @@ def ring_for(kind: str, handle: Any, bell: int | None) -> None:
         raise TransportError(
             f"{get_rmw_implementation_identifier()} does not tell when something arrives"
         )
-
-
-def end_discovery(node: Any) -> None:
-    """Have Fast DDS tell the node's context no more of who comes and goes, before the node is destroyed.
-
-    rmw does so itself as it destroys the participant, and waits without limit for a callback that is
-    under way. Fast DDS 2.14 does that with the very lock in hand that the callback needs: where a peer
-    goes away at that moment, both wait for ever. With a limit it waits as it should. Nothing is done on
-    another RMW.
-
-    Args:
-        node: an ``rclpy.node.Node`` in a context of its own.
-    """
-    rcl = functions()
-    if rcl.participant_of is None or rcl.set_listener is None:
-        return
-    participant = rcl.participant_of(rcl.node_handle(node.handle.pointer))
-    if participant:
-        rcl.set_listener(participant, None, _CALLBACK_S)
 
 
 def make_subscription(address: int, node: Any, ros: Any, topic: str, profile: Any) -> None:

@@ -18,7 +18,7 @@ from transports.interface import (
 )
 from transports.on_executor import OnExecutor
 from transports.refusals import Refusals
-from transports.ros2 import native, qos, topics
+from transports.ros2 import fast_dds, qos, topics
 from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import LOG, Executor
 from transports.ros2.faults import Declared, Faults
@@ -215,7 +215,7 @@ class Ros2Transport(OnExecutor):
         context = self._ros.context
         self._executor.destroy()
         self._subscriber.close()
-        native.end_discovery(self._ros)
+        fast_dds.end_discovery(self._ros)
         self._ros.destroy_node()
         context.try_shutdown()
 

@@ -1,6 +1,6 @@
 """What has arrived, told by rclpy's wait set: for where rcl rings no bell (``transports.ros2.arrivals``).
 
-It is filled anew for each wait, which a tap of sixty subscriptions pays with three times the processor time
+It is filled anew for each wait, for which a tap of sixty topics takes about twice the processor time
 (decision 17). What it tells is the same, and so is how it is used.
 """
 

@@ -142,19 +142,31 @@ def test_a_policy_whose_nodes_do_not_come_ends_at_a_signal(
 def test_a_node_that_is_about_to_go_is_told_no_more_of_others(
     network: ThreadedNetwork, bare: Bare
 ) -> None:
-    """Fast DDS may wait for ever for what it tells while a participant is destroyed."""
+    """Some builds of Fast DDS wait for ever for what they tell while a participant is destroyed."""
     from std_msgs.msg import Int32
 
-    from transports.ros2 import native
+    from transports.ros2 import fast_dds
 
     going, other = (network.node(name).ros_node for name in ("going", "other"))
     before = bare.node.create_publisher(Int32, "/before", 10)
     assert network.until(lambda: all(n.count_publishers("/before") for n in (going, other)))
-    native.end_discovery(going)
+    fast_dds.end_discovery(going)
     bare.node.create_publisher(Int32, "/after", 10)
     bare.node.destroy_publisher(before)
     assert network.until(lambda: other.count_publishers("/after") == 1)
     assert network.until(lambda: other.count_publishers("/before") == 0)
-    assert going.count_publishers("/after") == 0
-    assert going.count_publishers("/before") == 1
-    native.end_discovery(going)
+    if fast_dds.may_hang():
+        assert going.count_publishers("/after") == 0
+        assert going.count_publishers("/before") == 1
+    else:
+        assert network.until(lambda: going.count_publishers("/after") == 1)
+    fast_dds.end_discovery(going)
+
+
+def test_cpp_is_called_by_name_in_one_place_only() -> None:
+    """All else is C API of rcl, rmw and rcutils, on the addresses that rclpy gives."""
+    import transports.ros2
+
+    (folder,) = transports.ros2.__path__
+    mangled = [path.name for path in Path(folder).glob("*.py") if "_ZN" in path.read_text()]
+    assert mangled == ["fast_dds.py"]
