@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import signal
 import sys
 import threading
@@ -14,7 +15,9 @@ from collections.abc import Sequence
 
 import msgspec
 
-from examples.overhead.load import ROOT, Stopwatch, Taken
+from benchmarks.processes import Child
+from examples.overhead.load import ROOT, Order, Stopwatch, Taken, answer_orders, carried_out
+from examples.overhead.plant import Middleware
 from transports.interface import CallOutcome, CallResult, Request, Service
 from transports.registry import connect
 
@@ -35,15 +38,6 @@ class Answer(msgspec.Struct):
     __type_name__ = "std_srvs/srv/SetBool_Response"
     success: bool = False
     message: str = ""
-
-
-class EchoOrder(msgspec.Struct, frozen=True):
-    """Calls to be made; each is answered with a text of ``size`` bytes."""
-
-    ticks: int
-    rate_hz: float
-    warm_up: int
-    size: int
 
 
 ECHO = "/echo"
@@ -86,33 +80,16 @@ def call(transport_name: str, options: dict[str, str], sizes: Sequence[int]) -> 
         if transport.wait_for_nodes([SERVER], READY_S):
             print("the server is not up", file=sys.stderr)
             return 2
-        print('{"ready": true}', flush=True)
-        for line in sys.stdin:
-            order = msgspec.json.decode(line, type=EchoOrder)
-            client = clients[order.size]
-            watch, warm_up = Stopwatch(), Stopwatch()
-            pace = threading.Event()
-            due = began = time.perf_counter()
-            processor = time.process_time()
-            for number in range(-order.warm_up, order.ticks):
-                if number == 0:
-                    began, processor = time.perf_counter(), time.process_time()
+
+        def carry_out(order: Order) -> Taken:
+            def tick(watch: Stopwatch) -> None:
                 called = time.perf_counter_ns()
-                result = client.call_and_wait(Ask(True))
-                micros = (time.perf_counter_ns() - called) / 1e3
-                (watch if number >= 0 else warm_up).note(ROOT, micros, why(result, order.size))
-                if order.rate_hz:
-                    due = max(due + 1 / order.rate_hz, time.perf_counter())
-                    pace.wait(due - time.perf_counter())
-            taken = Taken(
-                watch.micros,
-                watch.failures,
-                [*warm_up.reasons, *watch.reasons],
-                warm_up.failures.get(ROOT, 0),
-                time.perf_counter() - began,
-                time.process_time() - processor,
-            )
-            print(msgspec.json.encode(taken).decode(), flush=True)
+                result = clients[order.size].call_and_wait(Ask(True))
+                watch.note(ROOT, (time.perf_counter_ns() - called) / 1e3, why(result, order.size))
+
+            return carried_out(order, tick)
+
+        answer_orders(carry_out)
     finally:
         transport.close()
     return 0
@@ -124,6 +101,19 @@ def why(result: CallResult, size: int) -> str:
         return f"{result.outcome}: {result.error}"
     got = len(result.response.message)
     return "" if got == size else f"{got} bytes instead of {size}"
+
+
+def start(stack: contextlib.ExitStack, where: Middleware, sizes: Sequence[int]) -> Child:
+    """A running server, until the end of ``stack``, and who calls it."""
+    command = ["-m", "examples.overhead.echo"]
+    words = [word for size in sizes for word in ("--size", str(size))]
+    listen = ["--listen", where.endpoint] if where.endpoint else []
+    arguments = [*command, "call", "--transport", where.transport, *listen, *words]
+    caller = stack.enter_context(Child("the caller", arguments, where.environment))
+    arguments = [*command, "serve", *where.arguments(), *words]
+    stack.enter_context(Child("the server", arguments, where.environment)).answer()
+    caller.answer()
+    return caller
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

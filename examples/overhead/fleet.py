@@ -1,13 +1,15 @@
 """Many skills: copies of BatteryLevelSkill, each a node with a tick of its own, and who ticks them.
 
-``python -m examples.overhead.fleet models FOLDER COUNT`` writes their models, ``host`` runs the nodes
-(many in one process: 200 interpreters would measure the operating system), ``load`` ticks them in turn.
+``python -m examples.overhead.fleet host FOLDER`` runs the nodes (many in one process: 200 interpreters would
+measure the operating system), ``load`` ticks them in turn; the rate is that of all ticks together.
 On Zenoh the load is a router and the nodes are its clients: 200 peers would keep 19,900 links.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import itertools
 import logging
 import signal
 import sys
@@ -18,14 +20,23 @@ from pathlib import Path
 
 import msgspec
 
-from examples.overhead.children import ROOT as REPOSITORY
-from examples.overhead.load import ROOT, Order, Stopwatch, Taken, why_failed
+from benchmarks.processes import ROOT as REPOSITORY
+from benchmarks.processes import Child, ChildError, free_endpoint
+from examples.overhead.load import (
+    ROOT,
+    Order,
+    Stopwatch,
+    Taken,
+    answer_orders,
+    carried_out,
+    why_failed,
+)
 from m2c.launch.in_process import compile_node
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
 from m2c.runtime.binding import NodeSettings
 from m2c.runtime.messages import message_class
-from transports.interface import Client, Service, Transport
+from transports.interface import Service, Transport
 from transports.registry import connect
 
 MODEL = REPOSITORY / "examples/lab_tour/skills/BatteryLevelSkill.scxml"
@@ -77,35 +88,6 @@ def host(folder: Path, options: dict[str, str]) -> None:
             transport.close()
 
 
-def carry_out(order: Order, clients: Sequence[Client], request: msgspec.Struct) -> Taken:
-    """Tick the skills in turn; the rate is that of all ticks together."""
-    watch = Stopwatch()
-    warm_up_failures = 0
-    pace = threading.Event()
-    began = due = time.perf_counter()
-    processor = time.process_time()
-    for number in range(-order.warm_up, order.ticks):
-        if number == 0:
-            warm_up_failures = watch.failures.get(ROOT, 0)
-            watch = Stopwatch()
-            began, processor = time.perf_counter(), time.process_time()
-        client = clients[number % len(clients)]
-        called = time.perf_counter_ns()
-        result = client.call_and_wait(request)
-        watch.note(ROOT, (time.perf_counter_ns() - called) / 1e3, why_failed(result))
-        if order.rate_hz:
-            due = max(due + 1 / order.rate_hz, time.perf_counter())
-            pace.wait(due - time.perf_counter())
-    return Taken(
-        watch.micros,
-        watch.failures,
-        watch.reasons,
-        warm_up_failures,
-        time.perf_counter() - began,
-        time.process_time() - processor,
-    )
-
-
 def tick_fleet(folder: Path, options: dict[str, str]) -> int:
     """Tick as told until standard input ends."""
     system = read_models(folder)
@@ -126,31 +108,69 @@ def tick_fleet(folder: Path, options: dict[str, str]) -> int:
         if missing:
             print(f"not up: {', '.join(missing)}", file=sys.stderr)
             return 2
-        print('{"ready": true}', flush=True)
-        for line in sys.stdin:
-            taken = carry_out(msgspec.json.decode(line, type=Order), clients, request())
-            print(msgspec.json.encode(taken).decode(), flush=True)
+
+        def carry_out(order: Order) -> Taken:
+            turns = itertools.cycle(clients)
+
+            def tick(watch: Stopwatch) -> None:
+                called = time.perf_counter_ns()
+                result = next(turns).call_and_wait(request())
+                watch.note(ROOT, (time.perf_counter_ns() - called) / 1e3, why_failed(result))
+
+            return carried_out(order, tick)
+
+        answer_orders(carry_out)
     finally:
         transport.close()
     return 0
+
+
+def start(stack: contextlib.ExitStack, scratch: Path, count: int) -> tuple[Path, Path, Child]:
+    """Running skills: their models, the configuration of Zenoh's clients, who ticks them."""
+    folder = scratch / "models"
+    folder.mkdir()
+    write_models(folder, count)
+    meeting = free_endpoint()
+    router, clients = scratch / "router.json5", scratch / "clients.json5"
+    router.write_bytes(msgspec.json.encode({"mode": "router", "listen": {"endpoints": [meeting]}}))
+    clients.write_bytes(
+        msgspec.json.encode({"mode": "client", "connect": {"endpoints": [meeting]}})
+    )
+    command = ["-m", "examples.overhead.fleet"]
+    load = stack.enter_context(
+        Child("the load", [*command, "load", str(folder), "--zenoh-config", str(router)])
+    )
+    load.wait_for(lambda line: "listening" in line)
+    skills = stack.enter_context(
+        Child("the skills", [*command, "host", str(folder), "--zenoh-config", str(clients)])
+    )
+    skills.answer(READY_S)
+    load.answer(READY_S)
+    return folder, clients, load
+
+
+def monitor(folder: Path, clients: Path, count: int) -> Child:
+    """``moon monitor`` of all of them, linked to all of them."""
+    arguments = ["monitor", str(folder), "--interfaces", str(INTERFACES), "--json"]
+    child = Child("moon monitor", ["-m", "moon.cli", *arguments, "--zenoh-config", str(clients)])
+    try:
+        child.wait_for(lambda line: line.startswith(f"linked to {count + 1} nodes"), READY_S)
+    except ChildError:
+        child.stop()
+        raise
+    return child
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line."""
     parser = argparse.ArgumentParser(description="Many skills, and who ticks them.")
     commands = parser.add_subparsers(dest="command", required=True)
-    for name in ("models", "host", "load"):
+    for name in ("host", "load"):
         command = commands.add_parser(name)
         command.add_argument("folder", type=Path, help="of the models")
-        if name == "models":
-            command.add_argument("count", type=int)
-        else:
-            command.add_argument("--zenoh-config", default="")
+        command.add_argument("--zenoh-config", default="")
     chosen = parser.parse_args(arguments)
     logging.basicConfig(level=logging.CRITICAL)
-    if chosen.command == "models":
-        write_models(chosen.folder, chosen.count)
-        return 0
     options = {"config": chosen.zenoh_config} if chosen.zenoh_config else {}
     if chosen.command == "load":
         return tick_fleet(chosen.folder, options)

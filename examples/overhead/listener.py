@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from examples.overhead.sample import quantile
+from benchmarks.sampling import quantile
 from transports.interface import Observation
 from transports.registry import connect
 

@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,12 +44,14 @@ class Order(msgspec.Struct, frozen=True):
         rate_hz: ticks of the tree a second; 0: the next one as soon as one has ended.
         rest: do not tick until the next order; else, and if no tick has failed, the tree is ticked
             each time that the battery has told its level, because the properties want the alarm rung.
+        size: of an answer in bytes (``examples.overhead.echo``).
     """
 
     ticks: int
     rate_hz: float
     warm_up: int = 5
     rest: bool = False
+    size: int = 0
 
 
 class Taken(msgspec.Struct, frozen=True):
@@ -89,6 +91,40 @@ class Stopwatch:
             self.failures[name] += 1
             if len(self.reasons) < 5:
                 self.reasons.append(f"{name}: {failure}")
+
+
+def carried_out(
+    order: Order, tick: Callable[[Stopwatch], None], before_pause: Callable[[], None] = lambda: None
+) -> Taken:
+    """Carry out one order.
+
+    Args:
+        order: how many ticks, at which rate.
+        tick: makes one, and notes it.
+        before_pause: called where the next tick is not due yet.
+    """
+    watches = Stopwatch(), Stopwatch()
+    pace = threading.Event()  # never set: what waits for the next period
+    for watch, count in zip(watches, (order.warm_up, order.ticks), strict=True):
+        began = due = time.perf_counter()
+        processor = time.process_time()
+        for _ in range(count):
+            tick(watch)
+            if order.rate_hz:
+                due = max(due + 1 / order.rate_hz, time.perf_counter())
+                pause = due - time.perf_counter()
+                if pause > 0:
+                    before_pause()
+                    pace.wait(pause)
+    warm_up, measured = watches
+    return Taken(
+        measured.micros,
+        measured.failures,
+        [*(f"in the warm-up: {reason}" for reason in warm_up.reasons), *measured.reasons],
+        warm_up.failures.get(ROOT, 0),
+        time.perf_counter() - began,
+        time.process_time() - processor,
+    )
 
 
 class TimedClient:
@@ -153,33 +189,14 @@ class Load:
 
     def run(self, order: Order) -> Taken:
         """Carry out one order."""
-        self.stopwatch = Stopwatch()
-        self._ticks(order.warm_up, order.rate_hz)
-        warm_up_failures = self.stopwatch.failures.get(ROOT, 0)
-        reasons = self.stopwatch.reasons
-        self.stopwatch = watch = Stopwatch()
-        began, processor = time.perf_counter(), time.process_time()
-        self._ticks(order.ticks, order.rate_hz)
-        return Taken(
-            watch.micros,
-            watch.failures,
-            [*(f"in the warm-up: {reason}" for reason in reasons), *watch.reasons],
-            warm_up_failures,
-            time.perf_counter() - began,
-            time.process_time() - processor,
-        )
 
-    def _ticks(self, count: int, rate_hz: float) -> None:
-        pace = threading.Event()  # never set: what waits for the next period
-        due = time.perf_counter()
-        for _ in range(count):
+        def tick(watch: Stopwatch) -> None:
+            self.stopwatch = watch
             self._tick()
-            if rate_hz:
-                due = max(due + 1 / rate_hz, time.perf_counter())
-                pause = due - time.perf_counter()
-                if pause > 0:
-                    self._transport.round_over()  # as the runner does behind a tick
-                    pace.wait(pause)
+
+        return carried_out(
+            order, tick, self._transport.round_over
+        )  # as the runner does behind a tick
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -232,6 +249,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 _LEVEL = "level"
 """The event that the battery has told its level; the others are orders, and None the end of them."""
+
+
+def answer_orders(carry_out: Callable[[Order], Taken]) -> None:
+    """Answer each order on standard input until it ends; says that it is ready before."""
+    print('{"ready": true}', flush=True)
+    for line in sys.stdin:
+        taken = carry_out(msgspec.json.decode(line, type=Order))
+        print(msgspec.json.encode(taken).decode(), flush=True)
 
 
 def _read_orders(events: queue.SimpleQueue[str | None]) -> None:

@@ -1,10 +1,19 @@
-"""The machine and the software that something was measured on."""
+"""The machine and the software that something was measured on, and how its processors are held awake.
+
+A tick goes from process to process, some 28 times, and each time the next one's processor may have to be
+woken. How long that takes is not the system's nor the monitor's: a virtual machine's processor is handed back
+to its host, which decides by itself how soon, so that a tick's length comes and goes by a half for minutes.
+``cyclictest`` of the rt-tests holds processors awake for the same reason and in the same way.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import os
 import platform
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -16,7 +25,7 @@ class Machine(msgspec.Struct, frozen=True):
     Attributes:
         load: the average number of processes that wanted to run, of the minute before it began: more
             than a few tenths means that others were at work.
-        is_awake: whether its processors were held awake; see ``examples.overhead.awake``.
+        is_awake: whether its processors were held awake.
     """
 
     processor: str
@@ -69,3 +78,29 @@ def described(machine: Machine) -> str:
         f"Python {machine.python}, Zenoh {machine.zenoh}{ros}; load average before it began "
         f"{machine.load:.2f}"
     )
+
+
+LATENCY = Path("/dev/cpu_dma_latency")
+"""Whoever has it open bounds how long a processor may take to wake up (µs, a signed 32-bit number): Linux,
+Documentation/power/pm_qos_interface.rst. Root may, as a rule."""
+
+
+@contextlib.contextmanager
+def held_awake(wanted: bool = True, device: Path = LATENCY) -> Iterator[bool]:
+    """No processor sleeps deeper than a loop until the end of the block.
+
+    Args:
+        wanted: False leaves them as they are.
+        device: where that is asked for.
+
+    Yields:
+        Whether it is so: not where the system does not permit it, or does not have it.
+    """
+    with contextlib.ExitStack() as stack:
+        is_awake = False
+        if wanted:
+            with contextlib.suppress(OSError):
+                file = stack.enter_context(device.open("r+b", buffering=0))
+                file.write(struct.pack("i", 0))
+                is_awake = True
+        yield is_awake

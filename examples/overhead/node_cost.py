@@ -1,7 +1,6 @@
 """What a tap costs the node that is tapped: its own processor time, and the bytes that it sends.
 
-``python -m examples.overhead.node_cost [--transport zenoh|ros2]`` measures and prints it, for
-BatteryLevelSkill and per tick. Both come from the operating system: processor time from the process's
+For BatteryLevelSkill and per tick. Both come from the operating system: processor time from the process's
 clock, bytes from the counters of its network interface. For these the node has a network namespace of
 its own, joined to the others' by a virtual cable; everything on that cable counts, with all headers,
 acknowledgements and discovery, on Zenoh and on ROS 2 alike. (The counters of single sockets, as ``ss``
@@ -14,33 +13,32 @@ It needs ``unshare`` and ``ip`` (util-linux, iproute2) and user namespaces, not 
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import shutil
 import signal
-import statistics
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
 
-from examples.overhead import accounts, sample
-from examples.overhead.children import Child, ChildError
+from benchmarks.processes import Child, ChildError, bytes_sent, processor_s
+from benchmarks.sampling import rounds
+from examples.overhead.blocks import COST, NOBODY, Block
 from examples.overhead.load import ROOT, Order
 from examples.overhead.plant import (
     Middleware,
     MiddlewareMissingError,
     Plant,
     generate,
+    listener,
     ros_environment,
 )
-from examples.overhead.schedule import rounds, same_rounds
 from m2c.launch.description import Package
 
 NODE = "BatteryLevelSkill"
@@ -66,94 +64,10 @@ class CostPlan(msgspec.Struct, frozen=True):
 QUICK = CostPlan(rounds=2, ticks=15, idle_s=1.0)
 
 
-class Window(msgspec.Struct, frozen=True):
-    """What one stretch of time cost the node, what it does when idle taken off.
-
-    Attributes:
-        processor_us, sent, packets: of the node, per tick.
-        policy_us: processor time of the policy's process per tick of the tree.
-        idle_processor_us, idle_sent: of the idle node, a second.
-        failures: ticks that failed.
-    """
-
-    transport: str
-    rate_hz: float
-    tapped: bool
-    round: int
-    processor_us: float
-    sent: float
-    packets: float
-    policy_us: float
-    idle_processor_us: float
-    idle_sent: float
-    failures: int
-
-
-class Cost(msgspec.Struct, frozen=True):
-    """One transport and rate, untapped or tapped: per tick, with intervals; idle a second."""
-
-    transport: str
-    rate_hz: float
-    tapped: bool
-    processor_us: sample.Estimate
-    sent: sample.Estimate
-    packets: float
-    policy_us: sample.Estimate
-    idle_processor_us: float
-    idle_sent: float
-    rounds: int
-    failures: int
-
-
-def costs(windows: Sequence[Window]) -> list[Cost]:
-    """The table, in the order of transports, rates, untapped before tapped."""
-    found = []
-    keys = dict.fromkeys((w.transport, w.rate_hz, w.tapped) for w in windows)
-    for key in sorted(keys, key=lambda k: (k[0] != "zenoh", k[1] == 0, k[1], k[2])):
-        own = [w for w in windows if (w.transport, w.rate_hz, w.tapped) == key]
-        found.append(
-            Cost(
-                *key,
-                _median([w.processor_us for w in own]),
-                _median([w.sent for w in own]),
-                statistics.median(w.packets for w in own),
-                _median([w.policy_us for w in own]),
-                statistics.median(w.idle_processor_us for w in own),
-                statistics.median(w.idle_sent for w in own),
-                len(own),
-                sum(w.failures for w in own),
-            )
-        )
-    return found
-
-
-def dearer(windows: Sequence[Window]) -> dict[tuple[str, float], sample.Estimate]:
-    """How many times the processor time of the untapped node a tapped one takes, in the same rounds.
-
-    Returns:
-        By transport and rate, where both were measured.
-    """
-    found = {}
-    for transport, rate_hz in dict.fromkeys((w.transport, w.rate_hz) for w in windows):
-        own = [w for w in windows if (w.transport, w.rate_hz) == (transport, rate_hz)]
-        pairs = same_rounds([w for w in own if w.tapped], [w for w in own if not w.tapped])
-        if pairs:
-            found[transport, rate_hz] = sample.ratio(
-                [[tapped.processor_us] for tapped, _ in pairs],
-                [[untapped.processor_us] for _, untapped in pairs],
-            )
-    return found
-
-
-def _median(values: Sequence[float]) -> sample.Estimate:
-    """Each round gives one value."""
-    return sample.distribution([[value] for value in values]).p50
-
-
 Say = Callable[[str], None]
 
 
-def measure(transport: str, plan: CostPlan, say: Say) -> list[Window]:
+def measure(transport: str, plan: CostPlan, say: Say) -> list[Block]:
     """Measure in namespaces of one's own.
 
     Raises:
@@ -171,13 +85,13 @@ def measure(transport: str, plan: CostPlan, say: Say) -> list[Window]:
         )
     if transport == "ros2":
         ros_environment()  # builds the interface packages, if need be, where there is a network
-    options = ["--inside", "--transport", transport, "--plan", msgspec.json.encode(plan).decode()]
+    options = [transport, msgspec.json.encode(plan).decode()]
     say(f"{transport}: the node's own cost, in a network namespace")
     with Child(
         "the measurement", ["-m", "examples.overhead.node_cost", *options], prefix=alone
     ) as child:
         answer = child.answer(timeout_s=600.0)
-    return msgspec.convert(answer["windows"], list[Window])
+    return msgspec.convert(answer["blocks"], list[Block])
 
 
 # -- inside the namespace ---------------------------------------------------------------------------
@@ -236,10 +150,10 @@ def _where(transport: str) -> Middleware:
     return Middleware(transport, environment=environment)
 
 
-def inside(transport: str, plan: CostPlan) -> list[Window]:
+def inside(transport: str, plan: CostPlan) -> list[Block]:
     """Measure; this process is alone in a network namespace."""
     _ip("link", "set", "lo", "up")
-    found = []
+    found: list[Block] = []
     with contextlib.ExitStack() as stack:
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="overhead-")))
         folder = generate(scratch, through_the_middle=False)
@@ -258,21 +172,18 @@ def inside(transport: str, plan: CostPlan) -> list[Window]:
                     _settle()
                     processor, sent, packets = account.read()
                     share = account.seconds / idle.seconds
-                    found.append(
-                        Window(
-                            transport,
-                            rate_hz,
-                            tapped,
-                            number,
-                            (processor - idle_processor * share) / plan.ticks * 1e6,
-                            (sent - idle_sent * share) / plan.ticks,
-                            (packets - idle_packets * share) / plan.ticks,
-                            taken.processor_s / plan.ticks * 1e6,
-                            idle_processor / idle.seconds * 1e6,
-                            idle_sent / idle.seconds,
-                            taken.failures[ROOT],
-                        )
-                    )
+                    values = {
+                        "processor": (processor - idle_processor * share) / plan.ticks * 1e6,
+                        "sent": (sent - idle_sent * share) / plan.ticks,
+                        "packets": (packets - idle_packets * share) / plan.ticks,
+                        "policy": taken.processor_s / plan.ticks * 1e6,
+                        "idle processor": idle_processor / idle.seconds * 1e6,
+                        "idle sent": idle_sent / idle.seconds,
+                    }
+                    place = (COST, transport, rate_hz, 0.0, "tap" if tapped else NOBODY)
+                    failures = dict.fromkeys(values, taken.failures[ROOT])
+                    each = {name: [value] for name, value in values.items()}
+                    found.append(Block(*place, number, each, failures))
     return found
 
 
@@ -285,8 +196,8 @@ class _Account:
         self.seconds = 0.0
 
     def _now(self) -> tuple[float, float, float, float]:
-        sent, packets = accounts.bytes_sent(self._pid, OTHER_END)
-        return time.monotonic(), accounts.processor_s(self._pid), sent, packets
+        sent, packets = bytes_sent(self._pid, OTHER_END)
+        return time.monotonic(), processor_s(self._pid), sent, packets
 
     def read(self) -> tuple[float, float, float]:
         """Processor time in seconds, bytes, packets."""
@@ -303,9 +214,7 @@ def _settle() -> None:
 
 @contextlib.contextmanager
 def _tapped(plant: Plant) -> Iterator[None]:
-    names = [word for name in (*plant.names, "policy") for word in ("--link", name)]
-    arguments = ["-m", "examples.overhead.listener", *plant.where.arguments(), *names]
-    with Child("a tap", arguments, plant.where.environment) as tap:
+    with listener(plant.where, [*plant.names, "policy"]) as tap:
         tap.answer()
         yield
         heard = tap.ask({})["heard"]
@@ -319,32 +228,12 @@ def _end_with_parent() -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line."""
-    from examples.overhead.tables import cost_table, print_table
-
-    parser = argparse.ArgumentParser(description="What a tap costs the node that is tapped.")
-    parser.add_argument("--transport", choices=("zenoh", "ros2"), default="zenoh")
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--plan", default="", help=argparse.SUPPRESS)
-    chosen = parser.parse_args(arguments)
-    if chosen.inside:
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-        threading.Thread(target=_end_with_parent, daemon=True).start()
-        windows = inside(chosen.transport, msgspec.json.decode(chosen.plan, type=CostPlan))
-        print(msgspec.json.encode({"windows": windows}).decode(), flush=True)
-        return 0
-    try:
-        windows = measure(
-            chosen.transport,
-            QUICK if chosen.quick else CostPlan(),
-            lambda text: print(text, file=sys.stderr),
-        )
-    except (MiddlewareMissingError, ChildError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    print_table(cost_table(windows))
+def main() -> int:
+    """Measure inside, as told by the arguments: a transport and a plan."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    blocks = inside(sys.argv[1], msgspec.json.decode(sys.argv[2], type=CostPlan))
+    print(msgspec.json.encode({"blocks": blocks}).decode(), flush=True)
     return 0
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from examples.overhead.children import Child, ChildError
+from benchmarks.processes import Child, ChildError
 from examples.overhead.plant import PROPERTIES, SYSTEM, Plant
 from examples.overhead.routes import MONITORED
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
-import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from examples.overhead.children import ROOT, Child, ChildError
+from benchmarks.processes import ROOT, Child, ChildError, free_endpoint
 from examples.overhead.load import Order, Taken
 from examples.overhead.routes import rerouted_system
 from m2c.codegen.package import system_files
@@ -50,13 +49,6 @@ class Middleware(msgspec.Struct, frozen=True):
 
 class MiddlewareMissingError(Exception):
     """A transport cannot be used here; the text says why and what would help."""
-
-
-def free_endpoint() -> str:
-    """A loopback endpoint that nobody uses at the moment."""
-    with contextlib.closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @contextlib.contextmanager
@@ -124,6 +116,13 @@ def generate(folder: Path, through_the_middle: bool) -> Path:
     system = read_system()
     write_files(system_files(rerouted_system(system) if through_the_middle else system), folder)
     return folder
+
+
+def listener(where: Middleware, names: Sequence[str]) -> Child:
+    """A tap as a process of its own; it answers once it is linked to all of ``names``."""
+    links = [word for name in names for word in ("--link", name)]
+    arguments = ["-m", "examples.overhead.listener", *where.arguments(), *links]
+    return Child("a tap", arguments, where.environment)
 
 
 class Plant:

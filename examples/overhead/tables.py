@@ -1,17 +1,17 @@
-"""What was measured as tables: the same on a terminal, in Markdown and on the page of the documentation."""
+"""What was measured as tables: the same on a terminal and on the page of the documentation."""
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Sequence
 
 import msgspec
 
-from examples.overhead import growth_points, node_cost, table3
+from benchmarks.sampling import Estimate
+from examples.overhead import blocks
+from examples.overhead.blocks import COST, NOBODY, PAPER, SERIES, TABLE3, Cell
 from examples.overhead.load import ROOT
+from examples.overhead.node_cost import NODE
 from examples.overhead.observers import CONFIGURATIONS
-from examples.overhead.table3 import PAPER, SERIES, Cell
-from examples.overhead.wording import amount, lag, micros, name_of, rate, ratio, spread
 
 
 class Table(msgspec.Struct, frozen=True):
@@ -23,196 +23,157 @@ class Table(msgspec.Struct, frozen=True):
     note: str = ""
 
 
-WHAT = {
-    "none": "1 no monitor",
-    "properties": "2 properties",
-    "models": "3 models",
-    "both": "4 both",
-}
-"""The paper's configurations."""
-WAYS = ("", "-websocket", "-in-process")
-"""What the names of ours have behind the paper's: passive, and the two men in the middle."""
+# -- figures in words -------------------------------------------------------------------------------
 
 
-def beside_the_paper(found: Sequence[Cell]) -> list[Table]:
-    """Table III with ours beside it, by transport and rate."""
-    tables = []
-    for transport, rate_hz in _places(found):
-        by_name = {
-            (c.configuration, c.series): c
-            for c in found
-            if (c.transport, c.rate_hz) == (transport, rate_hz)
-        }
-        rows = []
-        for series in SERIES:
-            for what, label in WHAT.items():
-                paper = PAPER[series][what]
-                times = paper / PAPER[series]["none"]
-                cells = [
-                    _cell(by_name.get((what + way, series)), is_base=what == "none") for way in WAYS
-                ]
-                if any(cells):
-                    rows.append((series, label, f"{micros(paper)} ({times:.2f})", *cells))
-        tables.append(
-            Table(
-                f"Table III on {name_of(transport)}, {rate(rate_hz)}",
-                (
-                    "skill",
-                    "monitored",
-                    "paper [µs] (ratio)",
-                    "passive [µs]",
-                    "in the middle, WebSocket [µs]",
-                    "in the middle, in-process [µs]",
-                ),
-                tuple(rows),
-                _note(by_name.get(("control", ROOT))),
-            )
-        )
-    return tables
+def place(cell: Cell | blocks.Target) -> str:
+    """A transport and a rate of ticks, as people write them."""
+    return f"{_NAMES[cell.transport]}, {_rate(cell.rate_hz)}"
 
 
-def _cell(cell: Cell | None, is_base: bool) -> str:
-    if cell is None:
-        return ""
-    if is_base:
-        p50 = cell.micros.p50
-        return f"{micros(p50.value)} ({micros(p50.low)}–{micros(p50.high)})"
-    return f"{micros(cell.micros.p50.value)} · {ratio(cell.ratio)}"
+_NAMES = {"zenoh": "Zenoh", "ros2": "ROS 2"}
 
 
-def _note(control: Cell | None) -> str:
-    if control is None:
-        return ""
-    return (
-        "Medians; after the dot, the ratio to no monitor with its interval of 95 %. No monitor against "
-        f"no monitor again (what chance does): ROOT {ratio(control.ratio)}."
-    )
+def _rate(rate_hz: float) -> str:
+    return f"{rate_hz:g} tick{'' if rate_hz == 1 else 's'}/s" if rate_hz else "saturated"
 
 
-def _places(found: Sequence[Cell]) -> list[tuple[str, float]]:
-    return list(dict.fromkeys((cell.transport, cell.rate_hz) for cell in found))
+def _ratio(found: Estimate | None) -> str:
+    return "–" if found is None else f"{found.value:.2f} ({found.low:.2f}–{found.high:.2f})"
 
 
-def details(measured: table3.Measured, found: Sequence[Cell]) -> list[Table]:
-    """Of each configuration: how much was measured, the tail, what the monitors did."""
-    tables = []
-    for transport, rate_hz in _places(found):
-        rows = []
-        for configuration in CONFIGURATIONS:
-            own = [
-                c
-                for c in found
-                if (c.transport, c.rate_hz, c.configuration)
-                == (transport, rate_hz, configuration.name)
-            ]
-            if own:
-                rows.append(_detail(measured, configuration.label, own))
-        tables.append(
-            Table(
-                f"ROOT on {name_of(transport)}, {rate(rate_hz)}",
-                (
-                    "",
-                    "ticks",
-                    "failed",
-                    "p50 [µs]",
-                    "p99 [µs]",
-                    "worst [µs]",
-                    "ratio",
-                    "monitors [cores]",
-                    "lag [ms]",
-                    "blocks not monitored",
-                ),
-                tuple(rows),
-            )
-        )
-    return tables
+def _spread(found: Estimate) -> str:
+    return f"{found.value:,.0f} ({found.low:,.0f}–{found.high:,.0f})"
 
 
-def _detail(measured: table3.Measured, label: str, own: Sequence[Cell]) -> tuple[str, ...]:
-    root = next(cell for cell in own if cell.series == ROOT)
-    attached = [
-        item
-        for item in measured.attachments
-        if (item.transport, item.configuration) == (root.transport, root.configuration)
-    ]
-    lags = [item.heard.lag_ms for item in attached if item.heard.lag_ms is not None]
-    return (
-        label,
-        f"{root.micros.count:,}",
-        str(root.failures),
-        micros(root.micros.p50.value),
-        micros(root.micros.p99),
-        micros(root.micros.worst),
-        ratio(root.ratio),
-        f"{root.processor:.2f}",
-        f"{statistics.median(lags):.1f}" if lags else "–",
-        f"{sum(bool(item.deaf) for item in attached)} of {len(attached)}",
-    )
+def _lag(p50: float | None, p99: float | None) -> str:
+    if p50 is None:
+        return "–"
+    return f"{p50:.1f}" if p99 is None else f"{p50:.1f} / {p99:.1f}"
+
+
+def _amount(cell: Cell) -> str:
+    """The place of a point in its growth, with its unit."""
+    if cell.experiment == "rate":
+        return _rate(cell.rate_hz)
+    if cell.experiment == "payload":
+        for size, unit in ((1 << 20, "MB"), (1 << 10, "KB")):
+            if cell.x >= size:
+                return f"{cell.x / size:g} {unit}"
+        return f"{cell.x:g} B"
+    return f"{cell.x:g}"
+
+
+# -- tables -----------------------------------------------------------------------------------------
 
 
 def targets(found: Sequence[Cell]) -> Table:
     """What passive monitoring of everything may cost, and costs."""
     rows = tuple(
         (
-            f"{name_of(target.transport)}, {rate(target.rate_hz)}",
-            ratio(target.found),
+            place(target),
+            _ratio(target.found),
             f"≤ {target.most:.2f}",
             "yes" if target.is_met else "**no**",
         )
-        for target in table3.targets(found)
+        for target in blocks.targets(found)
     )
-    return Table(
-        "Targets: everything monitored passively, ROOT", ("", "ratio", "target", "met"), rows
+    title = "Targets: everything monitored passively, ROOT"
+    return Table(title, ("", "ratio", "target", "met"), rows)
+
+
+def paper() -> Table:
+    """The paper's own figures."""
+    labels = {"none": "no monitor", "properties": "properties", "models": "models", "both": "both"}
+    rows = tuple(
+        (label, *(f"{PAPER[s][name]:,} ({PAPER[s][name] / PAPER[s]['none']:.2f})" for s in SERIES))
+        for name, label in labels.items()
+    )
+    return Table("The paper's table III: averages in µs (ratio)", ("", *SERIES), rows)
+
+
+def table3(found: Sequence[Cell]) -> list[Table]:
+    """Table III by transport and rate, a row for each way to monitor."""
+    own = [cell for cell in found if cell.experiment == TABLE3]
+    made = []
+    for where in dict.fromkeys(map(place, own)):
+        by_name = {(c.configuration, c.series): c for c in own if place(c) == where}
+        rows = tuple(
+            _row(item.label, [by_name[item.name, series] for series in SERIES])
+            for item in CONFIGURATIONS
+            if (item.name, ROOT) in by_name
+        )
+        header = ("", *SERIES, "p99 / worst", "ticks", "failed", "monitors [cores]", "lag [ms]")
+        deaf = [f"{c.configuration}: {c.deaf} of {c.rounds}" for c in by_name.values() if c.deaf]
+        note = f"Blocks not monitored: {', '.join(dict.fromkeys(deaf))}." if deaf else ""
+        made.append(Table(where, header, rows, note))
+    return made
+
+
+def _row(label: str, own: Sequence[Cell]) -> tuple[str, ...]:
+    *_, root = own
+    name = root.configuration
+    # what chance does is told by the whole tick
+    shown = [_cell(cell) if name != "control" or cell is root else "" for cell in own]
+    return (
+        label,
+        *shown,
+        f"{root.found.p99:,.0f} / {root.found.worst:,.0f}",
+        f"{root.found.count:,}",
+        str(root.failures),
+        f"{root.processor:.2f}",
+        _lag(root.lag_ms, None),
     )
 
 
-_NAMES = {"taps": "taps", "skills": "skills", "rate": "rate", "payload": "answer"}
+def _cell(cell: Cell) -> str:
+    if cell.configuration == NOBODY:
+        return _spread(cell.found.p50)
+    return f"{cell.found.p50.value:,.0f} · {_ratio(cell.ratio)}"
+
+
 _TITLES = {
-    "taps": "Taps",
-    "skills": "Monitored skills",
-    "rate": "Rate of the tree, everything monitored passively",
-    "payload": "Payload, one tap",
+    "taps": "taps",
+    "skills": "monitored skills",
+    "rate": "rate of the tree, all monitored",
+    "payload": "bytes of an answer, one tap",
 }
 
 
-def growth_tables(points: Sequence[growth_points.Point]) -> list[Table]:
-    """A table by experiment, transport and rate; below it where the knee is."""
-    tables = []
-    for own in growth_points.series(points):
-        first = own[0]
-        where = "" if first.experiment == "rate" else f", {rate(first.rate_hz)}"
-        bend = growth_points.knee(own)
-        place = "" if bend.x is None else f" at {amount(bend.experiment, bend.x)}"
-        tables.append(
-            Table(
-                f"{_TITLES[first.experiment]} on {name_of(first.transport)}{where}",
-                (
-                    _NAMES[first.experiment],
-                    "alone [µs]",
-                    "watched [µs]",
-                    "p99 [µs]",
-                    "ratio",
-                    "lag p50 / p99 [ms]",
-                    "watchers [cores]",
-                    "machine busy",
-                    "ticks/s",
-                    "failed",
-                ),
-                tuple(_growth_row(point) for point in own),
-                f"Knee{place}: {bend.why}.",
-            )
-        )
-    return tables
+def growth(found: Sequence[Cell]) -> Table:
+    """How the cost grows; below it where the knees are."""
+    rows, knees = [], []
+    for line in blocks.lines(found):
+        first = line[0]
+        where = _NAMES[first.transport] if first.experiment == "rate" else place(first)
+        title = f"{_TITLES[first.experiment]}; {where}"
+        rows += [(title if point is first else "", *_point(point)) for point in line]
+        if bend := blocks.knee(line):
+            knees.append(f"{title}, at {_amount(bend[0])}: {bend[1]}")
+    header = (
+        "what grows; where",
+        "to",
+        "alone [µs]",
+        "watched [µs]",
+        "p99 [µs]",
+        "ratio",
+        "lag p50 / p99 [ms]",
+        "watchers [cores]",
+        "machine busy",
+        "ticks/s",
+        "failed",
+    )
+    return Table("Growth", header, tuple(rows), f"Knees: {'. '.join(knees) or 'none'}.")
 
 
-def _growth_row(point: growth_points.Point) -> tuple[str, ...]:
+def _point(point: Cell) -> tuple[str, ...]:
     return (
-        amount(point.experiment, point.x),
-        micros(point.alone.p50.value),
-        micros(point.watched.p50.value),
-        micros(point.watched.p99),
-        ratio(point.ratio),
-        lag(point.lag_ms, point.lag_p99_ms),
+        _amount(point),
+        f"{point.alone:,.0f}",
+        f"{point.found.p50.value:,.0f}",
+        f"{point.found.p99:,.0f}",
+        _ratio(point.ratio),
+        _lag(point.lag_ms, point.lag_p99_ms),
         f"{point.processor:.2f}",
         f"{point.busy:.0%}",
         f"{point.ticks_per_s:,.0f}",
@@ -220,25 +181,29 @@ def _growth_row(point: growth_points.Point) -> tuple[str, ...]:
     )
 
 
-def cost_table(windows: Sequence[node_cost.Window]) -> Table:
+def cost(found: Sequence[Cell]) -> Table:
     """What a tap costs the node that is tapped."""
-    rows = tuple(
-        (
-            f"{name_of(cost.transport)}, {rate(cost.rate_hz)}",
-            "tapped" if cost.tapped else "untapped",
-            spread(cost.processor_us),
-            spread(cost.sent),
-            f"{cost.packets:.1f}",
-            spread(cost.policy_us),
-            micros(cost.idle_processor_us),
-            micros(cost.idle_sent),
-            str(cost.rounds),
-            str(cost.failures),
+    own = [cell for cell in found if cell.experiment == COST]
+    rows = []
+    for where, name in dict.fromkeys((place(cell), cell.configuration) for cell in own):
+        by = {c.series: c for c in own if (place(c), c.configuration) == (where, name)}
+        processor = by["processor"]
+        rows.append(
+            (
+                where,
+                "untapped" if name == NOBODY else "tapped",
+                _spread(processor.found.p50),
+                _spread(by["sent"].found.p50),
+                f"{by['packets'].found.p50.value:.1f}",
+                _spread(by["policy"].found.p50),
+                f"{by['idle processor'].found.p50.value:,.0f}",
+                f"{by['idle sent'].found.p50.value:,.0f}",
+                str(processor.rounds),
+                str(processor.failures),
+            )
         )
-        for cost in node_cost.costs(windows)
-    )
     header = (
-        node_cost.NODE,
+        NODE,
         "",
         "processor [µs/tick]",
         "sent [bytes/tick]",
@@ -249,25 +214,15 @@ def cost_table(windows: Sequence[node_cost.Window]) -> Table:
         "rounds",
         "failed",
     )
-    return Table("Cost on the node itself", header, rows)
+    return Table("Cost on the node itself", header, tuple(rows))
 
 
 def as_markdown(table: Table) -> str:
-    """The table with its title as bold text, and its note."""
-    lines = [
-        f"**{table.title}**",
-        "",
-        _line(table.header),
-        "|" + "---|" * len(table.header),
-        *(_line(row) for row in table.rows),
-    ]
-    if table.note:
-        lines += ["", table.note]
-    return "\n".join(lines)
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+    """The table, with its title where its first column has no name, and its note."""
+    first, *rest = table.header
+    lines = [f"| {' | '.join(row)} |" for row in ((first or table.title, *rest), *table.rows)]
+    lines.insert(1, "|" + "---|" * len(table.header))
+    return "\n".join([*lines, "", table.note] if table.note else lines)
 
 
 def print_table(table: Table) -> None:
@@ -278,15 +233,11 @@ def print_table(table: Table) -> None:
     from rich.table import Table as Drawn
 
     drawn = Drawn(title=table.title, title_style="bold", title_justify="left")
-    for place, name in enumerate(table.header):
-        drawn.add_column(name, justify="right" if place else "left")
-    before = ""
+    for number, name in enumerate(table.header):
+        drawn.add_column(name, justify="right" if number else "left")
     for row in table.rows:
-        if table.header[0] == "skill" and before not in ("", row[0]):
-            drawn.add_section()
-        before = row[0]
         drawn.add_row(*(cell.replace("**", "") for cell in row))
-    console = Console(width=None if sys.stdout.isatty() else 160)
+    console = Console(width=None if sys.stdout.isatty() else 200)
     console.print(drawn)
     if table.note:
         console.print(table.note, markup=False, highlight=False)

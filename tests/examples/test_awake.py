@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from examples.overhead.awake import held_awake
-from examples.overhead.machine import described, this_machine
+from examples.overhead.machine import described, held_awake, this_machine
 
 
 def open_files() -> set[Path]:

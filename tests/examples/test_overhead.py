@@ -13,10 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.processes import ROOT as REPOSITORY
+from benchmarks.processes import Child, ChildError
 from examples.overhead import __main__ as command
-from examples.overhead import brief, growth, growth_points, node_cost, table3
-from examples.overhead.children import ROOT as REPOSITORY
-from examples.overhead.children import Child, ChildError
+from examples.overhead import blocks, brief, measuring, node_cost
+from examples.overhead.blocks import SERIES
 from examples.overhead.load import ROOT, Order
 from examples.overhead.middle import LocalOracle, ManInTheMiddle, monitored
 from examples.overhead.observers import CONFIGURATIONS
@@ -140,9 +141,7 @@ def plant(tmp_path: Path) -> Iterator[Plant]:
 @pytest.mark.zenoh
 def test_ticks_that_fail_are_counted_and_keep_their_time(plant: Plant) -> None:
     good = plant.run(Order(3, 0.0, 2, rest=True))
-    assert {name: len(values) for name, values in good.micros.items()} == dict.fromkeys(
-        table3.SERIES, 3
-    )
+    assert {name: len(values) for name, values in good.micros.items()} == dict.fromkeys(SERIES, 3)
     assert not any(good.failures.values())
     plant.nodes["BlackboardComponent"].stop()
     bad = plant.run(Order(3, 0.0, 0, rest=True))
@@ -158,34 +157,30 @@ def test_ticks_that_fail_are_counted_and_keep_their_time(plant: Plant) -> None:
 def test_the_table_is_measured_in_every_way_of_monitoring() -> None:
     names = ("none", "both", "models-in-process", "models-websocket")
     chosen = [item for item in CONFIGURATIONS if item.name in names]
-    plan = table3.Plan(rounds=1, ticks={20.0: 4, 0.0: 4}, settle=2, warm_up=2, run_in=0)
-    measured = table3.measure("zenoh", plan, quiet, chosen)
-    assert {(b.configuration, b.rate_hz) for b in measured.blocks} == {
+    plan = measuring.Plan(rounds=1, ticks={20.0: 4, 0.0: 4}, settle=2, warm_up=2, run_in=0)
+    said: list[str] = []
+    measured = list(measuring.measure_table3("zenoh", plan, said.append, chosen))
+    assert {(b.configuration, b.rate_hz) for b in measured} == {
         (name, rate_hz) for name in names for rate_hz in (20.0, 0.0)
     }
-    for block in measured.blocks:
-        assert {name: len(values) for name, values in block.micros.items()} == dict.fromkeys(
-            table3.SERIES, 4
+    for block in measured:
+        assert {name: len(values) for name, values in block.values.items()} == dict.fromkeys(
+            SERIES, 4
         )
-    assert not any(cell.failures for cell in table3.cells(measured))
-    heard = {item.configuration: item.heard for item in measured.attachments}
-    # of each tick: four requests and responses of skills, three of what is behind them
-    assert all(heard[name].observations >= 12 * 14 for name in names if name != "none")
-    assert all(not heard[name].violations for name in names)
+        # all was heard: four requests and responses of skills, three of what is behind them, a tick
+        assert not block.deaf
+    assert not any(cell.failures for cell in blocks.cells(measured))
 
 
 @pytest.mark.zenoh
 @pytest.mark.soak
 def test_a_point_of_each_growth_is_measured() -> None:
-    plan = growth.GrowthPlan(
+    plan = measuring.GrowthPlan(
         rounds=1, taps=(0, 1), skills=(2,), rates=(0.0,), sizes=(16,), ticks=5, seconds=0.2
     )
-    runs = [run for measure in growth.MEASURES.values() for run in measure("zenoh", plan, quiet)]
-    points = growth_points.points(runs)
-    assert {point.experiment for point in points} == set(growth_points.EXPERIMENTS)
-    failed = [run for run in runs if run.failures]
-    assert not [(run.experiment, run.x, run.watchers, run.failures, run.reasons) for run in failed]
-    assert all(run.heard > 0 for run in runs if run.watchers)
+    runs = [run for measure in measuring.MEASURES.values() for run in measure("zenoh", plan, quiet)]
+    assert {cell.experiment for cell in blocks.cells(runs)} == set(blocks.GROWTH)
+    assert [run for run in runs if any(run.failures.values()) or run.deaf] == []
 
 
 @pytest.mark.zenoh
@@ -199,10 +194,10 @@ def test_a_tapped_node_sends_more_by_the_operating_systems_account() -> None:
     if not windows:
         assert "bytes cannot be counted" in why
         return
-    untapped, tapped = node_cost.costs(windows)
-    assert (untapped.tapped, tapped.tapped) == (False, True)
-    assert 0 < untapped.sent.value < tapped.sent.value
-    assert untapped.processor_us.value > 0
+    sent = {c.configuration: c for c in blocks.cells(windows) if c.series == "sent"}
+    assert 0 < sent["none"].found.p50.value < sent["tap"].found.p50.value
+    processor = next(c for c in blocks.cells(windows) if c.series == "processor")
+    assert processor.found.p50.value > 0
 
 
 # -- the command ------------------------------------------------------------------------------------
@@ -245,16 +240,16 @@ def test_ros_2_that_is_not_installed_is_one_clear_error(monkeypatch) -> None:
 @pytest.mark.zenoh
 @pytest.mark.slow
 def test_the_command_prints_json_for_machines(tmp_path: Path, monkeypatch, capsys) -> None:
-    tiny = table3.Plan(rounds=1, ticks={0.0: 3}, settle=2, warm_up=1, run_in=0)
+    tiny = measuring.Plan(rounds=1, ticks={0.0: 3}, settle=2, warm_up=1, run_in=0)
     monkeypatch.setattr(command, "QUICK", tiny)
     monkeypatch.setattr(command, "QUICK_CONFIGURATIONS", ("none", "both"))
     code = command.main(["--quick", "--only", "table3", "--json", "-o", str(tmp_path)])
     assert code == 0
     found = json.loads(capsys.readouterr().out)
-    assert {cell["series"] for cell in found["table3"]} == set(table3.SERIES)
+    assert {cell["series"] for cell in found["cells"]} == set(SERIES)
     assert {item["transport"] for item in found["targets"]} == {"zenoh"}
     names = {path.name for path in tmp_path.iterdir()}
-    assert {"results.json", "table3.csv", "overhead.md", "overhead-table3-zenoh.svg"} <= names
+    assert {"results.json", "overhead.md"} <= names
     assert command.main(["--from", str(tmp_path / "results.json"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == found
 
@@ -262,7 +257,7 @@ def test_the_command_prints_json_for_machines(tmp_path: Path, monkeypatch, capsy
 def test_targets_alone_are_measured_without_monitors_in_the_middle() -> None:
     chosen = argparse.Namespace(full=True, only=["targets"], rounds=3, seed=1)
     (fast, names), (slow, slow_names) = command.plans(chosen)
-    assert names == slow_names == table3.CORE
+    assert names == slow_names == measuring.CORE
     assert (fast.rounds, set(fast.ticks)) == (3, {10.0, 0.0})
     assert (slow.rounds, set(slow.ticks)) == (3, {1.0})
     chosen.only = None
@@ -273,7 +268,7 @@ def test_targets_alone_are_measured_without_monitors_in_the_middle() -> None:
 @pytest.mark.zenoh
 @pytest.mark.slow
 def test_the_demos_three_lines_are_measured(monkeypatch) -> None:
-    monkeypatch.setattr(brief, "PLAN", table3.Plan(1, {0.0: 3}, settle=2, warm_up=1, run_in=0))
+    monkeypatch.setattr(brief, "PLAN", measuring.Plan(1, {0.0: 3}, settle=2, warm_up=1, run_in=0))
     ours, middle, paper = brief.three_lines()
     assert re.match(
         r"a tick of four skills: [\d,]+ µs, with all of it monitored passively [\d,]+ µs", ours

@@ -1,4 +1,4 @@
-"""What the overhead comparison measures, in which order, and what counts: order, monitors, growth, accounts."""
+"""What the overhead comparison measures, and what counts: monitors, growth, the plan, processes."""
 
 from __future__ import annotations
 
@@ -9,23 +9,13 @@ import time
 import msgspec
 import pytest
 
-from examples.overhead import accounts, growth_points, schedule, table3
+from benchmarks import processes
+from examples.overhead import blocks, measuring
 from examples.overhead.load import LEVEL_S, phases
 from examples.overhead.observers import CONFIGURATIONS, Heard, deaf, told
 from examples.overhead.plant import read_system
 from m2c.model.machine import InterfaceKind
 from tests.examples.overhead_made_up import made_up, run
-
-# -- order ------------------------------------------------------------------------------------------
-
-
-def test_each_round_has_everything_once_and_not_always_in_the_same_order() -> None:
-    turns = list(schedule.rounds("abcd", 6, seed=1))
-    orders = [[item for number, item in turns if number == wanted] for wanted in range(6)]
-    assert all(sorted(order) == list("abcd") for order in orders)
-    assert len({tuple(order) for order in orders}) > 1
-    assert turns == list(schedule.rounds("abcd", 6, seed=1))
-
 
 # -- monitors ---------------------------------------------------------------------------------------
 
@@ -72,58 +62,57 @@ def test_what_a_monitor_could_not_judge_is_kept_with_its_reason() -> None:
 
 def test_the_knee_is_where_the_whole_interval_is_dear() -> None:
     runs = [
-        run(x, int(x), micros, number)
+        run(x, micros, number)
         for number in range(3)
         for x, micros in ((0, 100.0), (1, 105.0), (2, 140.0), (4, 300.0))
     ]
     runs = [msgspec.structs.replace(item, busy=0.95) if item.x == 2 else item for item in runs]
-    (line,) = growth_points.series(growth_points.points(runs))
-    assert [point.ratio.value for point in line] == [1.0, 1.05, 1.4, 3.0]
-    found = growth_points.knee(line)
-    assert found.x == 2
-    assert "1.40 times; the machine is full" in found.why
+    (line,) = blocks.lines(blocks.cells(runs))
+    assert [point.ratio.value for point in line if point.ratio] == [1.0, 1.05, 1.4, 3.0]
+    point, why = blocks.knee(line)
+    assert point.x == 2
+    assert why == "a tick costs 1.40 times; the machine is full (95% busy)"
 
 
 def test_a_watcher_that_is_late_is_a_knee_too() -> None:
-    runs = [run(0, 0, 100.0), run(1, 1, 100.0, lag_ms=20.0, lag_p99_ms=150.0, processor=0.99)]
-    found = growth_points.knee(growth_points.points(runs))
-    assert found.x == 1
-    assert "150 ms behind; the watchers use 1.0 cores" in found.why
+    runs = [run(0, 100.0), run(1, 100.0, lag_ms=20.0, lag_p99_ms=150.0, processor=0.99)]
+    point, why = blocks.knee(blocks.cells(runs))
+    assert point.x == 1
+    assert "150 ms behind; the watchers use 1.0 cores" in why
 
 
 def test_where_nothing_is_dear_there_is_no_knee() -> None:
-    found = growth_points.knee(growth_points.points([run(0, 0, 100.0), run(1, 1, 101.0)]))
-    assert found.x is None
+    assert blocks.knee(blocks.cells([run(0, 100.0), run(1, 101.0)])) is None
 
 
 def test_saturation_comes_after_all_rates() -> None:
     runs = [
-        msgspec.structs.replace(run(x, watchers, 100.0), experiment="rate", rate_hz=x)
-        for x in (0.0, 100.0, 1.0)
-        for watchers in (0, 1)
+        run(0, 100.0, experiment="rate", rate_hz=rate_hz, configuration=who)
+        for rate_hz in (0.0, 100.0, 1.0)
+        for who in ("none", "both")
     ]
-    assert [point.x for point in growth_points.points(runs)] == [1.0, 100.0, 0.0]
+    (line,) = blocks.lines(blocks.cells(runs))
+    assert [point.rate_hz for point in line] == [1.0, 100.0, 0.0]
 
 
 # -- the plan ---------------------------------------------------------------------------------------
 
 
 def test_what_is_far_from_any_target_has_its_turn_in_the_first_rounds_only() -> None:
-    plan = table3.Plan(rounds=3, ticks={0.0: 1}, few=1)
+    plan = measuring.Plan(rounds=3, ticks={0.0: 1}, few=1)
     turns = [
         {item.name for item in CONFIGURATIONS if plan.has_turn(item, number)} for number in range(3)
     ]
-    assert turns == [{item.name for item in CONFIGURATIONS}, set(table3.CORE), set(table3.CORE)]
+    core = set(measuring.CORE)
+    assert turns == [{item.name for item in CONFIGURATIONS}, core, core]
 
 
 def test_ratios_are_of_the_rounds_in_which_there_was_a_turn() -> None:
-    found = made_up()
-    blocks = [b for b in found.table3.blocks if b.round == 0 or b.configuration in table3.CORE]
-    measured = msgspec.structs.replace(found.table3, blocks=tuple(blocks))
+    own = [b for b in made_up().blocks if b.round == 0 or b.configuration in measuring.CORE]
     counts = {
-        cell.configuration: (cell.micros.count, round(cell.ratio.value, 2))
-        for cell in table3.cells(measured)
-        if cell.series == table3.ROOT and cell.rate_hz == 10
+        cell.configuration: (cell.found.count, round(cell.ratio.value, 2))
+        for cell in blocks.cells(own)
+        if (cell.experiment, cell.series, cell.rate_hz) == ("table3", "ROOT", 10) and cell.ratio
     }
     assert counts == {
         "none": (6, 1.0),
@@ -150,19 +139,19 @@ def test_the_battery_tells_its_level_as_often_as_the_load_takes_it() -> None:
 
 
 def test_the_account_of_a_process_is_its_processor_time() -> None:
-    before, own = accounts.processor_s(os.getpid()), time.process_time()
+    before, own = processes.processor_s(os.getpid()), time.process_time()
     assert abs(before - own) < 0.1
     sum(range(300_000))
-    assert accounts.processor_s(os.getpid()) > before
+    assert processes.processor_s(os.getpid()) > before
 
 
 def test_a_process_that_is_not_there_has_no_account() -> None:
     with pytest.raises(OSError, match="process 999999999"):
-        accounts.processor_s(999_999_999)
+        processes.processor_s(999_999_999)
 
 
 def test_the_bytes_of_an_interface_are_counted() -> None:
-    sent, packets = accounts.bytes_sent(os.getpid(), "lo")
+    sent, packets = processes.bytes_sent(os.getpid(), "lo")
     assert sent >= packets >= 0
     with pytest.raises(KeyError):
-        accounts.bytes_sent(os.getpid(), "no_such_interface")
+        processes.bytes_sent(os.getpid(), "no_such_interface")

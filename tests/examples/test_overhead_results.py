@@ -1,4 +1,4 @@
-"""What is made of the measurements: tables, agreement, files, runs put together, the page, figures."""
+"""What is made of the measurements: tables, files, runs put together, the page."""
 
 from __future__ import annotations
 
@@ -7,65 +7,67 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from examples.overhead import node_cost, results, table3
+from benchmarks.page import put
+from examples.overhead import blocks, results, tables
 from examples.overhead.__main__ import main
-from examples.overhead.agreement import agreement, figures
+from examples.overhead.blocks import SERIES
 from examples.overhead.machine import this_machine
-from examples.overhead.tables import as_markdown, beside_the_paper, growth_tables, targets
 from tests.examples.overhead_made_up import made_up
 
 
-def test_the_papers_columns_stand_beside_ours() -> None:
-    cells = made_up().cells
-    ten, saturated = beside_the_paper(cells)
-    assert (ten.title, saturated.title) == (
-        "Table III on Zenoh, 10 ticks/s",
-        "Table III on Zenoh, saturated",
+def test_ways_to_monitor_stand_below_each_other_and_the_papers_above_them() -> None:
+    first, *_ = results.made_tables(made_up())["table3"]
+    assert first.rows[-1] == (
+        "both",
+        "65,670 (16.94)",
+        "327,816 (47.47)",
+        "333,764 (54.77)",
+        "298,117 (63.44)",
+        "864,467 (28.91)",
     )
-    both = next(row for row in ten.rows if row[:2] == ("ROOT", "4 both"))
-    assert both[2] == "864,467 (28.91)"
-    assert both[3].startswith("104 · 1.04 (")
-    assert both[4].startswith("300 · 3.00 (")
-    assert "no monitor again (what chance does): ROOT 1.01" in ten.note
+    ten, saturated = tables.table3(made_up().cells)
+    assert (ten.title, saturated.title) == ("Zenoh, 10 ticks/s", "Zenoh, saturated")
+    assert ten.header[:6] == ("", *SERIES)
+    by_label = {row[0]: row[1:] for row in ten.rows}
+    assert by_label["no monitor"][0].startswith("100 (")
+    assert by_label["no monitor, again"][3] == ""
+    assert by_label["no monitor, again"][4].startswith("101 · 1.01 (")
+    assert by_label["both, passive"][0].startswith("104 · 1.04 (")
+    websocket = by_label["both, in the middle (WebSocket)"]
+    assert websocket[4].startswith("300 · 3.00 (")
+    assert websocket[5:] == ("306 / 306", "6", "2", "0.10", "2.5")
+
+
+def test_blocks_that_are_not_monitored_are_counted_below_the_table() -> None:
+    made = made_up()
+    deaf = [
+        msgspec.structs.replace(block, deaf="heard nothing")
+        if (block.configuration, block.rate_hz, block.round) == ("both", 10.0, 0)
+        else block
+        for block in made.blocks
+    ]
+    ten, saturated = tables.table3(blocks.cells(deaf))
+    assert (ten.note, saturated.note) == ("Blocks not monitored: both: 1 of 2.", "")
 
 
 def test_failures_are_shown_beside_the_figures() -> None:
-    found = results.summary(made_up())
-    failures = {cell["configuration"]: cell["failures"] for cell in found["table3"]}
+    found = [cell for cell in results.summary(made_up())["cells"] if cell["experiment"] == "table3"]
+    failures = {cell["configuration"]: cell["failures"] for cell in found}
     assert failures == {"none": 0, "control": 0, "both": 0, "both-websocket": 2}
-    assert all(cell["micros"]["count"] == 6 for cell in found["table3"])
+    assert all(cell["found"]["count"] == 6 for cell in found)
 
 
 def test_targets_say_whether_they_are_met() -> None:
     cells = made_up().cells
-    assert [item.is_met for item in table3.targets(cells)] == [True, True]
-    assert "| Zenoh, 10 ticks/s | 1.04 (" in as_markdown(targets(cells))
-
-
-def test_runs_whose_intervals_overlap_agree_and_the_others_are_named() -> None:
-    made = made_up()
-    same = agreement(made, made)
-    assert not same.rows
-    assert same.note == f"{len(figures(made))} of {len(figures(made))} intervals overlap."
-    slower = [
-        msgspec.structs.replace(
-            block, micros={s: [2 * m for m in v] for s, v in block.micros.items()}
-        )
-        if (block.configuration, block.rate_hz) == ("both", 10.0)
-        else block
-        for block in made.table3.blocks
-    ]
-    other = msgspec.structs.replace(made, table3=table3.Measured(tuple(slower), ()))
-    apart = agreement(made, other)
-    assert [row[0] for row in apart.rows] == [
-        f"Zenoh, 10 ticks/s, {series}, both" for series in table3.SERIES
-    ]
-    assert [row[2].partition(" ")[0] for row in apart.rows] == ["2.08"] * len(table3.SERIES)
+    assert [item.is_met for item in blocks.targets(cells)] == [True, True]
+    assert "| Zenoh, 10 ticks/s | 1.04 (" in tables.as_markdown(tables.targets(cells))
 
 
 def test_a_node_on_a_machine_of_half_the_speed_costs_the_same_times() -> None:
-    def window(tapped: bool, number: int, micros: float) -> node_cost.Window:
-        return node_cost.Window("zenoh", 10.0, tapped, number, micros, 300.0, 2.0, 9.0, 1.0, 9.0, 0)
+    def window(tapped: bool, number: int, micros: float) -> blocks.Block:
+        who = "tap" if tapped else "none"
+        values = {"processor": [micros], "idle": [0.0]}
+        return blocks.Block("cost", "zenoh", 10.0, 0.0, who, number, values, {})
 
     windows = [
         window(tapped, number, speed * (150.0 if tapped else 100.0))
@@ -73,9 +75,11 @@ def test_a_node_on_a_machine_of_half_the_speed_costs_the_same_times() -> None:
         for tapped in (False, True)
     ]
     alone = window(True, 3, 1000.0)  # its round was not measured untapped
-    (found,) = node_cost.dearer([*windows, alone]).values()
-    assert (found.value, found.low, found.high) == pytest.approx((1.5, 1.5, 1.5))
-    assert node_cost.dearer([alone]) == {}
+    *_, found, idle = blocks.cells([*windows, alone])
+    assert found.ratio is not None
+    assert (found.ratio.value, found.ratio.low, found.ratio.high) == pytest.approx((1.5, 1.5, 1.5))
+    assert idle.ratio is None  # nothing is a multiple of nothing
+    assert blocks.cells([alone]) == []
 
 
 def test_results_are_the_same_after_they_were_saved(tmp_path: Path) -> None:
@@ -84,33 +88,28 @@ def test_results_are_the_same_after_they_were_saved(tmp_path: Path) -> None:
     again = results.read(tmp_path / results.FILE)
     assert again == made
     assert results.sections(again) == results.sections(made)
-    lines = (tmp_path / "table3.csv").read_text(encoding="utf-8").splitlines()
-    assert lines[0].startswith("transport,rate_hz,configuration,series,micros_p50_value")
-    assert len(lines) == 1 + 2 * 4 * len(table3.SERIES)
-    assert len((tmp_path / "growth.csv").read_text(encoding="utf-8").splitlines()) == 3
-    assert len((tmp_path / "cost.csv").read_text(encoding="utf-8").splitlines()) == 3
+    assert "864,467" in (tmp_path / "overhead.md").read_text(encoding="utf-8")
 
 
 def test_runs_together_are_one_of_all_their_rounds() -> None:
     made = made_up()
     faster = [
-        msgspec.structs.replace(b, micros={s: [m / 2 for m in v] for s, v in b.micros.items()})
-        for b in made.table3.blocks
+        msgspec.structs.replace(b, values={s: [m / 2 for m in v] for s, v in b.values.items()})
+        for b in made.blocks
     ]
     other = msgspec.structs.replace(
         made,
         began="2026-01-02 12:00",
-        table3=table3.Measured(tuple(faster), made.table3.attachments),
+        blocks=tuple(faster),
         problems=("the bus was late",),
     )
     both = results.joined([made, other])
-    assert {block.round for block in both.table3.blocks} == {0, 1, 2, 3}
-    assert {item.round for item in both.table3.attachments} == {0, 1, 2, 3}
-    assert {window.round for window in both.windows} == {0, 1, 2, 3}
-    assert [item.round for item in both.growth] == [0, 0, 1, 1]
+    assert {block.round for block in both.blocks} == {0, 1, 2, 3}
     cell = next(c for c in both.cells if (c.configuration, c.series) == ("both", "ROOT"))
-    assert cell.micros.count == 12
-    assert cell.ratio.value == pytest.approx(1.04)  # each round beside its own, however fast it was
+    assert cell.found.count == 12
+    assert cell.ratio is not None
+    # each round beside its own, however fast it was
+    assert cell.ratio.value == pytest.approx(1.04)
     assert (both.began, both.problems) == ("2026-01-01 12:00, 2026-01-02 12:00", other.problems)
     assert (both.minutes, both.command.count("--quick")) == (2.0, 2)
 
@@ -159,47 +158,28 @@ def test_a_page_keeps_what_is_not_between_its_markers(tmp_path: Path) -> None:
     assert page.read_text(encoding="utf-8") == first
 
 
-def test_a_page_without_a_marker_is_not_rewritten() -> None:
-    with pytest.raises(ValueError, match="begin growth"):
-        results.replaced("# Page", "growth", "text")
-
-
 def test_every_section_has_its_place_on_the_page() -> None:
     page = Path(results.__file__).parents[2] / "docs/overhead.md"
     text = page.read_text(encoding="utf-8")
     for name, content in results.sections(made_up()).items():
-        text = results.replaced(text, name, content)
-
-
-def test_figures_are_drawn_twice_each_and_the_same_again(tmp_path: Path) -> None:
-    from examples.overhead.figures import draw
-
-    drawn = draw(made_up(), tmp_path)
-    assert sorted(path.name for path in drawn) == [
-        "overhead-table3-zenoh.png",
-        "overhead-table3-zenoh.svg",
-        "overhead-taps.png",
-        "overhead-taps.svg",
-    ]
-    first = (tmp_path / "overhead-taps.svg").read_bytes()
-    draw(made_up(), tmp_path)
-    assert (tmp_path / "overhead-taps.svg").read_bytes() == first
+        text = put(text, name, content)
 
 
 def test_growth_has_a_table_and_a_note_on_its_knee() -> None:
-    (table,) = growth_tables(made_up().points)
-    assert table.rows[1][:3] == ("1", "100", "120")
-    assert table.note.startswith("Knee: no knee")
+    table = tables.growth(made_up().cells)
+    assert table.rows[0][:3] == ("taps; Zenoh, 10 ticks/s", "0", "100")
+    assert table.rows[1][:4] == ("", "1", "100", "120")
+    assert table.note == "Knees: none."
 
 
 def test_a_turn_that_could_not_be_measured_leaves_the_other_rounds() -> None:
-    made = made_up()
-    blocks = tuple(
+    own = [
         block
-        for block in made.table3.blocks
+        for block in made_up().blocks
         if (block.configuration, block.round) not in (("both", 0), ("none", 1))
-    )
-    cells = table3.cells(table3.Measured(blocks, made.table3.attachments))
+    ]
+    cells = [cell for cell in blocks.cells(own) if cell.experiment == "table3"]
     assert {cell.configuration for cell in cells} == {"none", "control", "both-websocket"}
     root = next(c for c in cells if (c.configuration, c.series) == ("both-websocket", "ROOT"))
-    assert (root.micros.count, root.ratio.value) == (6, 3.0)
+    assert root.ratio is not None
+    assert (root.found.count, root.ratio.value) == (6, 3.0)

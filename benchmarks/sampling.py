@@ -1,9 +1,12 @@
-"""Figures from samples: medians, 99th percentiles, and bootstrap intervals that mean what they say.
+"""How all of this is measured: in rounds; medians, ratios, and bootstrap intervals that mean what they say.
+
+A *round* has each configuration once, in random order, so that what slows the machine down for a while
+hits all of them alike. Ratios are of the same round.
 
 Ticks that follow one another are alike (the same processes, the same mood of the machine), so single
-ticks are not independent. A *block* is what was measured without a break, a *round* has one block of
-each configuration. The bootstrap draws rounds, and in each drawn block its ticks (Davison & Hinkley,
-Bootstrap Methods and their Application, 1997, section 3.8: nonparametric two-stage sampling).
+ticks are not independent. A *block* is what was measured without a break. The bootstrap draws rounds, and
+in each drawn block its ticks (Davison & Hinkley, Bootstrap Methods and their Application, 1997, section
+3.8: nonparametric two-stage sampling).
 
 Of few rounds a bootstrap's percentiles are too narrow: those that it draws differ less than others would,
 measured another time. They are taken further out (:func:`tail`).
@@ -15,7 +18,8 @@ import itertools
 import math
 import random
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
 
 import msgspec
 
@@ -26,6 +30,15 @@ SEED = 1
 """Of the bootstrap: the same samples give the same intervals."""
 
 Block = Sequence[float]
+Item = TypeVar("Item")
+
+
+def rounds(items: Sequence[Item], count: int, seed: int) -> Iterator[tuple[int, Item]]:
+    """``items`` in ``count`` rounds, shuffled anew in each, with the number of the round."""
+    draw = random.Random(seed)
+    for number in range(count):
+        for item in draw.sample(list(items), len(items)):
+            yield number, item
 
 
 class Estimate(msgspec.Struct, frozen=True):

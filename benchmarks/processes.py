@@ -1,4 +1,8 @@
-"""Child processes that are told what to do by lines of JSON, and answer by lines of JSON."""
+"""Processes that are measured: told what to do by lines of JSON, which they answer by lines of JSON.
+
+And what stands around them: a place on the loopback link, what the operating system has on record of a
+process, processors that are busy.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +12,27 @@ import ctypes
 import os
 import queue
 import signal
+import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, Self
 
 import msgspec
 
-from examples.overhead import accounts
+from transports.interface import Transport
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 READY_S = 60.0
 """A machine under load starts a dozen interpreters in it."""
 STOP_S = 10.0
 KEPT_LINES = 20
 
 _PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
+_libc = ctypes.CDLL(None, use_errno=True)
 
 
 class ChildError(Exception):
@@ -39,7 +45,7 @@ def _die_with_parent() -> None:
 
 
 class Child:
-    """A process of the comparison.
+    """A process of a measurement.
 
     Args:
         name: what it is called in errors.
@@ -69,7 +75,7 @@ class Child:
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            start_new_session=True,  # Ctrl-C is for the comparison, which ends its children itself
+            start_new_session=True,  # Ctrl-C is for who measures, who ends its children itself
             preexec_fn=_die_with_parent,  # noqa: PLW1509 - one prctl, no lock is taken
         )
         assert self._process.stdout is not None
@@ -94,13 +100,18 @@ class Child:
         return self._process.pid
 
     @property
+    def exit_code(self) -> int | None:
+        """Of the process; None while it runs."""
+        return self._process.poll()
+
+    @property
     def last_lines(self) -> str:
         """What it said last."""
         return "\n".join(self._last)
 
     def processor_s(self) -> float:
         """Processor time that it has used."""
-        return accounts.processor_s(self.pid)
+        return processor_s(self.pid)
 
     def _follow(self, stream: IO[str]) -> None:
         for line in stream:
@@ -172,3 +183,83 @@ class Child:
             if line is not None and line.startswith("{"):
                 said.append(msgspec.json.decode(line))
         return said
+
+
+def free_endpoint() -> str:
+    """A loopback endpoint that nobody uses at the moment."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
+
+
+@contextlib.contextmanager
+def busy(count: int) -> Iterator[None]:
+    """Meanwhile so many processes keep processors busy."""
+    with contextlib.ExitStack() as stack:
+        for _ in range(count):
+            stack.enter_context(Child("a burner", ["-c", "while True: pass"]))
+        yield
+
+
+@contextlib.contextmanager
+def spinning(transport: Transport) -> Iterator[None]:
+    """Meanwhile ``transport`` spins in a thread; closed behind it, whatever went wrong."""
+    thread = threading.Thread(target=transport.spin)
+    thread.start()
+    try:
+        yield
+    finally:
+        transport.close()
+        thread.join()
+
+
+def processor_s(pid: int) -> float:
+    """Processor time of all threads of ``pid`` since it began, in seconds, to the nanosecond.
+
+    From the process's own clock (clock_getcpuclockid(3)), not from ticks of 10 ms as in
+    ``/proc/<pid>/stat``.
+
+    Raises:
+        OSError: there is no such process.
+    """
+    clock = ctypes.c_int()
+    error = _libc.clock_getcpuclockid(pid, ctypes.byref(clock))
+    if error:
+        raise OSError(error, f"{os.strerror(error)}: process {pid}")
+    return time.clock_gettime(clock.value)
+
+
+def resident_mb(pid: int | str = "self") -> float:
+    """The resident memory of a process, in MB; 0 of one that has just ended."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next((int(line.split()[1]) for line in lines if line.startswith("VmRSS")), 0) / 1024
+
+
+def read_so_far(pid: int) -> int:
+    """Bytes that a process has read."""
+    lines = Path(f"/proc/{pid}/io").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("rchar"))
+
+
+def machine_s() -> tuple[float, float]:
+    """Processor time of the whole machine since it was started, in seconds: busy, and in all."""
+    words = Path("/proc/stat").read_text().splitlines()[0].split()[1:9]
+    values = [int(word) / os.sysconf("SC_CLK_TCK") for word in words]
+    idle = values[3] + values[4]  # idle, and waiting for a disk
+    return sum(values) - idle, sum(values)
+
+
+def bytes_sent(pid: int, interface: str) -> tuple[int, int]:
+    """Bytes and packets that went out of ``interface`` in the network namespace of ``pid``.
+
+    Everything on the wire counts: Ethernet, IP, TCP or UDP headers, acknowledgements, discovery.
+
+    Raises:
+        KeyError: there is no such interface.
+    """
+    for line in Path(f"/proc/{pid}/net/dev").read_text().splitlines()[2:]:
+        name, _, counters = line.partition(":")
+        if name.strip() == interface:
+            fields = counters.split()
+            return int(fields[8]), int(fields[9])
+    raise KeyError(interface)

@@ -1,0 +1,117 @@
+"""Figures of benchmarks beside a peer's of the same run: on a terminal, and on the page of all figures.
+
+A benchmark tells its rows by :func:`publish`; ``python -m benchmarks`` collects them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+TOLD_TO = "BENCHMARK_ROWS"
+"""The environment variable that names the file into which rows are written."""
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One figure.
+
+    Attributes:
+        what: is measured.
+        value: of ours, in ``unit``.
+        peer: what it is compared with; "" if with nothing.
+        theirs: the peer's value, in the same unit, in the same run.
+        ratio: of ours to the peer's.
+        most, least: the target, of the ratio where there is one, else of the value.
+        is_of_value: the target is of the value, though there is a ratio.
+    """
+
+    what: str
+    value: float
+    unit: str
+    peer: str = ""
+    theirs: float | None = None
+    ratio: float | None = None
+    most: float | None = None
+    least: float | None = None
+    is_of_value: bool = False
+
+    @property
+    def is_met(self) -> bool | None:
+        """Whether the target is reached; None if there is none."""
+        figure = self.value if self.ratio is None or self.is_of_value else self.ratio
+        if self.most is not None:
+            return figure <= self.most
+        return None if self.least is None else figure >= self.least
+
+
+def slower(
+    what: str, value: float, unit: str, peer: str, theirs: float, most: float | None = None
+) -> Row:
+    """A figure of which less is better; the ratio says how many times the peer's it is."""
+    return Row(what, value, unit, peer, theirs, value / theirs, most=most)
+
+
+def faster(
+    what: str, value: float, unit: str, peer: str, theirs: float, least: float | None = None
+) -> Row:
+    """A figure of which more is better; the ratio says how many times the peer's it is."""
+    return Row(what, value, unit, peer, theirs, value / theirs, least=least)
+
+
+def publish(rows: Sequence[Row]) -> None:
+    """Print ``rows``, and tell them to who runs all benchmarks, if anybody does."""
+    for row in rows:
+        print(": ".join([row.what, ", ".join(filter(None, _cells(row)))]), flush=True)
+    path = os.environ.get(TOLD_TO)
+    if path:
+        Path(path).write_bytes(msgspec.json.encode(rows))
+
+
+def as_markdown(rows: Sequence[Row], said: str) -> str:
+    """A table of ``rows``; ``said`` heads their names."""
+    header = (said, "ours", "peer", "ratio", "target", "")
+    lines = [f"| {' | '.join(cells)} |" for cells in (header, *map(_line, rows))]
+    return "\n".join([lines[0], "|" + "---|" * len(header), *lines[1:]])
+
+
+def _line(row: Row) -> tuple[str, ...]:
+    return row.what, *_cells(row)
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    """Value, the peer's, ratio, target, and whether it is reached."""
+    theirs = f"{row.peer} {_number(row.theirs, row.unit)}" if row.theirs is not None else row.peer
+    ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
+    met = {None: "", True: "reached", False: "**not reached**"}[row.is_met]
+    return _number(row.value, row.unit), theirs, ratio, _target(row), met
+
+
+def _number(value: float, unit: str) -> str:
+    digits = 0 if abs(value) >= 100 or value == int(value) else 1 if abs(value) >= 10 else 2
+    return f"{value:,.{digits}f} {unit}".rstrip()
+
+
+def _target(row: Row) -> str:
+    limit = row.most if row.most is not None else row.least
+    if limit is None:
+        return ""
+    is_ratio = row.ratio is not None and not row.is_of_value
+    shown = f"{limit:.2f}" if is_ratio else _number(limit, row.unit)
+    return f"{'≤' if row.most is not None else '≥'} {shown}"
+
+
+def put(text: str, name: str, content: str) -> str:
+    """``text`` with ``content`` between the markers of ``name``.
+
+    Raises:
+        ValueError: they are not there.
+    """
+    first, last = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+    head, begun, rest = text.partition(first)
+    _, ended, tail = rest.partition(last)
+    if not begun or not ended:
+        raise ValueError(f"the page has no {first} … {last}")
+    return f"{head}{first}\n{content}\n{last}{tail}"
