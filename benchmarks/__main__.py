@@ -1,6 +1,6 @@
 """Every benchmark, and the page of their figures.
 
-``python -m benchmarks [NAME …] [--page docs/performance.md]`` runs each script of this folder and puts its
+``python -m benchmarks [NAME …] [--page docs/performance.md]`` runs each module of this folder and puts its
 figures between the page's markers ``<!-- begin NAME -->`` and ``<!-- end NAME -->``. Exit code 1 if one of
 them fails; what it said is shown.
 """
@@ -18,14 +18,11 @@ from pathlib import Path
 
 import msgspec
 
+from benchmarks.page import TOLD_TO, Row, as_markdown, put
+
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "docs/performance.md"
-sys.path.insert(0, str(HERE))  # the benchmarks are scripts, which find each other there
-
-from row import TOLD_TO, Row  # noqa: E402
-
-NO_BENCHMARKS = ("__main__", "loopback", "row")
-HEADER = ("", "ours", "peer", "ratio", "target", "")
+NO_BENCHMARKS = ("__main__", "page", "processes", "sampling")
 
 
 def names() -> list[str]:
@@ -37,53 +34,11 @@ def run(name: str, arguments: Sequence[str] = ()) -> tuple[list[Row], bool]:
     """Run one benchmark, its output shown; its rows, and whether it went well."""
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "rows.json"
-        command = [sys.executable, str(HERE / f"{name}.py"), *arguments]
-        done = subprocess.run(command, env={**os.environ, TOLD_TO: str(path)}, check=False)
+        command = [sys.executable, "-m", f"benchmarks.{name}", *arguments]
+        told = {**os.environ, TOLD_TO: str(path)}
+        done = subprocess.run(command, cwd=HERE.parent, env=told, check=False)
         rows = msgspec.json.decode(path.read_bytes(), type=list[Row]) if path.exists() else []
     return rows, done.returncode == 0
-
-
-def as_markdown(rows: Sequence[Row], said: str) -> str:
-    """A table of ``rows``; ``said`` stands below it."""
-    lines = [f"| {' | '.join(HEADER)} |", "|" + "---|" * len(HEADER), *map(_line, rows)]
-    return "\n".join([*lines, "", said])
-
-
-def _line(row: Row) -> str:
-    theirs = f"{row.peer} {_number(row.theirs, row.unit)}" if row.theirs is not None else row.peer
-    ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
-    target = _target(row)
-    met = {None: "", True: "reached", False: "**not reached**"}[row.is_met]
-    cells = (row.what, _number(row.value, row.unit), theirs, ratio, target, met)
-    return f"| {' | '.join(cells)} |"
-
-
-def _number(value: float, unit: str) -> str:
-    digits = 0 if abs(value) >= 100 or value == int(value) else 1 if abs(value) >= 10 else 2
-    return f"{value:,.{digits}f} {unit}".rstrip()
-
-
-def _target(row: Row) -> str:
-    limit = row.most if row.most is not None else row.least
-    if limit is None:
-        return ""
-    is_ratio = row.ratio is not None and not row.is_of_value
-    shown = f"{limit:.2f}" if is_ratio else _number(limit, row.unit)
-    return f"{'≤' if row.most is not None else '≥'} {shown}"
-
-
-def put(text: str, name: str, content: str) -> str:
-    """``text`` with ``content`` between the markers of ``name``.
-
-    Raises:
-        ValueError: they are not there.
-    """
-    first, last = f"<!-- begin {name} -->", f"<!-- end {name} -->"
-    head, begun, rest = text.partition(first)
-    _, ended, tail = rest.partition(last)
-    if not begun or not ended:
-        raise ValueError(f"the page has no {first} … {last}")
-    return f"{head}{first}\n{content}\n{last}{tail}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -112,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{name} told no figures for the page")
             continue
         day = time.strftime("%Y-%m-%d", time.gmtime())
-        said = f"`python -m benchmarks {name}`, {day}; load average before it {load:.2f}."
+        said = f"`python -m benchmarks {name}`, {day}; load {load:.2f}"
         try:
             # read anew each time: somebody may edit the page meanwhile
             text = put(chosen.page.read_text(encoding="utf-8"), name, as_markdown(rows, said))

@@ -1,6 +1,6 @@
 """What the commands cost: wall time of each as a process, beside a bare ``import click``.
 
-Usage: ``python benchmarks/commands.py [--runs N]``. Prints medians, their targets and ratios.
+Usage: ``python -m benchmarks.commands [--runs N]``. Prints medians, their targets and ratios.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from row import Row, publish, slower
+from benchmarks.page import Row, publish, slower
+from benchmarks.processes import ROOT
 
-SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
+SYSTEM = ROOT / "examples/lab_tour/system.xml"
 BIN = Path(sys.executable).parent
 
 
@@ -48,7 +49,6 @@ def per_model(rounds: int) -> Row:
                     compile(text, name, "exec")
             theirs.append(time.perf_counter() - began)
     mine, peer = statistics.median(ours) * 1e3, statistics.median(theirs) * 1e3
-    print(f"{'templates of a node':<26}{mine:6.2f} ms  {mine / peer:5.1f} x compiling the result")
     return slower(
         "filling in the templates of a node", mine, "ms", "CPython compiling the result", peer
     )
@@ -92,9 +92,6 @@ def main() -> None:
         if name != bare
     ]
     publish([*rows, per_model(runs)])
-    for name, (_, target) in commands.items():
-        line = f"{name:<26}{medians[name]:6.3f} s   {medians[name] / medians[bare]:5.1f} x bare"
-        print(line if target is None else f"{line}   (target ≤ {target:g} s)")
 
 
 if __name__ == "__main__":

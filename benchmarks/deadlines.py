@@ -1,6 +1,6 @@
 """How soon after its deadline a response that never comes is reported, on Zenoh with default bounds.
 
-Usage: ``python benchmarks/deadlines.py [--count N] [--busy N]``. A process asks again and again; every
+Usage: ``python -m benchmarks.deadlines [--count N] [--busy N]``. A process asks again and again; every
 other answer comes in the last moments before its deadline, the rest not in time. Prints how late the
 monitor said so, and how often it accused an answer that was in time. ``--busy`` keeps so many
 processors busy meanwhile.
@@ -9,16 +9,15 @@ processors busy meanwhile.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import random
 import statistics
-import subprocess
-import sys
 from collections.abc import Sequence
 
 import msgspec
-from loopback import busy, free_endpoint
-from row import Row, publish
 
+from benchmarks.page import Row, publish
+from benchmarks.processes import Child, busy, free_endpoint
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import no_system
 from moon.monitor.watch import SystemWatch
@@ -97,17 +96,12 @@ def run(count: int, burning: int) -> None:
     watch = PropertyWatch([Property("answers", parse_formula(FORMULA), ports)], bounds.latency)
     system = no_system()
     monitor = SystemWatch(connection, system, (), bounds, [judge], print, watch)
-    command = [sys.executable, __file__, "--ask", endpoint, "--count", str(count)]
-    asker = subprocess.Popen(command)
-    try:
+    command = ["-m", "benchmarks.deadlines", "--ask", endpoint, "--count", str(count)]
+    with contextlib.closing(connection), Child("the asker", command) as asker:
         monitor.start()
         connection.tap(["/asked", "/answered"], judge.hear)
         with busy(burning):
-            connection.spin(until=lambda: asker.poll() is not None)
-    finally:
-        asker.kill()
-        asker.wait()
-        connection.close()
+            connection.spin(until=lambda: asker.exit_code is not None)
     report(judge, burning)
 
 
@@ -130,23 +124,14 @@ def report(judge: Judge, busy: int) -> None:
     print(
         f"{len(judge.asked)} questions, {len(late)} not answered in time"
         + (f", {busy} processes keep the processors busy" if busy else "")
-        + f"; lags up to {max(judge.lags) / MS:.1f} ms"
-    )
-    print(
-        f"  said {len(delays)}, after the deadline: median {statistics.median(delays):.1f} ms, "
-        f"longest {max(delays):.1f} ms (target on an idle machine: at most 50)"
-    )
-    print(
-        f"  answers in time, down to {tightest:.1f} ms before the deadline: "
-        f"{len(wrong)} accused (target: 0)"
+        + f"; {len(delays)} said; answers in time down to {tightest:.1f} ms before the deadline"
     )
     where = f", {busy} processes busy" if busy else ""
-    median = statistics.median(delays)
     publish(
         [
             Row(
                 f"a missing answer, from its deadline to the verdict, median{where}",
-                median,
+                statistics.median(delays),
                 "ms",
                 "longest lag of a message",
                 max(judge.lags) / MS,

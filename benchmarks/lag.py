@@ -5,25 +5,20 @@ judged it; default bounds. Machines that take no topics are judged as soon as al
 13); where a message of somebody else may still come in between, one latency bound later. What is judged
 as time passes is seen up to 2 ms late.
 
-Usage: ``python benchmarks/lag.py [--ticks N] [--busy N]``.
+Usage: ``python -m benchmarks.lag [--ticks N] [--busy N]``.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import heapq
-import os
-import signal
 import statistics
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, cast
 
-from loopback import busy, free_endpoint
-from row import Row, publish
-
+from benchmarks.page import Row, publish
+from benchmarks.processes import ROOT, Child, busy, free_endpoint
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
 from moon.monitor.watch import SystemWatch
@@ -32,7 +27,7 @@ from moon.oracle.oracle import Oracle
 from transports.interface import Observation, ObservationKind, Tap, Transport
 from transports.zenoh import connect
 
-SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
+SYSTEM = ROOT / "examples/lab_tour/system.xml"
 MS = 1_000_000
 RATE_HZ = 10.0
 PERIOD_S = 0.002
@@ -112,21 +107,14 @@ def measured(ticks: int) -> tuple[list[Looker], int]:
     assert system is not None
     endpoint = free_endpoint()
     lookers = Lookers()
-    command = [sys.executable, "-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
+    command = ["-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
     command += ["--quiet", "--ticks", str(ticks), "--rate", str(RATE_HZ)]
-    tour = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    try:
-        connection = connect("monitor", {"endpoint": endpoint})
-        try:
-            violations = watched(connection, system, lookers, lambda: tour.poll() is not None)
-        finally:
-            connection.close()
-    finally:
-        if tour.poll() is None:
-            os.killpg(tour.pid, signal.SIGINT)
-        said = tour.communicate(timeout=30)[1]
-    if tour.returncode:
-        sys.exit(f"the tour ended with exit code {tour.returncode}: {said}")
+    with (
+        Child("the tour", command) as tour,
+        contextlib.closing(connect("monitor", {"endpoint": endpoint})) as connection,
+    ):
+        violations = watched(connection, system, lookers, lambda: tour.exit_code is not None)
+        assert tour.exit_code == 0, tour.last_lines
     return lookers.all, violations
 
 
@@ -165,9 +153,6 @@ def main() -> None:
     ):
         lags = sorted(lag for looker in lookers if looker.alone is alone for lag in looker.lags_ms)
         median, p99 = statistics.median(lags), lags[int(len(lags) * 0.99)]
-        machines = sum(looker.alone is alone for looker in lookers)
-        print(f"{machines} machines, {what}: {len(lags)} things judged, median {median:.1f} ms, "
-              f"p99 {p99:.1f} ms (target: median ≤ {most:g} ms)")  # fmt: skip
         rows.append(Row(f"from event to verdict, {what}, median{where}", median, "ms", most=most))
         rows.append(Row(f"the same, p99{where}", p99, "ms"))
     print(f"latency bound {bound_ms:g} ms; {violations} violations (a nominal run)")

@@ -1,6 +1,6 @@
 """A compiled machine against python-statemachine on the same chart, in one run.
 
-Usage: python benchmarks/machine.py [--events N]
+Usage: python -m benchmarks.machine [--events N]
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from row import faster, publish
 from statemachine import State, StateMachine
 
+from benchmarks.page import faster, publish
+from benchmarks.processes import ROOT
 from m2c.codegen.package import node_modules
 from m2c.model import DiagnosticLog, load
 
-MODEL = Path(__file__).parents[1] / "examples/lab_tour/skills/BatteryLevelSkill.scxml"
+MODEL = ROOT / "examples/lab_tour/skills/BatteryLevelSkill.scxml"
 
 
 class Answers:
@@ -123,10 +124,10 @@ def qt() -> float:
     In a process of its own: PySide6 6.12 counts a reference to None too few at each submitEvent, and an
     interpreter that ends after thousands of them aborts.
     """
-    code = "import machine, os; print(machine.qt_here(), flush=True); os._exit(0)"
+    code = "import os; from benchmarks import machine; print(machine.qt_here(), flush=True); os._exit(0)"
     done = subprocess.run(
         [sys.executable, "-c", code],
-        cwd=Path(__file__).parent,
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=True,
@@ -167,11 +168,6 @@ def main() -> None:
     few = max(pairs // 50, 1)
     theirs = 2 * few / peer(few)
     by_qt = 2 * QT_PAIRS / qt()
-    print(f"compiled machine     {ours:12,.0f} events/s   (target ≥ 500,000)")
-    print(f"python-statemachine  {theirs:12,.0f} events/s")
-    print(f"Qt SCXML             {by_qt:12,.0f} events/s")
-    print(f"ratio                {ours / theirs:12.1f}            (target ≥ 10)")
-    print(f"ratio to Qt          {ours / by_qt:12.1f}")
     publish(
         [
             faster("compiled machine", ours, "events/s", "python-statemachine", theirs, 10.0),

@@ -1,6 +1,6 @@
 """What the oracle of models costs: the lab tour's traffic, recorded once, judged again and again.
 
-Usage: python benchmarks/oracle.py [--seconds S] [--tours N] [--observations N] [--profile]
+Usage: python -m benchmarks.oracle [--seconds S] [--tours N] [--observations N] [--profile]
 
 * speed: observations per second of processor time, one core, all seventeen machines; p50 and p99;
 * hypotheses: how many are followed at once;
@@ -15,19 +15,18 @@ import argparse
 import cProfile
 import gc
 import multiprocessing
-import os
 import pstats
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import NamedTuple
 
-from machine import BatteryLevelChart
 from msgspec.structs import replace
-from row import Row, publish, slower
 
+from benchmarks.machine import BatteryLevelChart
+from benchmarks.page import Row, publish, slower
+from benchmarks.processes import ROOT, resident_mb
 from m2c.launch.in_process import Program, SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
 from m2c.model.machine import Machine
@@ -36,7 +35,7 @@ from moon.monitor.models import ModelMonitor
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
-SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
+SYSTEM = ROOT / "examples/lab_tour/system.xml"
 CONDITIONS = Conditions(delay_s=(0.0, 0.002), tap_delay_s=(0.0, 0.002))
 PERIOD_NS = 10_000_000
 """Time passes for the oracles this often, as in `moon monitor`."""
@@ -223,16 +222,11 @@ def memory_over_time(wanted: int) -> list[tuple[int, int]]:
         monitor.feed(seen)
         if count % (wanted // 8) == 0:
             gc.collect()
-            marks.append((count, _resident_kb()))
+            marks.append((count, int(resident_mb() * 1024)))
 
     # the tour makes about 190 observations a second
     tour(program, wanted / 180, hear)
     return marks
-
-
-def _resident_kb() -> int:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGESIZE") // 1024
 
 
 def beside_statemachine(
@@ -288,38 +282,17 @@ def main() -> None:
     runs = [judge(monitor_of(system.nodes, system, began_ns), heard)[0] for _ in range(3)]
     speed = len(heard) / min(runs)
     fed, advanced = single_costs(system, heard, began_ns)
-    print(f"  speed                {speed:10,.0f} observations/s   (target ≥ 100,000)")
-    print(
-        f"  one observation      p50 {fed.p50:.1f} µs, p99 {fed.p99:.1f} µs   (target p99 ≤ 40 µs)"
-    )
-    print(f"  10 ms for all        p50 {advanced.p50:.1f} µs, p99 {advanced.p99:.1f} µs")
     most = most_hypotheses(system, heard, began_ns)
-    print(f"  hypotheses at once   {most:10d}                  (target ≤ 16)")
-
-    print("fleet of tours:")
-    sizes = [size for size in (1, 3, 10, 30) if size < arguments.tours] + [arguments.tours]
-    speeds = []
-    for size in sizes:
-        speeds.append(fleet_speed(system, heard, began_ns, size))
-        print(f"  {size * len(system.nodes):5d} machines       {speeds[-1]:10,.0f} observations/s")
-    print(f"  largest / smallest   {speeds[0] / speeds[-1]:10.2f} × the cost   (linear: 1.0)")
+    one, all_tours = (fleet_speed(system, heard, began_ns, size) for size in (1, arguments.tours))
     size = min(arguments.tours, 10)
     per_machine = memory_per_machine(system, heard, began_ns, size)
-    print(f"  memory               {per_machine:10.1f} KB per machine   (target ≤ 100)")
 
-    print(f"one run of {arguments.observations:,} observations:")
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as fresh:
         marks = fresh.submit(memory_over_time, arguments.observations).result()
-    print("  resident, MB         " + ", ".join(f"{kb / 1024:.1f}" for _, kb in marks))
     grown = (marks[-1][1] - marks[3][1]) * 1024 / (marks[-1][0] - marks[3][0])
-    print(f"  growth               {grown:10.2f} bytes per observation   (flat: about 0)")
 
     ours, theirs, steps = beside_statemachine(system, heard, began_ns)
-    print(f"BatteryLevelSkill, {steps} inputs:")
-    print(f"  oracle               {ours / steps * 1e6:10.1f} µs per input, its answer judged")
-    print(f"  python-statemachine  {theirs / steps * 1e6:10.1f} µs per input, only stepped")
-    print(f"  peer / oracle        {theirs / ours:10.2f}")
     publish(
         [
             slower(
@@ -336,11 +309,11 @@ def main() -> None:
             Row("hypotheses at once", most, "", most=16.0),
             Row("memory of a machine", per_machine, "KB", most=100.0),
             slower(
-                f"an observation among {sizes[-1] * len(system.nodes):,} machines",
-                1e6 / speeds[-1],
+                f"an observation among {arguments.tours * len(system.nodes):,} machines",
+                1e6 / all_tours,
                 "µs",
-                f"among {sizes[0] * len(system.nodes)}",
-                1e6 / speeds[0],
+                f"among {len(system.nodes)}",
+                1e6 / one,
             ),
             Row(f"growth over {arguments.observations:,} observations", grown, "bytes each"),
         ]

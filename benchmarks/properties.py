@@ -1,6 +1,6 @@
 """Property monitors against Reelay 25 and rtamt, in one run on the same observations.
 
-Usage: ``python benchmarks/properties.py [--updates N]``. Prints updates per second (of processor time)
+Usage: ``python -m benchmarks.properties [--updates N]``. Prints updates per second (of processor time)
 and ratios: the paper's P1 to P3, Reelay's own dense benchmark formulas (timescales) with three sizes
 of bounds, what a monitor keeps in memory, and a thousand properties at once against a thousand
 monitors.
@@ -20,8 +20,8 @@ from typing import Any
 
 import reelay
 import rtamt
-from row import Row, faster, publish
 
+from benchmarks.page import Row, faster, publish
 from moon.properties.formula import Formula
 from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.property import REQUESTS, RESPONSES, Port, Property
@@ -154,7 +154,6 @@ def paper(count: int) -> list[Row]:
     rows = []
     observations = paper_observations(count)
     steps = as_reelay(observations)
-    print(f"The paper's properties, {count} observations, updates/s (best of {ROUNDS}):")
     for name, source in PAPER.items():
         item = Property(name, parse_formula(source), PORTS)
         ours = count / min(
@@ -165,18 +164,11 @@ def paper(count: int) -> list[Row]:
         )
         rows.append(Row(name, ours, "updates/s", least=500_000.0))
         rows.append(faster(name, ours, "updates/s", "Reelay 25", theirs))
-        line = f"  {name}  ours {ours:>11,.0f}  reelay {theirs:>11,.0f}  ratio {ours / theirs:5.2f}"
         if name in PAPER_RTAMT:
             short = steps[: max(count // 200, 100)]
             took = seconds(lambda n=name, s=short: feed_rtamt(PAPER_RTAMT[n], RTAMT_USES[n], s))
             rate = len(short) / took
             rows.append(faster(name, ours, "updates/s", "rtamt", rate))
-            line += f"  rtamt {rate:>9,.0f}  ratio {ours / rate:7.1f}"
-        print(line)
-    print(
-        "  (target: at least 500 000 each; rtamt on fewer updates, P2 and P3 there without their"
-        " deadlines)"
-    )
     return rows
 
 
@@ -197,10 +189,8 @@ def timescales_steps(name: str, bound: int, count: int) -> list[dict[str, Any]]:
 
 
 def timescales(count: int) -> list[Row]:
-    print(f"Reelay's dense benchmark formulas, {count} updates, updates/s (best of {ROUNDS}):")
     ratios, slower = [], []
     for name, template in TIMESCALES.items():
-        line = f"  {name:<11}"
         rates = []
         for bound in (10, 100, 1000):
             source = template.format(a=bound * 3 // 10, b=bound)
@@ -216,16 +206,7 @@ def timescales(count: int) -> list[Row]:
             )
             ratios.append(ours / theirs)
             rates.append(ours)
-            line += f"  [{bound:>4}] {ours:>9,.0f} /{theirs:>8,.0f} = {ours / theirs:5.2f}"
         slower.append(rates[0] / rates[-1])
-        print(line)
-    print(
-        f"  a bound of 1000 against one of 10: {statistics.median(slower):.2f} times the time, "
-        f"{max(slower):.2f} at the most"
-    )
-    print(
-        f"  ratios: least {min(ratios):.2f}, median {statistics.median(ratios):.2f} (target: at least 1.0)"
-    )
     return [
         Row(
             f"Reelay's own formulas, times as fast as Reelay 25: {what} of {len(ratios)}",
@@ -241,7 +222,6 @@ def timescales(count: int) -> list[Row]:
 
 def memory() -> list[Row]:
     rows = []
-    print("What a monitor of once[a:b] keeps, one change a second, bytes after so many times b:")
     for bound in (100, 1000, 10_000):
         source = f"historically(once[{bound // 2}:{bound}]{{p}})"
         kept = []
@@ -263,8 +243,6 @@ def memory() -> list[Row]:
                 kept[0] / 1e3,
             )
         )
-        print(f"  b = {bound:>6}: " + ", ".join(f"{size:>10,}" for size in kept))
-    print("  (2, 4, 8 and 16 times; the last 1024 changes are kept to explain a violation)")
     return rows
 
 
@@ -298,11 +276,6 @@ def thousand(count: int) -> Row:
                 monitor.observe(observation)
 
     once, all_alone = seconds(one), seconds(many)
-    print(f"A thousand properties that share half, {count} observations:")
-    print(
-        f"  together {once:.2f} s, a thousand monitors {all_alone:.2f} s, "
-        f"ratio {once / all_alone:.2f} (target: at most 0.35)"
-    )
     return Row(
         "1,000 properties that share half, together",
         once,

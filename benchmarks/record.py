@@ -1,4 +1,4 @@
-"""What recording and checking cost: messages a second recorded, and how much faster than life checking is.
+"""What recording and checking cost: messages a second, how much faster than life checking is, memory.
 
 Recording: one process publishes on a loopback link as fast as it is told, ``moon record``'s recorder hears it
 over Zenoh in this one, and what is in the file is counted. Before that, without a network, how many messages
@@ -6,32 +6,41 @@ a second the writer takes. Checking: a tour in virtual time with all monitors an
 the monitor's turns, is checked again; times are of the processor, so that other work on the machine counts
 less. Memory: the growth of this process from a third of the check to its end.
 
-Usage: ``python benchmarks/record.py [--seconds N] [--messages N] [--rate HZ]``.
+With ``--gigabytes``, only memory: beside the tour what a camera would send is recorded, a message of a
+megabyte which no model names, until the file is so large; ``moon check`` reads it in a process of its own,
+whose resident memory is looked at twice a second.
+
+Usage: ``python -m benchmarks.record [--seconds N] [--messages N] [--rate HZ] | [--gigabytes N]``.
 """
 
 from __future__ import annotations
 
 import argparse
+import base64
 import logging
+import os
 import resource
-import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 
 import msgspec
-from loopback import free_endpoint
 
+from benchmarks.page import Row, publish
+from benchmarks.processes import ROOT, Child, free_endpoint, read_so_far, resident_mb
 from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model.datatypes import Primitive, Structure
-from moon.monitor.subject import Subject, read_subject
+from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.engine import check_recording
 from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
-from moon.recording.entries import Ended, Entry
+from moon.recording.entries import Ended
+from moon.recording.mcap_writing import Compression
 from moon.recording.reader import open_recording
 from moon.recording.recorded import RecordedConnection
 from moon.recording.recorder import Recorder
@@ -40,11 +49,16 @@ from transports.interface import Observation, ObservationKind, Topic
 from transports.simulated import SimulatedTransport, SimulatedWorld
 from transports.zenoh import connect
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "lab_tour"
+EXAMPLE = ROOT / "examples" / "lab_tour"
+SYSTEM = EXAMPLE / "system.xml"
 RECORD_TARGET = 50_000
-CHECK_TARGET = 200
 GROUP_S = 0.001
-"""The publisher sends what is due by then, again and again: a sleep for each message would be too long."""
+"""The publisher sends what is due by then, again and again: a pause for each message would be too long."""
+FRAME_BYTES, FRAME_S = 1 << 20, 1 / 30
+"""Of the camera's messages, and between two of them."""
+LOOK_S = 0.5
+PARTS = 8
+"""So often the memory is told."""
 
 
 class Level(msgspec.Struct):
@@ -57,37 +71,43 @@ class Level(msgspec.Struct):
 LEVEL = Structure("std_msgs/msg/Int32", (("data", Primitive("int32")),))
 
 
-def written(folder: Path, count: int) -> float:
+def message(channel: str, type_name: str, data: object, stamp_ns: int, number: int) -> Observation:
+    """What the writer gets of it."""
+    return Observation(
+        stamp_ns=stamp_ns,
+        received_ns=stamp_ns,
+        channel=channel,
+        kind=ObservationKind.MESSAGE,
+        type_name=type_name,
+        data={"data": data},
+        source="node",
+        sequence=number,
+        order=number,
+    )
+
+
+# -- recording --------------------------------------------------------------------------------------
+
+
+def written(folder: Path, count: int) -> Row:
     """Messages a second of processor time that the writer takes, without a network."""
-    path = folder / "written.mcap"
-    seen = [
-        Observation(
-            stamp_ns=10**18 + number,
-            received_ns=10**18 + number,
-            channel="/level",
-            kind=ObservationKind.MESSAGE,
-            type_name=Level.__type_name__,
-            data={"data": number},
-            source="node",
-            sequence=number,
-            order=number,
-        )
-        for number in range(count)
-    ]
-    writer = RecordingWriter(path, Definitions())
+    seen = [message("/level", Level.__type_name__, n, 10**18 + n, n) for n in range(count)]
+    writer = RecordingWriter(folder / "written.mcap", Definitions())
     start = time.process_time()
     for item in seen:
         writer.add(item)
     writer.close()
-    return count / (time.process_time() - start)
+    taken = time.process_time() - start
+    return Row("the writer alone, of processor time", count / taken, "messages/s")
 
 
-def publish(endpoint: str, rate_hz: float, count: int) -> None:
+def send(endpoint: str, rate_hz: float, count: int) -> None:
     """The other process: ``count`` messages at ``rate_hz``, in groups of a millisecond."""
     node = connect("publisher", {"endpoint": endpoint})
     publisher = node.publisher(Topic("/level", Level.__type_name__, Level))
     node.announce()
-    input()
+    sys.stdin.readline()
+    pace = threading.Event()
     start = time.monotonic()
     sent = 0
     while sent < count:
@@ -95,23 +115,20 @@ def publish(endpoint: str, rate_hz: float, count: int) -> None:
         while sent < due:
             publisher.publish(Level(sent))
             sent += 1
-        time.sleep(GROUP_S)  # paces the publisher; nothing is waited for
-    print(f"{count / (time.monotonic() - start):.0f}", flush=True)
-    input()
+        pace.wait(GROUP_S)
+    print(msgspec.json.encode({"rate": count / (time.monotonic() - start)}).decode(), flush=True)
+    sys.stdin.readline()
     node.close()
 
 
-def over_zenoh(folder: Path, rate_hz: float, count: int) -> tuple[float, int]:
-    """The rate at which was sent, and how many of ``count`` are in the recording."""
+def over_zenoh(folder: Path, rate_hz: float, count: int) -> list[Row]:
+    """The rate at which was sent, and how many of ``count`` are not in the recording."""
     endpoint = free_endpoint()
     path = folder / "heard.mcap"
     here = connect("recorder", {"listen": endpoint})
-    command = [sys.executable, __file__, "--publish", endpoint, str(rate_hz), str(count)]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as other:
-        assert other.stdin is not None
-        assert other.stdout is not None
+    arguments = ["-m", "benchmarks.record", "--send", endpoint]
+    arguments += ["--rate", str(rate_hz), "--messages", str(count)]
+    with Child("the publisher", arguments) as other:
         writer = RecordingWriter(path, Definitions())
         recorder = Recorder(here, "zenoh", writer, ["/level"], print)
         recorder.start()
@@ -126,25 +143,32 @@ def over_zenoh(folder: Path, rate_hz: float, count: int) -> tuple[float, int]:
             quiet[1] = quiet[1] + 1 if writer.observations == quiet[0] else 0
             quiet[0] = writer.observations
 
-        here.every(0.5, look)
-        print("go", file=other.stdin, flush=True)
+        here.every(LOOK_S, look)
+        other.tell("go")
         here.spin(until=is_over)
         recorder.finish()
         here.close()
-        rate = float(other.stdout.readline())
-        print("end", file=other.stdin, flush=True)
+        rate = other.answer()["rate"]
+        other.tell("end")
     stored = sum(isinstance(entry, Observation) for entry in open_recording(path).entries())
-    return rate, stored
+    return [
+        Row("recorded over Zenoh", rate, "messages/s", least=RECORD_TARGET),
+        Row("of them lost", count - stored, f"of {count:,}", most=0.0),
+    ]
 
 
-def checked(folder: Path, seconds: float) -> None:
-    """Record a tour of ``seconds``, check it, and print how it went."""
-    path = folder / "tour.mcap"
-    properties = (EXAMPLE / "properties.yaml",)
-    subject = Subject((EXAMPLE / "system.xml",), properties, (), (), (), Bounds())
-    monitored = read_subject(subject)
+# -- checking ---------------------------------------------------------------------------------------
+
+
+def recorded(
+    path: Path,
+    monitored: Monitored,
+    run: Callable[[SimulatedRun, RecordingWriter, RecordedConnection], None],
+    compression: Compression = Compression.ZSTD,
+) -> None:
+    """A recording of the tour with its monitor's turns; ``run`` has it run."""
     world = SimulatedWorld(1)
-    writer = RecordingWriter(path, Definitions(monitored.system.library))
+    writer = RecordingWriter(path, Definitions(monitored.system.library), compression)
     connection = RecordedConnection(SimulatedTransport(world, "monitor"), writer.add, "simulated")
     watch = SystemWatch(
         connection,
@@ -157,12 +181,18 @@ def checked(folder: Path, seconds: float) -> None:
         monotonic_ns=connection.monotonic_ns,
     )
     watch.start()
-    SimulatedRun(compile_system(monitored.system), world).run(seconds)
-    end: Entry = Ended(connection.now_ns())
-    writer.add(end)
+    run(SimulatedRun(compile_system(monitored.system), world), writer, connection)
+    writer.add(Ended(connection.now_ns()))
     writer.close()
     world.close()
-    size = path.stat().st_size
+
+
+def checked(folder: Path, seconds: float) -> list[Row]:
+    """Record a tour of ``seconds``, and check it."""
+    path = folder / "tour.mcap"
+    subject = Subject((SYSTEM,), (EXAMPLE / "properties.yaml",), (), (), (), Bounds())
+    monitored = read_subject(subject)
+    recorded(path, monitored, lambda run, *_: run.run(seconds) and None)
     grown: list[int] = []
     start = time.process_time()
     result = check_recording(
@@ -171,42 +201,62 @@ def checked(folder: Path, seconds: float) -> None:
         monitored,
         progress=lambda _: grown.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss),
     )
-    taken = time.process_time() - start
-    rate = seconds / taken
-    print(
-        f"checking {seconds:.0f} s of the lab tour ({result.recording.observations:,} observations, "
-        f"{size / 1e6:.1f} MB), {len(result.machines)} monitors: {taken:.1f} s of processor time, "
-        f"{rate:.0f} times as fast as life (target {CHECK_TARGET})"
-    )
-    third = grown[len(grown) // 3]
-    print(
-        f"memory: {grown[-1] / 1024:.0f} MB, {(grown[-1] - third) / 1024:.1f} MB more than after a "
-        "third of it"
-    )
+    speed = seconds / (time.process_time() - start)
+    more = (grown[-1] - grown[len(grown) // 3]) / 1024
+    what = f"a tour of {seconds:,.0f} s ({result.recording.observations:,} observations)"
+    return [
+        Row(f"checking {what}, times as fast as life", speed, "x", least=200.0),
+        Row("memory, from a third of it to the end", more, "MB more"),
+    ]
+
+
+def large(folder: Path, gigabytes: float) -> list[Row]:
+    """Memory of ``moon check`` in the course of a large recording."""
+    path = folder / "large.mcap"
+    frame = base64.b64encode(os.urandom(FRAME_BYTES * 3 // 4)).decode()
+
+    def run(tour: SimulatedRun, writer: RecordingWriter, connection: RecordedConnection) -> None:
+        for number in range(round(gigabytes * 1e9) // len(frame)):
+            tour.run(FRAME_S)
+            now_ns = connection.now_ns()
+            writer.add(message("/camera", "std_msgs/msg/String", frame, now_ns, number))
+
+    monitored = read_subject(Subject((SYSTEM,), (), (), (), (), Bounds()))
+    recorded(path, monitored, run, Compression.NONE)
+    found: list[tuple[float, float]] = []
+    pause = threading.Event()
+    with Child("moon check", ["-m", "moon.cli", "check", str(path), str(SYSTEM)]) as check:
+        while check.exit_code is None:
+            if memory := resident_mb(check.pid):
+                found.append((read_so_far(check.pid) / 1e9, memory))
+            pause.wait(LOOK_S)
+        assert check.exit_code == 0, check.last_lines
+    parts = [found[-1][0] * part / PARTS for part in range(1, PARTS + 1)]
+    told = [next(item for item in found if item[0] >= part) for part in parts]
+    rows = [Row(f"moon check, resident after {read:.1f} GB", memory, "MB") for read, memory in told]
+    return [*rows, Row("at the most", max(memory for _, memory in found), "MB")]
 
 
 def main() -> None:
-    """Measure, and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=600.0, help="length of the tour")
     parser.add_argument("--messages", type=int, default=500_000)
     parser.add_argument("--rate", type=float, default=RECORD_TARGET, help="of the publisher")
-    parser.add_argument("--publish", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--gigabytes", type=float, help="memory of so large a recording, only")
+    parser.add_argument("--folder", type=Path, help="where there is room for the file")
+    parser.add_argument("--send", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    if arguments.publish:
-        endpoint, rate, count = arguments.publish
-        publish(endpoint, float(rate), int(count))
+    if arguments.send:
+        send(arguments.send, arguments.rate, arguments.messages)
         return
     logging.disable(logging.ERROR)
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(dir=arguments.folder) as name:
         folder = Path(name)
-        print(f"writing: {written(folder, arguments.messages):,.0f} messages/s of processor time")
-        rate, stored = over_zenoh(folder, arguments.rate, arguments.messages)
-        print(
-            f"over Zenoh: sent {arguments.messages:,} at {rate:,.0f}/s (target {RECORD_TARGET:,}), "
-            f"recorded {stored:,}, lost {arguments.messages - stored:,}"
-        )
-        checked(folder, arguments.seconds)
+        if arguments.gigabytes:
+            publish(large(folder, arguments.gigabytes))
+            return
+        rows = over_zenoh(folder, arguments.rate, arguments.messages)
+        publish([*checked(folder, arguments.seconds), *rows, written(folder, arguments.messages)])
 
 
 if __name__ == "__main__":

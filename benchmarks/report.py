@@ -1,4 +1,4 @@
-"""How soon a report's page is there, by how much was observed: python benchmarks/report.py [observations …]
+"""How soon a report's page is there, by how much was observed: python -m benchmarks.report [observations …]
 
 From the start of navigation to the browser's first contentful paint, and to the timeline's first
 paint; the median of five loads in headless Chromium. A page ought to be there within two seconds.
@@ -12,10 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from row import Row, publish
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
+from benchmarks.page import Row, publish
 from moon.report import write_report
 from tests.report.browser import browser, opened, painted_ms
 from tests.report.samples import machines, result, violation, write_log

@@ -1,6 +1,6 @@
 """How fast virtual time passes: simulated seconds per second, for the whole lab tour.
 
-Usage: ``python benchmarks/simulated.py [--seconds S]``. Nodes and policy are the generated code; the
+Usage: ``python -m benchmarks.simulated [--seconds S]``. Nodes and policy are the generated code; the
 tree is ticked five times a simulated second. Beside it, the same without a policy, and bare messages.
 """
 
@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 
-from row import Row, publish
-
+from benchmarks.page import Row, publish
+from benchmarks.processes import ROOT
 from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
 from transports.conformance import NUMBERS, Number
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
-SYSTEM = Path(__file__).parents[1] / "examples/lab_tour/system.xml"
+SYSTEM = ROOT / "examples/lab_tour/system.xml"
 
 
 def messages(count: int) -> float:
@@ -57,10 +56,6 @@ def main() -> None:
         began = time.process_time()
         run.run(seconds)
         spent = time.process_time() - began
-        print(
-            f"lab tour, {name:<9}{seconds / spent:8.0f} simulated s/s   "
-            f"{world.events / spent:9.0f} events/s   {len(heard)} observations"
-        )
         base = rows[0].value if rows else None
         rows.append(
             Row(
@@ -73,7 +68,6 @@ def main() -> None:
             )
         )
     bare = messages(100_000)
-    print(f"bare messages      {bare:8.0f} messages/s")
     publish([*rows, Row("bare messages", bare, "messages/s")])
 
 

@@ -4,7 +4,7 @@ One process publishes at a fixed rate on several channels. A bare Zenoh subscrib
 a transport's tap (decoding, each observation a line of JSON in a file) and the command
 ``moon tap --json > file`` hear it in turns of one run.
 
-Usage: ``python benchmarks/tap.py [--rate N] [--seconds S]``. Prints counts, losses and the
+Usage: ``python -m benchmarks.tap [--rate N] [--seconds S]``. Prints counts, losses and the
 processor time that each observation needed.
 """
 
@@ -24,9 +24,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import msgspec
-from loopback import free_endpoint, spinning
-from row import Row, publish, slower
 
+from benchmarks.page import Row, publish, slower
+from benchmarks.processes import free_endpoint, spinning
 from transports.interface import Observation, Topic, Transport
 from transports.zenoh import connect
 from transports.zenoh.session import open_session
@@ -121,7 +121,7 @@ def compare(
         bare_processor = (time.process_time() - bare_processor) / sent * 1e6
         subscriber.undeclare()
     rows: list[Row] = []
-    print(f"bare subscriber: sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), heard {count[0]}")
+    print(f"a bare subscriber heard {count[0]:,} of {sent:,}, sent in {took:.2f} s")
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "observations.jsonl"
@@ -182,9 +182,6 @@ def by_command(
 def report(
     name: str, sent: int, took: float, lines: int, processor: float, bare_us: float
 ) -> list[Row]:
-    print(f"{name}: sent {sent} in {took:.2f} s ({sent / took:,.0f}/s), in the file {lines}")
-    print(f"  {sent / took:,.0f} observations/s (target ≥ 50 000), lost {sent - lines} (target 0)")
-    print(f"  processor time {processor:.2f} s: {processor / sent * 1e6:.1f} µs per observation")
     return [
         slower(
             f"{name}, processor time of an observation, decoded and in a file",

@@ -1,214 +1,296 @@
-"""What a tick costs: policy → skill → answer, between two processes over loopback.
+"""What a tick costs: policy → skill → answer, between two processes over loopback, on Zenoh and on ROS 2.
 
-Three figures of one run, taken in turns so that the machine's moods hit all of them alike:
+In turns of one run, so that the machine's moods hit all of them alike:
 
-* bare: a Zenoh get answered by a Zenoh queryable, no code of ours (channels, one reader each);
+* bare: without any code of ours: a Zenoh get answered by a queryable (channels, one reader each); rclpy's
+  service, client and SingleThreadedExecutor, the caller waiting on a thread of its own as the policy does;
 * untapped: ``Client.call_and_wait`` to a served service, typed request and response;
 * tapped: the same, with a tap in a third process that hears all four events of each call.
 
-Usage: ``python benchmarks/tick.py [--seconds S] [--rate HZ]``. Prints medians and ratios.
+Usage: ``python -m benchmarks.tick [--transport zenoh|ros2] [--seconds S] [--rounds N]``.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import multiprocessing
-import statistics
+import os
+import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from multiprocessing.connection import Connection
+from typing import Any
 
 import msgspec
-import zenoh
-from loopback import free_endpoint, spinning
-from row import Row, publish, slower
 
-from transports.interface import CallOutcome, Client, Observation, Service
-from transports.zenoh import connect
-from transports.zenoh.session import open_session
+from benchmarks.page import Row, publish
+from benchmarks.processes import Child, free_endpoint, spinning
+from benchmarks.sampling import distribution, ratio, rounds
+from transports.interface import CallOutcome, Service
+from transports.registry import connect
 
 BARE_KEY = "bare/tick"
-BLOCKS = 5
+PEERS = {"zenoh": "Zenoh's get and queryable", "ros2": "rclpy's service and client"}
+NAMES = {"zenoh": "Zenoh", "ros2": "ROS 2"}
+MOST = {"zenoh": 1.6, "ros2": 1.5}
+MOST_TAPPED = {("zenoh", 100.0): 1.15, ("ros2", 10.0): 1.1}
+RATES = {"zenoh": (100.0, 0.0), "ros2": (10.0, 100.0, 0.0)}
+"""Ticks a second; 0: the next one as soon as one has ended."""
+READY_S = 30.0
+WARM_UP = 50
 
 
-class TickRequest(msgspec.Struct):
-    pass
+class Ask(msgspec.Struct):
+    __type_name__ = "std_srvs/srv/SetBool_Request"
+    data: bool = False
 
 
-class TickResponse(msgspec.Struct):
-    status: int = 0
-    is_ok: bool = False
+class Answer(msgspec.Struct):
+    __type_name__ = "std_srvs/srv/SetBool_Response"
+    success: bool = False
+    message: str = ""
 
 
-TICK = Service(
-    "/BatteryLevelSkill/tick", "bt_interfaces/srv/TickCondition", TickRequest, TickResponse
-)
+TICK = Service("/benchmark/tick", "std_srvs/srv/SetBool", Ask, Answer)
 
 
-def serve_bare(endpoint: str, ready: Connection) -> None:
-    session = open_session({"endpoint": endpoint})
-    queryable = session.declare_queryable(BARE_KEY, complete=True)
-    ready.send(True)
-    answer = msgspec.msgpack.encode(TickResponse(1, True))
-    for query in queryable:
-        query.reply(BARE_KEY, answer)
-        query.drop()
+class Order(msgspec.Struct):
+    """Calls for ``seconds``, so many a second."""
+
+    rate_hz: float
+    seconds: float
 
 
-def serve_ours(endpoint: str, ready: Connection) -> None:
-    transport = connect("skill", {"endpoint": endpoint})
-    transport.serve(TICK, lambda request: request.respond(TickResponse(1, True)))
+# -- processes: each says that it is ready, and ends by SIGTERM --------------------------------------
+
+
+def ready() -> None:
+    ended = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    print('{"ready": true}', flush=True)
+    ended.wait()
+
+
+@contextlib.contextmanager
+def rclpy_node(name: str) -> Iterator[Any]:
+    """A node whose executor spins on a thread."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+    rclpy.init()
+    node = rclpy.create_node(name)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def spin() -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            executor.spin()
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    try:
+        yield node
+    finally:
+        rclpy.shutdown()
+        thread.join()
+
+
+def serve_bare(name: str, options: dict[str, str]) -> None:
+    if name == "zenoh":
+        from transports.zenoh.session import open_session
+
+        answer = msgspec.msgpack.encode(Answer(True))
+        with contextlib.closing(open_session(options)) as session:
+            queryable = session.declare_queryable(BARE_KEY, complete=True)
+
+            def reply() -> None:
+                for query in queryable:
+                    query.reply(BARE_KEY, answer)
+                    query.drop()
+
+            threading.Thread(target=reply, daemon=True).start()
+            ready()
+        return
+    from std_srvs.srv import SetBool
+
+    def respond(request: Any, response: Any) -> Any:
+        response.success = request.data
+        return response
+
+    with rclpy_node("bare_server") as node:
+        node.create_service(SetBool, "/benchmark/bare", respond)
+        ready()
+
+
+def serve(name: str, options: dict[str, str]) -> None:
+    transport = connect(name, "server", options)
+    transport.serve(TICK, lambda request: request.respond(Answer(request.data.data)))
     transport.announce()
-    ready.send(True)
-    transport.spin()
-
-
-def run_tap(endpoint: str, pipe: Connection) -> None:
-    transport = connect("tap", {"endpoint": endpoint})
-    heard = 0
-
-    def hear(_: Observation) -> None:
-        nonlocal heard
-        heard += 1
-
-    tap = None
     with spinning(transport):
-        while pipe.recv():
-            if tap is None:
-                tap = transport.tap([], hear)
-            else:
-                tap.close()
-                tap = None
-            pipe.send(heard)
+        ready()
 
 
-def timed(action: Callable[[], None], into: list[float]) -> None:
-    start = time.perf_counter()
-    action()
-    into.append((time.perf_counter() - start) * 1e6)
+def listen(name: str, options: dict[str, str]) -> None:
+    """A tap; at its end it says how much it heard."""
+    transport = connect(name, "listener", options)
+    heard = [0]
+
+    def hear(_: object) -> None:
+        heard[0] += 1
+
+    tap = transport.tap([], hear)
+    transport.announce()
+    linked = threading.Event()
+    transport.every(
+        0.05, lambda: linked.set() if {"server", "client"} <= set(tap.peers()) else None
+    )
+    with spinning(transport):
+        assert linked.wait(READY_S), tap.peers()
+        ready()
+    print(msgspec.json.encode({"heard": heard[0]}).decode(), flush=True)
 
 
-def show(name: str, figures: list[float]) -> float:
-    figures.sort()
-    median = statistics.median(figures)
-    p99 = figures[int(len(figures) * 0.99)]
-    print(f"  {name:<10} p50 {median:7.1f} µs   p99 {p99:7.1f} µs   ({len(figures)} calls)")
-    return median
+def call_bare(name: str, options: dict[str, str]) -> None:
+    from std_srvs.srv import SetBool
+
+    with rclpy_node("bare_client") as node:
+        client = node.create_client(SetBool, "/benchmark/bare")
+        assert client.wait_for_service(READY_S)
+
+        def once() -> None:
+            assert client.call(SetBool.Request(data=True), READY_S).success
+
+        answer_orders({"bare": once})
+
+
+def call(name: str, options: dict[str, str]) -> None:
+    """On Zenoh bare calls alternate with ours, in one process: caches are then as cold for both."""
+    transport = connect(name, "client", options)
+    client = transport.client(TICK)
+    transport.announce()
+
+    def once() -> None:
+        assert client.call_and_wait(Ask(True), READY_S).outcome is CallOutcome.RESPONSE
+
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(spinning(transport))
+        assert not transport.wait_for_nodes(["server"], READY_S)
+        calls = {"ours": once}
+        if name == "zenoh":
+            from transports.zenoh.session import open_session
+
+            payload = msgspec.msgpack.encode(Ask(True))
+            session = stack.enter_context(contextlib.closing(open_session(options)))
+
+            def get() -> None:
+                replies = []
+                while not replies:  # none: the two have not met yet
+                    replies = list(session.get(BARE_KEY, payload=payload, timeout=READY_S))
+                assert replies[0].ok is not None
+
+            calls = {"bare": get, **calls}
+        answer_orders(calls)
+
+
+def answer_orders(calls: dict[str, Callable[[], None]]) -> None:
+    """How long each call took, in µs, by its name; they alternate."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    for once in list(calls.values()) * WARM_UP:
+        once()
+    print('{"ready": true}', flush=True)
+    pause = threading.Event()
+    for line in sys.stdin:
+        order = msgspec.json.decode(line, type=Order)
+        taken: dict[str, list[float]] = {name: [] for name in calls}
+        due = time.perf_counter()
+        end = due + order.seconds
+        while due < end:
+            for name, once in calls.items():
+                began = time.perf_counter()
+                once()
+                taken[name].append((time.perf_counter() - began) * 1e6)
+                now = time.perf_counter()
+                due = max(due + 1 / order.rate_hz / len(calls), now) if order.rate_hz else now
+                if due > now:
+                    pause.wait(due - now)
+        print(msgspec.json.encode(taken).decode(), flush=True)
+
+
+ROLES = {
+    "serve-bare": serve_bare,
+    "serve": serve,
+    "listen": listen,
+    "call-bare": call_bare,
+    "call": call,
+}
+
+
+# -- the measurement --------------------------------------------------------------------------------
+
+
+def measure(name: str, seconds: float, count: int) -> list[Row]:
+    """Rows of one transport; ``seconds`` of each mode and rate, in ``count`` rounds."""
+    options = {"endpoint": free_endpoint()} if name == "zenoh" else {}
+    taken: dict[tuple[str, float], list[list[float]]] = {}
+
+    def started(role: str, options: dict[str, str]) -> Child:
+        arguments = ["--role", role, "--transport", name, "--options"]
+        encoded = msgspec.json.encode(options).decode()
+        child = Child(role, ["-m", "benchmarks.tick", *arguments, encoded])
+        child.answer()
+        return child
+
+    with contextlib.ExitStack() as stack:
+        # who comes first is where the others meet
+        first = {"listen": options["endpoint"]} if options else {}
+        stack.enter_context(started("serve", first))
+        stack.enter_context(started("serve-bare", options))
+        roles = {"call": ("untapped", "tapped")} | ({} if options else {"call-bare": ("bare",)})
+        callers: dict[str, Child] = {}
+        for role, modes in roles.items():
+            callers |= dict.fromkeys(modes, stack.enter_context(started(role, options)))
+        turns = [(mode, rate_hz) for mode in callers for rate_hz in RATES[name]]
+        for _, (mode, rate_hz) in rounds(turns, count, seed=1):
+            with contextlib.ExitStack() as turn:
+                tap = turn.enter_context(started("listen", options)) if mode == "tapped" else None
+                order = msgspec.to_builtins(Order(rate_hz, seconds / count))
+                found = callers[mode].ask(order, seconds + READY_S)
+                taken.setdefault((mode, rate_hz), []).append(found.get("ours") or found["bare"])
+                if mode == "untapped" and "bare" in found:
+                    taken.setdefault(("bare", rate_hz), []).append(found["bare"])
+                assert tap is None or tap.stop()[-1]["heard"], "the tap heard nothing"
+    rows = []
+    for rate_hz in RATES[name]:
+        how = f"{NAMES[name]} at {rate_hz:g} ticks/s" if rate_hz else f"{NAMES[name]} saturated"
+        most = MOST_TAPPED.get((name, rate_hz))
+        for what, top, bottom, peer, limit in (
+            (f"a tick on {how}, p50", "untapped", "bare", PEERS[name], MOST[name]),
+            ("the same tapped", "tapped", "untapped", "untapped", most),
+        ):
+            ours, theirs = taken[top, rate_hz], taken[bottom, rate_hz]
+            values = [distribution(part).p50.value for part in (ours, theirs)]
+            rows.append(
+                Row(what, values[0], "µs", peer, values[1], ratio(ours, theirs).value, most=limit)
+            )
+    return rows
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=3.0, help="per block and figure")
-    parser.add_argument("--rate", type=float, default=100.0, help="ticks per second")
-    arguments = parser.parse_args()
-
-    endpoint = free_endpoint()
-    transport = connect("policy", {"listen": endpoint})
-    with (
-        spinning(transport),
-        contextlib.closing(open_session({"endpoint": endpoint})) as bare,
-        children(endpoint, serve_bare, serve_ours, run_tap) as pipes,
-    ):
-        for pipe in pipes[:2]:
-            pipe.recv()
-        transport.wait_for_nodes(["skill"], 10)
-        client = transport.client(TICK)
-        rows = compare(bare, client, pipes[2], arguments.rate, arguments.seconds / BLOCKS)
-        pipes[2].send(False)
-    publish(rows)
-
-
-@contextlib.contextmanager
-def children(
-    endpoint: str, *targets: Callable[[str, Connection], None]
-) -> Iterator[list[Connection]]:
-    """Meanwhile each of ``targets`` runs in a process of its own, at the other end of a pipe."""
-    context = multiprocessing.get_context("spawn")
-    running, pipes = [], []
-    try:
-        for target in targets:
-            here, there = context.Pipe()
-            child = context.Process(target=target, args=(endpoint, there), daemon=True)
-            child.start()
-            running.append(child)
-            pipes.append(here)
-        yield pipes
-    finally:
-        for child in running:
-            child.terminate()
-            child.join()
-
-
-def compare(
-    bare: zenoh.Session, client: Client, tap: Connection, rate_hz: float, block_s: float
-) -> list[Row]:
-    """Ticks of each kind in turns, at ``rate_hz`` and as fast as they go."""
-    payload = msgspec.msgpack.encode(TickRequest())
-    request = TickRequest()
-
-    def call_bare() -> None:
-        for reply in bare.get(BARE_KEY, payload=payload, timeout=5.0):
-            assert reply.ok is not None
-
-    def call_ours() -> None:
-        assert client.call_and_wait(request).outcome is CallOutcome.RESPONSE
-
-    for _ in range(300):
-        call_bare()
-        call_ours()
-    rows: list[Row] = []
-    for label, period_s in (
-        (f"at {rate_hz:g} ticks/s", 1 / rate_hz),
-        ("saturated", 0.0),
-    ):
-        figures: dict[str, list[float]] = {"bare": [], "untapped": [], "tapped": []}
-        heard = 0
-        for block in range(2 * BLOCKS):
-            tapped = bool(block % 2)
-            end = time.monotonic() + block_s
-            due = time.monotonic()
-            pace = threading.Event()
-            while time.monotonic() < end:
-                timed(call_bare, figures["bare"])
-                if period_s:
-                    pace.wait(max(due + period_s / 2 - time.monotonic(), 0))
-                timed(call_ours, figures["tapped" if tapped else "untapped"])
-                if period_s:
-                    due += period_s
-                    pace.wait(max(due - time.monotonic(), 0))
-            tap.send(True)
-            heard = tap.recv()
-            until = time.monotonic() + 5  # a block must not be half tapped
-            while client.events.heard == tapped and time.monotonic() < until:
-                pace.wait(0.01)
-        print(f"{label}:")
-        median = {name: show(name, values) for name, values in figures.items()}
-        rows += [
-            slower(
-                f"a tick {label}, p50",
-                median["untapped"],
-                "µs",
-                "Zenoh's get and queryable",
-                median["bare"],
-                1.6,
-            ),
-            slower(
-                f"the same tapped {label}",
-                median["tapped"],
-                "µs",
-                "untapped",
-                median["untapped"],
-                1.15 if period_s else None,
-            ),
-        ]
-        print(f"  untapped / bare     {median['untapped'] / median['bare']:.2f}   (target ≤ 1.60)")
-        print(
-            f"  tapped / untapped   {median['tapped'] / median['untapped']:.2f}   (target ≤ 1.15 at 100/s)"
-        )
-        print(f"  heard by the tap    {heard} events so far")
-    return rows
+    parser.add_argument("--transport", choices=("zenoh", "ros2"), action="append")
+    parser.add_argument("--seconds", type=float, default=5.0, help="of each mode and rate")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--role", choices=tuple(ROLES), help=argparse.SUPPRESS)
+    parser.add_argument("--options", help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    wanted = chosen.transport or ["zenoh", "ros2"]
+    if chosen.role:
+        ROLES[chosen.role](wanted[0], msgspec.json.decode(chosen.options))
+        return
+    os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    publish([row for name in wanted for row in measure(name, chosen.seconds, chosen.rounds)])
 
 
 if __name__ == "__main__":

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
-from row import Row, faster, publish, slower
+from benchmarks.page import Row, faster, publish, slower
 publish([
     slower("a tick", 120.0, "µs", "bare", 100.0, 1.1),
     faster("speed", 1_234_567.0, "events/s", "peer", 1_000_000.0, 1.0),
@@ -22,12 +21,11 @@ publish([
 
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch):
-    """``benchmarks.__main__`` over a folder with one script of our own."""
-    monkeypatch.setattr(sys, "path", [*sys.path])
+    """``benchmarks.__main__`` over a folder with one module of our own."""
     module = importlib.import_module("benchmarks.__main__")
     folder = tmp_path / "benchmarks"
     folder.mkdir()
-    (folder / "row.py").write_bytes((ROOT / "benchmarks/row.py").read_bytes())
+    (folder / "page.py").write_bytes((ROOT / "benchmarks/page.py").read_bytes())
     (folder / "one.py").write_text(SCRIPT, encoding="utf-8")
     (tmp_path / "page.md").write_text(
         "# Page\n<!-- begin one -->\nold\n<!-- end one -->\nthe end\n", encoding="utf-8"
@@ -77,7 +75,7 @@ def test_every_benchmark_that_tells_figures_has_its_place_on_the_page() -> None:
     telling = [
         path.stem
         for path in (ROOT / "benchmarks").glob("[a-z]*.py")
-        if "\nfrom row import" in path.read_text(encoding="utf-8")
+        if "\nfrom benchmarks.page import" in path.read_text(encoding="utf-8")
     ]
     assert len(telling) >= 10
     assert [name for name in telling if f"<!-- begin {name} -->" not in text] == []

@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-from types import ModuleType
-
 import msgspec
 import pytest
 
+from benchmarks import rates  # whose machines and traces these are
 from moon.oracle import anchoring
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-def _rates() -> ModuleType:
-    """The benchmark, whose machines and traces these are."""
-    spec = importlib.util.spec_from_file_location("rates", BENCHMARKS / "rates.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        sys.path.remove(str(BENCHMARKS))
-    return module
-
-
-rates = _rates()
 NAMES = list(rates.MACHINES)
 
 
