@@ -1,6 +1,6 @@
 """What the oracle of models costs: the lab tour's traffic, recorded once, judged again and again.
 
-Usage: python -m benchmarks.oracle [--seconds S] [--tours N] [--observations N] [--profile]
+Usage: python -m benchmarks.oracle [--seconds S] [--tours N] [--observations N]
 
 * speed: observations per second of processor time, one core, all seventeen machines; p50 and p99;
 * hypotheses: how many are followed at once;
@@ -12,10 +12,8 @@ Usage: python -m benchmarks.oracle [--seconds S] [--tours N] [--observations N] 
 from __future__ import annotations
 
 import argparse
-import cProfile
 import gc
 import multiprocessing
-import pstats
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
@@ -262,7 +260,6 @@ def main() -> None:
     parser.add_argument(
         "--observations", type=int, default=300_000, help="of the long run for memory"
     )
-    parser.add_argument("--profile", action="store_true", help="show where the time goes, only")
     arguments = parser.parse_args()
 
     system = load([SYSTEM], DiagnosticLog())
@@ -270,12 +267,6 @@ def main() -> None:
     program = compile_system(system)
     heard: list[Observation] = []
     began_ns = tour(program, arguments.seconds, heard.append)
-    if arguments.profile:
-        profile = cProfile.Profile()
-        profile.runcall(judge, monitor_of(system.nodes, system, began_ns), heard)
-        pstats.Stats(profile).sort_stats("tottime").print_stats(25)
-        return
-
     print(
         f"lab tour, {arguments.seconds:g} s: {len(heard)} observations, {len(system.nodes)} machines"
     )
