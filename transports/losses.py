@@ -9,6 +9,8 @@ from transports.sequences import Sequel, Sequences
 KEPT_PLACES = 10_000
 """Channels and sources that are told apart; their names come from the wire, and never end."""
 
+_AFTER_A_GAP = Sequel.AFTER_A_GAP
+
 _Place = tuple[str, str]
 """Channel and source."""
 
@@ -30,7 +32,7 @@ class Losses:
         """Take the sequence number of something heard into account."""
         place = (channel, source)
         sequel, last = self._sequences.follow(place, sequence, stamp_ns)
-        if sequel is Sequel.AFTER_A_GAP and last is not None:
+        if sequel is _AFTER_A_GAP and last is not None:
             missed = sequence - last[0] - 1
             if self._has_room(self._missed, place, missed):
                 self._missed[place] = self._missed.get(place, 0) + missed

@@ -24,6 +24,9 @@ class Sequel(Enum):
     """Its source has started again, and numbers anew: what it sent last, before that, may be missing."""
 
 
+_NEXT = Sequel.NEXT
+"""Looking up a member of an Enum takes as long as all else that is done for the next number."""
+
 Last = tuple[int, int]
 """The newest number of a place, and its stamp in ns."""
 
@@ -78,6 +81,9 @@ class Sequences:
         """
         kept = self.last
         last = kept.get(place)
+        if last is not None and number == last[0] + 1:  # nearly always; the rest is rare
+            kept[place] = number, stamp_ns
+            return _NEXT, last
         sequel = sequel_of(last, number, stamp_ns)
         if sequel is not Sequel.AGAIN:
             if last is None and len(kept) >= self.most:

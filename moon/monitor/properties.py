@@ -39,6 +39,8 @@ REMEMBERED = 256
 """Violations of a property that a loss that is told of later than it should can still take back."""
 TAKEN_BACK = "the violation is taken back: what it missed came later than anything of late"
 
+_NEXT = Sequel.NEXT
+
 _OUTCOMES = {
     Status.TRUE: Outcome.CONFORMING,
     Status.FALSE: Outcome.VIOLATED,
@@ -167,6 +169,8 @@ class PropertyWatch:
             return False
         place = (seen.source, seen.channel, seen.kind is ObservationKind.MESSAGE)
         sequel, last = self._sequences.follow(place, seen.sequence, seen.stamp_ns)
+        if sequel is _NEXT:
+            return False
         if sequel is Sequel.AGAIN:
             return True
         # a node that has started again sends 0 first
