@@ -8,6 +8,7 @@ functions that make, convert and free them are those that rclpy has from each ge
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -84,6 +85,9 @@ class Requests:
 
     def __init__(self, handle: Any, request: Any, response: Any) -> None:
         self._handle = handle
+        self._lock = threading.RLock()
+        """rcl has a service used by one thread at a time; a signal's handler may answer while its own thread
+        does."""
         self._request = _Form(request)
         self._response = _Form(response)
         self._functions = native.functions()
@@ -98,7 +102,7 @@ class Requests:
         found = _RequestId()
         message = self._request.make()
         try:
-            with self._handle:
+            with self._lock, self._handle:
                 code = self._functions.take_request(
                     self._handle.pointer, ctypes.byref(found), message
                 )
@@ -123,7 +127,7 @@ class Requests:
         message = self._response.make()
         try:
             self._response.write(response, message)
-            with self._handle:
+            with self._lock, self._handle:
                 code = self._functions.send_response(
                     self._handle.pointer, ctypes.byref(to), message
                 )
