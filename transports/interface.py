@@ -365,7 +365,7 @@ class Transport(Protocol):
         """A fresh completion, for the one caller that must wait (the policy's thread)."""
         ...
 
-    def round_over(self) -> None:
+    def tick_complete(self) -> None:
         """Say that this node has made all calls of a round (a policy: of a tick), and pauses before the next.
 
         From any thread. A transport may have its nodes tell their taps now what they did, as nobody waits

@@ -89,7 +89,7 @@ class OnExecutor(Transport):
         """A fresh completion."""
         return Completion()
 
-    def round_over(self) -> None:
+    def tick_complete(self) -> None:
         """Nothing to do, unless a subclass has."""
 
     def spin(self, until: Callable[[], bool] | None = None) -> None:

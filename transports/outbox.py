@@ -5,7 +5,7 @@ it 5 (DDS 15): each burst wakes the sender's threads and the tap's, and the kern
 processors that time is taken from whoever is at work, so it is also a matter of when: events that leave
 while a tree is being ticked delay the tick. Hence one burst for all services of a node, not before the tick
 that the events are of is likely to be over, and not while the node itself is at work. Who ticks the tree
-knows when the tick is over, and where it can say so (``Transport.round_over``) all nodes tell then.
+knows when the tick is over, and where it can say so (``Transport.tick_complete``) all nodes tell then.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ class Outbox(Generic[Item]):
         self.flush()
 
     def note_round(self) -> bool:
-        """A round of calls is over; whether ``round_over`` has something to tell. From any thread."""
+        """A round of calls is over; whether ``tick_complete`` has something to tell. From any thread."""
         now_s = self._clock()
         before_s, apart_s = now_s - self._began_s, now_s - self._over_s
         self._began_s, self._over_s = -math.inf, now_s
@@ -159,7 +159,7 @@ class Outbox(Generic[Item]):
             self._expected_until_s = now_s + ROUNDS_S if is_near else 0.0
         return self._scheduled and now_s >= self._burst_s + AT_MOST_S
 
-    def round_over(self) -> None:
+    def tick_complete(self) -> None:
         """Tell what is kept, as nobody waits now; from any thread."""
         if not self._scheduled:
             return

@@ -195,7 +195,7 @@ class Load:
             self._tick()
 
         return carried_out(
-            order, tick, self._transport.round_over
+            order, tick, self._transport.tick_complete
         )  # as the runner does behind a tick
 
 

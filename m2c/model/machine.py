@@ -17,7 +17,7 @@ from m2c.model.diagnostics import Position
 from m2c.model.expressions import Expression, Location
 
 
-class Spelling(StrEnum):
+class Dialect(StrEnum):
     """The three spellings of the language in use."""
 
     HL_SCXML = "hl-scxml"
@@ -275,7 +275,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     """A whole state machine. States are in document order; ``initial`` names one of them."""
 
     name: str
-    spelling: Spelling
+    spelling: Dialect
     position: Position
     initial: str
     states: tuple[State, ...]

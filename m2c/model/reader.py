@@ -18,10 +18,10 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     ActionThread,
+    Dialect,
     Interface,
     InterfaceKind,
     Machine,
-    Spelling,
 )
 from m2c.model.states import LEGACY_EVENTS, StateReader
 from m2c.model.structure import check_element, number, require
@@ -77,7 +77,7 @@ def machine_of(
         )
         return None
     machine = MachineReader(root, log, library).read()
-    if machine is None or machine.spelling is not Spelling.SCXML:
+    if machine is None or machine.spelling is not Dialect.SCXML:
         return machine
     return bind_plain_events(machine, library, reference, channels or {}, log)
 
@@ -190,15 +190,15 @@ class MachineReader:
         return threads
 
 
-def _spelling(root: Element) -> Spelling:
+def _spelling(root: Element) -> Dialect:
     if root.tag == "ascxml":
-        return Spelling.ASCXML
+        return Dialect.ASCXML
     stack = [root]
     while stack:
         element = stack.pop()
         if element.tag.startswith(("ros_", "bt_")):
-            return Spelling.HL_SCXML
+            return Dialect.HL_SCXML
         if element.tag == "transition" and element.get("event") in LEGACY_EVENTS:
-            return Spelling.HL_SCXML
+            return Dialect.HL_SCXML
         stack += element.children
-    return Spelling.SCXML
+    return Dialect.SCXML

@@ -10,7 +10,7 @@ import msgspec
 
 from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position, shortened
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Machine, Spelling
+from m2c.model.machine import Dialect, Machine
 from m2c.model.paths import entries_below, meant, why_no_file, why_no_folder
 from m2c.model.qualities import (
     TopicQuality,
@@ -400,7 +400,7 @@ def read_machines(
             continue
         errors = DiagnosticLog()
         machine = machine_of(root, errors, library)
-        if machine is not None and machine.spelling is Spelling.SCXML:
+        if machine is not None and machine.spelling is Dialect.SCXML:
             plain.append((file, root))
             continue
         log.diagnostics += errors.diagnostics

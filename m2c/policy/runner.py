@@ -196,7 +196,7 @@ class PolicyRunner:
                     break
                 remaining = (due - self._transport.now_ns()) / 1e9
                 if remaining > 0:
-                    self._transport.round_over()
+                    self._transport.tick_complete()
                 if self._stopped.wait(max(remaining, 0.0)) is not None:
                     break
         finally:

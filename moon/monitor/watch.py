@@ -12,9 +12,9 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.connection import Connection, Sink
+from moon.monitor.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
-from moon.monitor.pace import NS, PERIOD_NS, Pace, read_together
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception
 from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
@@ -98,7 +98,7 @@ class SystemWatch:
         """When each source was last heard too late."""
         self._listening_since = 0
         """What is stamped before is not judged."""
-        self._pace = Pace(transport.now_ns(), bounds.latency)
+        self._pace = EventTimeClock(transport.now_ns(), bounds.latency)
         self._turns = Turns(transport, self._turn, bounds.latency)
         self._read_monotonic = monotonic_ns
         self._monotonic_ns = monotonic_ns()
@@ -265,7 +265,7 @@ class SystemWatch:
         self._listening_since = since_ns
         self._monotonic_ns = monotonic_ns
         self._pace.restart(now_ns, held_up)
-        self._say(f"warning: {why}: all machines are found anew")
+        self._say(f"warning: {why}: all machines are resynchronised")
         for name, node in self._nodes.items():
             if node.is_seen:
                 self._models.node_found(name, since_ns)
@@ -415,7 +415,7 @@ class SystemWatch:
         return self._violations + self._properties.certain_violations
 
     def oracles(self) -> Mapping[str, Oracle | PolicyOracle]:
-        """The oracle of each watched node, until all are found anew."""
+        """The oracle of each watched node, until all are resynchronised."""
         return self._models.watched
 
     def statuses(self) -> list[MachineStatus]:

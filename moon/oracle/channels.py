@@ -14,7 +14,6 @@ from typing import Any
 from m2c.model.datatypes import DataType
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
-from moon.oracle.facts import Fact, Role
 from moon.oracle.readers import (
     Port,
     Reader,
@@ -28,6 +27,7 @@ from moon.oracle.readers import (
     strange,
     taking,
 )
+from moon.oracle.trace_events import Role, TraceEvent
 from transports.interface import Observation, ObservationKind
 
 MIDDLEWARE_CHANNELS = ("/rosout", "/parameter_events", "/policy/ticks", "/moon/")
@@ -182,32 +182,35 @@ class Channels:
         node = self.node
         if kind is ObservationKind.REQUEST_SENT:
 
-            def sent(seen: Observation) -> Fact | None:
+            def sent(seen: Observation) -> TraceEvent | None:
                 if seen.client != node:
                     return None
-                return Fact(seen, Role.OUTPUT, name, None, OutputKind.REQUEST, seen.data)
+                return TraceEvent(seen, Role.OUTPUT, name, None, OutputKind.REQUEST, seen.data)
 
             return sent
         if kind is not ObservationKind.RESPONSE_RECEIVED:
             return None
         answer, failure = (EventKind.RESPONSE, name), (EventKind.CALL_ERROR, name)
 
-        def received(seen: Observation) -> Fact | None:
+        def received(seen: Observation) -> TraceEvent | None:
             if seen.client != node:
                 return None
             if seen.error:
-                return Fact(seen, Role.INPUT, name, failure)
-            return Fact(seen, Role.INPUT, name, answer, None, complete(seen.data, template))
+                return TraceEvent(seen, Role.INPUT, name, failure)
+            return TraceEvent(seen, Role.INPUT, name, answer, None, complete(seen.data, template))
 
         return received
 
     def _of_action(
-        self, port: Port, kind: ObservationKind, read: Callable[[Port, Observation], Fact | None]
+        self,
+        port: Port,
+        kind: ObservationKind,
+        read: Callable[[Port, Observation], TraceEvent | None],
     ) -> Reader:
         if kind is ObservationKind.MESSAGE:
             return lambda seen: read(port, seen)
 
-        def remembering(seen: Observation) -> Fact | None:
+        def remembering(seen: Observation) -> TraceEvent | None:
             fact = read(port, seen)
             if fact is not None:
                 self._remember_goal(fact)
@@ -215,7 +218,7 @@ class Channels:
 
         return remembering
 
-    def _remember_goal(self, fact: Fact) -> None:
+    def _remember_goal(self, fact: TraceEvent) -> None:
         """Responses of an action's services do not name their goal; their requests do."""
         place = (fact.observation.channel, *fact.call)
         if fact.goal:

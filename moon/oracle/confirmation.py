@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from m2c.model.machine import OutputKind
 from moon.oracle.hypothesis import Hypothesis
-from moon.oracle.lanes import Count, Lanes, Place
 from moon.oracle.progress import Progress
 from moon.oracle.search import Search
+from moon.oracle.source_streams import Count, Lanes, Place
 from moon.oracle.unconfirmed import NOT_NEEDED, Losses, OtherEnds, Publishers, Waiting
 from moon.verdict import Verdict
 
@@ -29,7 +29,7 @@ class Confirmation:
     Args:
         node: the node that runs the machine.
         search: the machine's.
-        lanes: what was heard, and its numbers.
+        streams: what was heard, and its numbers.
         progress: of all that the node reports, where it numbers that.
         other_ends: what others report of the node's calls.
         publishers: who may publish without having been heard.
@@ -40,7 +40,7 @@ class Confirmation:
         self,
         node: str,
         search: Search,
-        lanes: Lanes,
+        streams: Lanes,
         progress: Progress,
         other_ends: OtherEnds,
         publishers: Publishers,
@@ -50,7 +50,7 @@ class Confirmation:
         self._search = search
         self._skew = search.bounds.skew
         self._taken_topics = search.taken_topics()
-        self._lanes = lanes
+        self._streams = streams
         self._progress = progress
         self._other_ends = other_ends
         self._publishers = publishers
@@ -80,7 +80,7 @@ class Confirmation:
         else:
             reported = NOT_NEEDED
             known = known and not self._other_ends.are_missing(since)
-            own = [c for c in self._lanes.counts.values() if c.place[0] == self._node]
+            own = [c for c in self._streams.counts.values() if c.place[0] == self._node]
             if not own:  # it was never heard, nor how it numbers
                 reported = after + 1
             if not own or any(count.next >= 0 for count in own):
@@ -94,7 +94,7 @@ class Confirmation:
 
     def _wait_for_others(self, places: dict[Place, int], after: int, since: int) -> bool:
         """Add the topics of others that it takes; False: some of what they sent is not known."""
-        counts = self._lanes.counts
+        counts = self._streams.counts
         known = True
         for count in counts.values():
             source, channel, is_message = count.place

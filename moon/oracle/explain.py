@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import output_data_type
 from moon.oracle.bounds import TooManyError
-from moon.oracle.facts import Fact, Role
-from moon.oracle.hypothesis import Hypothesis, Instances, Owed
+from moon.oracle.hypothesis import Hypothesis, Instances, Obligation
 from moon.oracle.search import Search
 from moon.oracle.steps import TooOpenError
+from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Evidence, Explanation
 from moon.wording import Wording, value_text
 
@@ -18,7 +18,7 @@ SHOWN = 4
 """So many possibilities are told; more would hide the point."""
 
 
-def told(fact: Fact, wording: Wording) -> str:
+def told(fact: TraceEvent, wording: Wording) -> str:
     """An observation in one line."""
     observation = fact.observation
     kind = wording.kind(observation.type_name)
@@ -35,7 +35,7 @@ def told(fact: Fact, wording: Wording) -> str:
                 EventKind.CALL_ERROR: f"failed call ({observation.error}) of",
             }.get(fact.event[0], f"{fact.event[0]} on")
             return f"{what} {channel}{data}"
-        case Role.STRANGE:
+        case Role.UNDECLARED:
             return (
                 f"{observation.kind.replace('_', ' ')} on {channel}, which its model does not name"
             )
@@ -61,7 +61,7 @@ _OUTPUTS = {
 
 
 def explanation_of(
-    search: Search, before: list[Hypothesis], fact: Fact | None, history: Iterable[Fact]
+    search: Search, before: list[Hypothesis], fact: TraceEvent | None, history: Iterable[TraceEvent]
 ) -> Explanation:
     """Why ``fact`` (None: that nothing came) cannot be after ``before``."""
     survivors = before
@@ -94,7 +94,7 @@ def explanation_of(
     )
 
 
-def owed_text(search: Search, owed: Owed) -> str:
+def owed_text(search: Search, owed: Obligation) -> str:
     """What a machine owes, in one line."""
     channel = search.channel_of_output(owed.kind, owed.interface)
     data = ""

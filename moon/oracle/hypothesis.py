@@ -10,8 +10,8 @@ from typing import Any
 
 from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, OutputKind
-from moon.oracle.facts import Fact
 from moon.oracle.matching import SCALARS, frozen
+from moon.oracle.trace_events import TraceEvent
 
 EventKey = tuple[EventKind, str]
 
@@ -25,7 +25,7 @@ MAX_BEFORE = 4
 """So many configurations from which a step led to the same one are kept, for explanations."""
 
 
-class Owed:
+class Obligation:
     """An output that must be seen next.
 
     Attributes:
@@ -64,7 +64,7 @@ class Owed:
         call: tuple[str, int] | None = None,
         goal: Any = None,
         optional: bool = False,
-        alarm: AlarmKey | None = None,
+        alarm: TimerKey | None = None,
         before: tuple[Instances, ...] = (),
     ) -> None:
         self.kind = kind
@@ -80,7 +80,7 @@ class Owed:
         self.alarm = alarm
         self.before = before
 
-    def also_from(self, other: Owed) -> Owed:
+    def also_from(self, other: Obligation) -> Obligation:
         """The same output, that may be owed from where ``other`` of the same key is, too."""
         others = tuple(item for item in other.before if item not in self.before)
         if not others or len(self.before) >= MAX_BEFORE:
@@ -89,9 +89,9 @@ class Owed:
         made.before = (*self.before, *others)[:MAX_BEFORE]
         return made
 
-    def due(self, low: int, high: int) -> Owed:
+    def due(self, low: int, high: int) -> Obligation:
         """The same output, of a step taken between ``low`` and ``high``."""
-        return Owed(
+        return Obligation(
             self.kind,
             self.interface,
             self.data,
@@ -112,10 +112,10 @@ class Owed:
         return (self.kind, self.interface, data, self.call, goal)
 
 
-AlarmKey = tuple[int, EventKey]
+TimerKey = tuple[int, EventKey]
 
 
-class Alarm:
+class PendingTimer:
     """A timer that runs: a periodic one, an ``after`` transition or a delayed event.
 
     Attributes:
@@ -151,11 +151,11 @@ class Alarm:
         """What two timers must share to be the same; ``numbers``: see ``frozen``."""
         return (self.instance, self.event, self.id, frozen(self.data, numbers))
 
-    def due(self, low: int, high: int) -> Alarm:
+    def due(self, low: int, high: int) -> PendingTimer:
         """The same timer, due between ``low`` and ``high``."""
-        return Alarm(self.instance, self.event, low, high, self.period, self.data, self.id)
+        return PendingTimer(self.instance, self.event, low, high, self.period, self.data, self.id)
 
-    def not_before(self, limit: int) -> Alarm:
+    def not_before(self, limit: int) -> PendingTimer:
         """The same periodic timer, without the times that were over before ``limit``."""
         if self.high >= limit:
             return self
@@ -163,7 +163,7 @@ class Alarm:
         return self.due(self.low + missed, self.high + missed)
 
 
-class Posted:
+class QueuedEvent:
     """An event that the machine sent itself, on its executor's queue."""
 
     __slots__ = ("event", "high", "instance", "low", "message", "parts")
@@ -189,9 +189,9 @@ class Posted:
         message, parts = frozen(self.message, numbers), frozen(self.parts, numbers)
         return (self.instance, self.event, message, parts)
 
-    def due(self, low: int, high: int) -> Posted:
+    def due(self, low: int, high: int) -> QueuedEvent:
         """The same event, sent between ``low`` and ``high``."""
-        return Posted(self.instance, self.event, self.message, self.parts, low, high)
+        return QueuedEvent(self.instance, self.event, self.message, self.parts, low, high)
 
 
 class Goal:
@@ -286,10 +286,10 @@ class Hypothesis:
     def __init__(
         self,
         instances: Instances,
-        owed: tuple[Owed, ...] = (),
-        pending: tuple[Fact, ...] = (),
-        posted: tuple[Posted, ...] = (),
-        alarms: tuple[Alarm, ...] = (),
+        owed: tuple[Obligation, ...] = (),
+        pending: tuple[TraceEvent, ...] = (),
+        posted: tuple[QueuedEvent, ...] = (),
+        alarms: tuple[PendingTimer, ...] = (),
         waiting: tuple[tuple[str, tuple[str, int]], ...] = (),
         goals: tuple[Goal, ...] = (),
         counts: tuple[tuple[tuple[bool, str], int], ...] = (),
@@ -343,19 +343,19 @@ class Hypothesis:
             self.moment,
         )
 
-    def with_pending(self, pending: tuple[Fact, ...]) -> Hypothesis:
+    def with_pending(self, pending: tuple[TraceEvent, ...]) -> Hypothesis:
         """The same, with other messages under way."""
         made = self.copy()
         made.pending = pending
         return made
 
-    def with_owed(self, owed: tuple[Owed, ...]) -> Hypothesis:
+    def with_owed(self, owed: tuple[Obligation, ...]) -> Hypothesis:
         """The same, owing something else."""
         made = self.copy()
         made.owed = owed
         return made
 
-    def with_alarms(self, alarms: tuple[Alarm, ...]) -> Hypothesis:
+    def with_alarms(self, alarms: tuple[PendingTimer, ...]) -> Hypothesis:
         """The same, with other timers."""
         made = self.copy()
         made.alarms = alarms
@@ -398,7 +398,8 @@ class Hypothesis:
 
 
 Timed = Any
-"""An ``Owed``, ``Alarm`` or ``Posted``; mypyc cannot compile a function over a variable of those types."""
+"""An ``Obligation``, ``PendingTimer`` or ``QueuedEvent``: mypyc cannot compile a
+function over a variable of those types."""
 
 
 def _spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, ...]:

@@ -6,17 +6,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
-from moon.oracle.facts import Fact
 from moon.oracle.goals import adopt, but, changed, goal_called
-from moon.oracle.hypothesis import EventKey, Goal, Hypothesis, Owed, distinct
+from moon.oracle.hypothesis import EventKey, Goal, Hypothesis, Obligation, distinct
 from moon.oracle.readers import identifier
 from moon.oracle.running import Running
+from moon.oracle.trace_events import TraceEvent
 
 
 class Inputs(Running):
     """What a machine that took an input may be doing then."""
 
-    def take_input(self, candidates: Iterable[Hypothesis], fact: Fact) -> list[Hypothesis]:
+    def take_input(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
         """The machine took ``fact`` at its stamp; none of ``candidates`` owes anything for sure."""
         made: list[Hypothesis] = []
         for hypothesis in candidates:
@@ -24,7 +24,7 @@ class Inputs(Running):
             made += self._input(self.normalised(rest, fact.stamp), fact)
         return distinct(made)
 
-    def _input(self, hypothesis: Hypothesis, fact: Fact) -> Iterator[Hypothesis]:
+    def _input(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
         event, stamp = fact.event, fact.stamp
         assert event is not None
         kind = event[0]
@@ -42,7 +42,7 @@ class Inputs(Running):
             case _:
                 yield from self._goal_event(hypothesis, fact)
 
-    def _goal_input(self, hypothesis: Hypothesis, fact: Fact) -> Iterator[Hypothesis]:
+    def _goal_input(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
         if goal_called(hypothesis, fact.goal, served=True) is not None:
             yield hypothesis  # a second goal of the same id: rejected before the machine hears it
             return
@@ -54,22 +54,24 @@ class Inputs(Running):
             # what no transition takes is rejected by the node
             yield made if taken else self._reject(made, goal, fact)
 
-    def _reject(self, hypothesis: Hypothesis, goal: Goal, fact: Fact) -> Hypothesis:
+    def _reject(self, hypothesis: Hypothesis, goal: Goal, fact: TraceEvent) -> Hypothesis:
         goals = tuple(g for g in hypothesis.goals if g.number != goal.number or not g.served)
         rejected = but(hypothesis, goals=goals)
         return self._owing(rejected, OutputKind.REJECT_GOAL, goal, fact)
 
     def _owing(
-        self, hypothesis: Hypothesis, kind: OutputKind, goal: Goal, fact: Fact
+        self, hypothesis: Hypothesis, kind: OutputKind, goal: Goal, fact: TraceEvent
     ) -> Hypothesis:
         """``hypothesis`` with something more to be sent about ``goal``, by the node and not by a
         statement of the model.
         """
         place = self.machine.position
-        owed = Owed(kind, goal.interface, None, fact.stamp, fact.stamp, place, place, goal=goal.id)
+        owed = Obligation(
+            kind, goal.interface, None, fact.stamp, fact.stamp, place, place, goal=goal.id
+        )
         return but(hypothesis, owed=(*hypothesis.owed, owed))
 
-    def _cancel_input(self, hypothesis: Hypothesis, fact: Fact) -> Iterator[Hypothesis]:
+    def _cancel_input(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
         """See ``transports.actions``: which goals a cancel request means, and who hears of it."""
         info = fact.data
         wanted = identifier(info["goal_id"])
@@ -115,7 +117,7 @@ class Inputs(Running):
             ]
         return found
 
-    def _goal_event(self, hypothesis: Hypothesis, fact: Fact) -> Iterator[Hypothesis]:
+    def _goal_event(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
         """What becomes of a goal that the machine sent."""
         event = fact.event
         assert event is not None

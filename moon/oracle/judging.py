@@ -1,6 +1,6 @@
 """Judging one machine: what is settled is taken in order, and what cannot be is said.
 
-What time brings about, what a violation is, and how a machine is found anew where something is missing.
+What time brings about, what a violation is, and how a machine is resynchronised where something is missing.
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
 from m2c.model.system import library_for
-from moon.oracle.anchoring import Anchoring
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.channels import Channels
 from moon.oracle.clock import Clock
 from moon.oracle.confirmation import Confirmation
 from moon.oracle.explain import explanation_of, told
-from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis
-from moon.oracle.lanes import Lanes
 from moon.oracle.progress import Progress
+from moon.oracle.request_tracking import RequestTracking
+from moon.oracle.resynchronisation import Resynchronisation
 from moon.oracle.search import Search
+from moon.oracle.source_streams import Lanes
 from moon.oracle.steps import TooOpenError
+from moon.oracle.trace_events import Role, TraceEvent
 from moon.oracle.unconfirmed import (
     UNCONFIRMED,
     Losses,
@@ -34,7 +35,6 @@ from moon.oracle.unconfirmed import (
     Unconfirmed,
     Waiting,
 )
-from moon.oracle.uptake import Uptake
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 
 EVIDENCE = 12
@@ -72,13 +72,13 @@ class Judging:
         self.bounds = bounds or Bounds()
         self.channels = Channels(machine, library, self.node)
         self.search = Search(machine, library, self.channels, self.bounds)
-        self._lanes = Lanes(self.channels, self.node)
+        self._streams = Lanes(self.channels, self.node)
         self._latency = self.bounds.latency
         self._progress = Progress()
         self._confirmation = Confirmation(
             self.node,
             self.search,
-            self._lanes,
+            self._streams,
             self._progress,
             self._other_ends,
             self._publishers,
@@ -88,7 +88,7 @@ class Judging:
         """Everything that concerns the machine is told by its own node: it is known how far that is."""
         self._certain_since = 0
         """Since when (ns) what the machine does is known; what was lost before does not matter."""
-        self._anchoring = Anchoring(self._latency)
+        self._anchoring = Resynchronisation(self._latency)
         self.outcome = Outcome.CONFORMING
         self.violations = 0
         self.inputs = 0
@@ -98,22 +98,22 @@ class Judging:
         self.late = 0
         """Observations that came after their time, and others that could not be used."""
         self._base: list[Hypothesis] | None = None
-        self._window: list[Fact] = []
+        self._window: list[TraceEvent] = []
         """What is not judged yet, in order."""
-        self._history: deque[Fact] = deque(maxlen=EVIDENCE)
+        self._history: deque[TraceEvent] = deque(maxlen=EVIDENCE)
         self._finished = 0
         self._synchronised = synchronised
         self._listening_since: int | None = None
         self._heard_since: int | None = None
         """From when on (ns) silence means that the machine did nothing, once it is heard at all."""
-        self._uptake = Uptake(self.bounds.deadline)
+        self._uptake = RequestTracking(self.bounds.deadline)
         self._reason = ""
         self._next_due = FOREVER
         self._next_try = 0
         """Not before this (ns) is it tried again to find what the machine does."""
         self.wake = 0
         """Until this is settled (ns), time alone changes nothing."""
-        self._droppable_until = 0
+        self._may_be_lost_until = 0
         self._lost_until = 0
         self._from_start = False
 
@@ -187,7 +187,7 @@ class Judging:
         self.search.last = 0
         self._note_due()
 
-    def _keep(self, fact: Fact) -> None:
+    def _keep(self, fact: TraceEvent) -> None:
         """Put ``fact`` in its place; mostly that is the last."""
         stamp, window = fact.stamp, self._window
         if stamp < self.wake:
@@ -288,12 +288,12 @@ class Judging:
 
     # --- verdicts ---------------------------------------------------------------------------------
 
-    def _violation(self, fact: Fact) -> list[Verdict]:
+    def _violation(self, fact: TraceEvent) -> list[Verdict]:
         """``fact`` cannot be: say so, and go on from what is still certain."""
         before = self._base or []
         explanation = explanation_of(self.search, before, fact, self._history)
         verdict = self._verdict_of(fact.stamp, explanation)
-        certain = fact.role is Role.STRANGE
+        certain = fact.role is Role.UNDECLARED
         needed = (
             Waiting(verdict)
             if certain
@@ -335,17 +335,17 @@ class Judging:
         since = self._heard_since
         if since is None or settled >= since + self.bounds.deadline + self._latency:
             return False
-        channel_of, is_heard = self.search.channel_of_output, self._lanes.is_heard
+        channel_of, is_heard = self.search.channel_of_output, self._streams.is_heard
         owed = [h.owed[0] for h in base if h.owed]
         return not all(is_heard(channel_of(item.kind, item.interface)) for item in owed)
 
-    def _recover(self, before: list[Hypothesis], fact: Fact | None) -> None:
+    def _recover(self, before: list[Hypothesis], fact: TraceEvent | None) -> None:
         """After a violation: as if what was owed had come, else from any state."""
         search = self.search
         stamp = self._finished if fact is None else fact.stamp
         found: list[Hypothesis] = []
         try:
-            if fact is not None and fact.role is Role.STRANGE:
+            if fact is not None and fact.role is Role.UNDECLARED:
                 found = before
             elif fact is None or fact.role is Role.INPUT:
                 settled = [h.with_owed(()) for h in search.reachable(before, stamp, stamp)]
@@ -359,13 +359,13 @@ class Judging:
         self._wake_at(0)
         self._note_due()
 
-    def _unsettled(self, stamp: int) -> tuple[Fact, ...]:
+    def _unsettled(self, stamp: int) -> tuple[TraceEvent, ...]:
         """Messages that may or may not have been taken by ``stamp``."""
         kept = {id(f): f for h in self._base or () for f in h.pending}
         facts = sorted(kept.values(), key=lambda f: f.stamp)
         recent = [f for f in facts if f.stamp > stamp - self.bounds.latency]
         for fact in recent:
-            fact.droppable = True
+            fact.may_be_lost = True
         return tuple(recent)
 
     def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 from m2c.model.machine import EventKind
 from moon.oracle.bounds import TooManyError
-from moon.oracle.facts import Fact, Role
 from moon.oracle.hypothesis import Hypothesis
 from moon.oracle.judging import Judging
-from moon.oracle.lanes import Count
+from moon.oracle.source_streams import Count
 from moon.oracle.steps import TooOpenError
+from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel
 
 _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 # looked up for every observation
-_ASKED, _OUTPUT, _STRANGE, _INPUT = Role.ASKED, Role.OUTPUT, Role.STRANGE, Role.INPUT
+_ASKED, _OUTPUT, _STRANGE, _INPUT = Role.ASKED, Role.OUTPUT, Role.UNDECLARED, Role.INPUT
 _ANSWERED = Role.ANSWERED
 _INCONCLUSIVE = Outcome.INCONCLUSIVE
 _MESSAGE = ObservationKind.MESSAGE
@@ -54,10 +54,10 @@ class Oracle(Judging):
         self._uptake.clear()
         self._other_ends.clear()
         self._unconfirmed.restart()
-        self._lanes.restart()
+        self._streams.restart()
         self._progress.restart()
         self._begin(stamp_ns, whole)
-        self._droppable_until = 0 if whole else stamp_ns + self.bounds.latency
+        self._may_be_lost_until = 0 if whole else stamp_ns + self.bounds.latency
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
         self.outcome, self._reason = Outcome.CONFORMING, ""
 
@@ -87,25 +87,25 @@ class Oracle(Judging):
     def feed(self, observation: Observation) -> list[Verdict]:
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
         key = (observation.source, observation.channel, observation.kind)
-        lane = self._lanes.opened.get(key) or self._lanes.of(observation)
-        if lane.other_end and self._progress.heard:
+        stream = self._streams.opened.get(key) or self._streams.of(observation)
+        if stream.other_end and self._progress.heard:
             return []  # its own node numbers all that it reports: this adds nothing
         verdicts: list[Verdict] = []
-        count = lane.count
+        count = stream.count
         if count is not None:
             number = observation.sequence
             if number == count.next and not self._unconfirmed.kept:
                 count.next, count.stamp = number + 1, observation.stamp_ns
             elif number >= 0 and not self._follows(observation, count, verdicts):
                 return verdicts + self.advance(observation.received_ns)
-        fact: Fact | None = None
-        more: list[Fact] | None = None
-        read = lane.read
+        fact: TraceEvent | None = None
+        more: list[TraceEvent] | None = None
+        read = stream.read
         try:
             if read is not None:
                 fact = read(observation)
-                if lane.more:
-                    found = (other(observation) for other in lane.more)
+                if stream.more:
+                    found = (other(observation) for other in stream.more)
                     more = [item for item in found if item is not None]
         except (KeyError, TypeError, ValueError, AttributeError):
             self.late += 1
@@ -116,20 +116,20 @@ class Oracle(Judging):
             self._finished = self._clock.settled
         settled = received_ns - self._latency
         progress, order = self._progress, observation.order
-        if lane.own and order < 0:
+        if stream.own and order < 0:
             if observation.kind is not _MESSAGE:
                 kind, channel = observation.kind, observation.channel
                 self._other_ends.report((kind, channel, observation.client, observation.call))
             if self._unconfirmed.kept and not self._progress.heard:
                 verdicts += self._confirm(self._unconfirmed.counts_per_channel())
-        if lane.own and order >= 0:
+        if stream.own and order >= 0:
             if order == progress.next and not progress.ahead:
                 progress.next, progress.heard = order + 1, observation.stamp_ns
             else:
                 progress.take(order, observation.stamp_ns, settled)
             if self._unconfirmed.kept:
                 verdicts += self._look_at_reports()
-            if self._alone and settled >= self._droppable_until:  # before, not all was told
+            if self._alone and settled >= self._may_be_lost_until:  # before, not all was told
                 heard = progress.heard
                 if heard > settled:
                     settled = heard if heard < received_ns else received_ns
@@ -151,7 +151,7 @@ class Oracle(Judging):
             return verdicts
         return verdicts + self._settle(settled)
 
-    def _at_once(self, fact: Fact, settled: int) -> bool:
+    def _at_once(self, fact: TraceEvent, settled: int) -> bool:
         """Whether ``fact``, the next thing that happened, is judged here and now.
 
         A short cut for what ``_take`` and ``_settle`` do where nothing waits to be judged, nothing is due
@@ -250,7 +250,7 @@ class Oracle(Judging):
             return self._base is not None
         return self._from_start and observation.source == self.node
 
-    def _take(self, fact: Fact, verdicts: list[Verdict]) -> None:
+    def _take(self, fact: TraceEvent, verdicts: list[Verdict]) -> None:
         role, stamp = fact.role, fact.stamp
         if role is _ASKED:
             source = fact.observation.source
@@ -289,10 +289,10 @@ class Oracle(Judging):
             text = f"an observation on {fact.observation.channel} came too late"
             verdicts += self.lose(stamp, text)
         else:
-            fact.droppable = stamp < self._droppable_until
+            fact.may_be_lost = stamp < self._may_be_lost_until
             self._keep(fact)
 
-    def _imply(self, fact: Fact, kind: ObservationKind) -> None:
+    def _imply(self, fact: TraceEvent, kind: ObservationKind) -> None:
         """By the other end of a call, the node did this."""
         if not self._progress.heard:
             event = (kind, fact.observation.channel, *fact.call)

@@ -6,17 +6,17 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from m2c.model.machine import OutputKind
-from moon.oracle.facts import Fact
 from moon.oracle.goals import adopt, but, goal_called
 from moon.oracle.hypothesis import (
     ANY_CALL,
-    AlarmKey,
     Hypothesis,
-    Owed,
+    Obligation,
+    TimerKey,
     distinct,
 )
 from moon.oracle.inputs import Inputs
 from moon.oracle.matching import agree, learned
+from moon.oracle.trace_events import TraceEvent
 from moon.oracle.unknowns import Unknown, is_unknown
 
 _ENDS = (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL)
@@ -25,7 +25,7 @@ _ENDS = (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL)
 class Outputs(Inputs):
     """What a machine that sent something may be doing then."""
 
-    def take_output(self, candidates: Iterable[Hypothesis], fact: Fact) -> list[Hypothesis]:
+    def take_output(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
         """The machine sent ``fact``: those of ``candidates`` that owe it next."""
         made: list[Hypothesis] = []
         for hypothesis in candidates:
@@ -36,7 +36,7 @@ class Outputs(Inputs):
                     break
         return distinct(made)
 
-    def _is(self, hypothesis: Hypothesis, owed: Owed, fact: Fact) -> bool:
+    def _is(self, hypothesis: Hypothesis, owed: Obligation, fact: TraceEvent) -> bool:
         if owed.kind is not fact.output or owed.interface != fact.interface:
             return False
         if not owed.low - self._early <= fact.stamp <= owed.high + self._late:
@@ -51,7 +51,7 @@ class Outputs(Inputs):
         kind = self._channels.types.get((owed.kind, owed.interface))
         return kind is None or agree(owed.data, fact.data, kind)
 
-    def _paid(self, hypothesis: Hypothesis, place: int, fact: Fact) -> Hypothesis:
+    def _paid(self, hypothesis: Hypothesis, place: int, fact: TraceEvent) -> Hypothesis:
         """``hypothesis`` once what it owed at ``place`` was seen."""
         owed = hypothesis.owed[place]
         rest = hypothesis.with_owed(hypothesis.owed[place + 1 :])
@@ -77,7 +77,7 @@ class Outputs(Inputs):
             found[id(owed.goal)] = (owed.goal, known.number)
         return _substituted(rest, found) if found else rest
 
-    def _phase_seen(self, hypothesis: Hypothesis, key: AlarmKey, stamp: int) -> Hypothesis:
+    def _phase_seen(self, hypothesis: Hypothesis, key: TimerKey, stamp: int) -> Hypothesis:
         """A timer rang at ``stamp`` at the latest: its next time is within a period of that."""
         made = []
         for alarm in hypothesis.alarms:
@@ -89,14 +89,14 @@ class Outputs(Inputs):
                 made.append(alarm)
         return hypothesis.with_alarms(tuple(made))
 
-    def _end_seen(self, hypothesis: Hypothesis, owed: Owed, fact: Fact) -> Hypothesis:
+    def _end_seen(self, hypothesis: Hypothesis, owed: Obligation, fact: TraceEvent) -> Hypothesis:
         goals = []
         for goal in hypothesis.goals:
             same = goal.served and goal.id == fact.goal and goal.interface == owed.interface
             goals.append(goal.but(seen=True, result=(owed.kind, owed.data)) if same else goal)
         return but(hypothesis, goals=tuple(goals))
 
-    def take_status(self, candidates: Iterable[Hypothesis], fact: Fact) -> list[Hypothesis]:
+    def take_status(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
         """The status of all goals: those that have ended since are outputs."""
         found: list[Hypothesis] = []
         for hypothesis in candidates:
@@ -111,7 +111,7 @@ class Outputs(Inputs):
         return distinct(found)
 
     def _goal_ended(
-        self, hypothesis: Hypothesis, fact: Fact, goal_id: str, kind: OutputKind
+        self, hypothesis: Hypothesis, fact: TraceEvent, goal_id: str, kind: OutputKind
     ) -> list[Hypothesis]:
         goal = goal_called(hypothesis, goal_id, served=True)
         if goal is None:
@@ -120,11 +120,11 @@ class Outputs(Inputs):
                 return [hypothesis]
         elif goal.seen:
             return [hypothesis] if goal.result is None or goal.result[0] is kind else []
-        end = Fact(fact.observation, fact.role, fact.interface, None, kind, None, goal_id)
+        end = TraceEvent(fact.observation, fact.role, fact.interface, None, kind, None, goal_id)
         paid = self.take_output([hypothesis], end)
         return paid or ([hypothesis] if goal is None else [])
 
-    def take_result(self, candidates: Iterable[Hypothesis], fact: Fact) -> list[Hypothesis]:
+    def take_result(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
         """A goal's result leaves: as the end itself, or long after it."""
         found: list[Hypothesis] = []
         kind = self._channels.types.get((OutputKind.SUCCEED, fact.interface))
@@ -140,8 +140,8 @@ class Outputs(Inputs):
         return distinct(found)
 
 
-def _is_goal(hypothesis: Hypothesis, goal: Any, fact: Fact) -> bool:
-    """Whether ``fact`` can be about ``goal``, as ``Owed.goal`` names it."""
+def _is_goal(hypothesis: Hypothesis, goal: Any, fact: TraceEvent) -> bool:
+    """Whether ``fact`` can be about ``goal``, as ``Obligation.goal`` names it."""
     if isinstance(goal, Unknown):
         known = goal_called(hypothesis, fact.goal, served=True)
         return known is None or goal.allows(known.number)
@@ -168,7 +168,7 @@ def _substituted(hypothesis: Hypothesis, found: Mapping[int, tuple[Unknown, Any]
     return made
 
 
-def _owed_with(owed: Owed, put: Any) -> Owed:
+def _owed_with(owed: Obligation, put: Any) -> Obligation:
     if not is_unknown(owed.data) and not isinstance(owed.goal, Unknown):
         return owed
     made = owed.due(owed.low, owed.high)

@@ -8,10 +8,10 @@ from typing import Any
 from m2c.model.datatypes import Structure
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from m2c.model.values import zero
-from moon.oracle.facts import Fact, Role
+from moon.oracle.trace_events import Role, TraceEvent
 from transports.interface import CallOutcome, Observation, ObservationKind
 
-Reader = Callable[[Observation], Fact | None]
+Reader = Callable[[Observation], TraceEvent | None]
 """Makes a fact of an observation, if it is one."""
 
 
@@ -30,14 +30,14 @@ class Port:
         self.template = None if data is None else zero(data)
 
 
-def strange(seen: Observation) -> Fact:
+def strange(seen: Observation) -> TraceEvent:
     """Something for which the model has no words."""
-    return Fact(seen, Role.STRANGE)
+    return TraceEvent(seen, Role.UNDECLARED)
 
 
 def asking(name: str) -> Reader:
     """Requests to the machine, as who sends them tells it."""
-    return lambda seen: Fact(seen, Role.ASKED, name)
+    return lambda seen: TraceEvent(seen, Role.ASKED, name)
 
 
 _TIMED_OUT = f"{CallOutcome.TIMEOUT}:"
@@ -50,28 +50,32 @@ def answered(name: str) -> Reader:
     An answer may be a refusal: the request was received then. A call that failed otherwise shows nothing.
     """
 
-    def answer(seen: Observation) -> Fact | None:
+    def answer(seen: Observation) -> TraceEvent | None:
         if not seen.error or seen.error.startswith(_REFUSED):
-            return Fact(seen, Role.ANSWERED, name)
-        return Fact(seen, Role.UNANSWERED, name) if seen.error.startswith(_TIMED_OUT) else None
+            return TraceEvent(seen, Role.ANSWERED, name)
+        return (
+            TraceEvent(seen, Role.UNANSWERED, name) if seen.error.startswith(_TIMED_OUT) else None
+        )
 
     return answer
 
 
 def at_the_server(name: str, node: str) -> Reader:
     """What the server of a call tells of it, where ``node`` is its client."""
-    return lambda seen: Fact(seen, Role.OTHER_END, name) if seen.client == node else None
+    return lambda seen: TraceEvent(seen, Role.OTHER_END, name) if seen.client == node else None
 
 
 def taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
     """Inputs; ``template``: zero values of all fields."""
     event = (kind, name)
-    return lambda seen: Fact(seen, role, name, event, None, complete(seen.data, template))
+    return lambda seen: TraceEvent(seen, role, name, event, None, complete(seen.data, template))
 
 
 def giving(name: str, kind: OutputKind, template: Any) -> Reader:
     """Outputs; ``template``: zero values of all fields."""
-    return lambda seen: Fact(seen, Role.OUTPUT, name, None, kind, complete(seen.data, template))
+    return lambda seen: TraceEvent(
+        seen, Role.OUTPUT, name, None, kind, complete(seen.data, template)
+    )
 
 
 def served(name: str, kind: ObservationKind, own: bool, template: Any) -> Reader | None:
@@ -89,10 +93,10 @@ def served(name: str, kind: ObservationKind, own: bool, template: Any) -> Reader
 
 
 def _answering(name: str) -> Reader:
-    def answer(seen: Observation) -> Fact | None:
+    def answer(seen: Observation) -> TraceEvent | None:
         if seen.error:
             return None  # the transport refuses a request that is none
-        return Fact(seen, Role.OUTPUT, name, None, OutputKind.RESPONSE, seen.data)
+        return TraceEvent(seen, Role.OUTPUT, name, None, OutputKind.RESPONSE, seen.data)
 
     return answer
 
@@ -102,66 +106,70 @@ _ENDS = {4: OutputKind.SUCCEED, 5: OutputKind.CANCEL, 6: OutputKind.ABORT}
 _ENDED = {4: EventKind.SUCCEEDED, 5: EventKind.CANCELED, 6: EventKind.ABORTED}
 
 
-def of_action_server(port: Port, observation: Observation) -> Fact | None:
+def of_action_server(port: Port, observation: Observation) -> TraceEvent | None:
     """What the node of an action server tells of one part of the action."""
     data, name = observation.data, port.interface
     match port.part, observation.kind:
         case "send_goal", ObservationKind.REQUEST_RECEIVED:
             goal = complete(data["goal"], port.template)
             event = (EventKind.GOAL, name)
-            return Fact(observation, Role.INPUT, name, event, None, goal, goal_id(data))
+            return TraceEvent(observation, Role.INPUT, name, event, None, goal, goal_id(data))
         case "send_goal", ObservationKind.RESPONSE_SENT if not observation.error:
             kind = OutputKind.ACCEPT_GOAL if data["accepted"] else OutputKind.REJECT_GOAL
-            return Fact(observation, Role.OUTPUT, name, None, kind)
+            return TraceEvent(observation, Role.OUTPUT, name, None, kind)
         case "cancel_goal", ObservationKind.REQUEST_RECEIVED:
             event = (EventKind.CANCEL, name)
-            return Fact(observation, Role.INPUT, name, event, None, data["goal_info"])
+            return TraceEvent(observation, Role.INPUT, name, event, None, data["goal_info"])
         case "get_result", ObservationKind.RESPONSE_SENT if not observation.error:
             kind = _ENDS.get(data["status"], OutputKind.ABORT)
-            return Fact(observation, Role.RESULT, name, None, kind, data["result"])
+            return TraceEvent(observation, Role.RESULT, name, None, kind, data["result"])
         case "get_result", ObservationKind.REQUEST_RECEIVED:
-            return Fact(observation, Role.RESULT, name, None, None, None, goal_id(data))
+            return TraceEvent(observation, Role.RESULT, name, None, None, None, goal_id(data))
         case "feedback", ObservationKind.MESSAGE:
             kind = OutputKind.FEEDBACK
-            return Fact(observation, Role.OUTPUT, name, None, kind, data["feedback"], goal_id(data))
+            return TraceEvent(
+                observation, Role.OUTPUT, name, None, kind, data["feedback"], goal_id(data)
+            )
         case "status", ObservationKind.MESSAGE:
             ends = [
                 (identifier(entry["goal_info"]["goal_id"]), _ENDS[entry["status"]])
                 for entry in data["status_list"]
                 if entry["status"] in _ENDS
             ]
-            return Fact(observation, Role.STATUS, name, None, None, ends)
+            return TraceEvent(observation, Role.STATUS, name, None, None, ends)
     return None
 
 
-def of_action_client(port: Port, observation: Observation) -> Fact | None:
+def of_action_client(port: Port, observation: Observation) -> TraceEvent | None:
     """What the node of an action client tells of one part of the action; feedback is told by the server's."""
     data, name = observation.data, port.interface
     if port.part == "feedback" and observation.kind is ObservationKind.MESSAGE:
         feedback = complete(data["feedback"], port.template)
         event = (EventKind.FEEDBACK, name)
-        return Fact(observation, Role.MESSAGE, name, event, None, feedback, goal_id(data))
+        return TraceEvent(observation, Role.MESSAGE, name, event, None, feedback, goal_id(data))
     match port.part, observation.kind:
         case "send_goal", ObservationKind.REQUEST_SENT:
             kind = OutputKind.SEND_GOAL
-            return Fact(observation, Role.OUTPUT, name, None, kind, data["goal"], goal_id(data))
+            return TraceEvent(
+                observation, Role.OUTPUT, name, None, kind, data["goal"], goal_id(data)
+            )
         case "send_goal", ObservationKind.RESPONSE_RECEIVED:
             accepted = not observation.error and data["accepted"]
             kind_of = EventKind.GOAL_ACCEPTED if accepted else EventKind.GOAL_REJECTED
-            return Fact(observation, Role.INPUT, name, (kind_of, name))
+            return TraceEvent(observation, Role.INPUT, name, (kind_of, name))
         case "cancel_goal", ObservationKind.REQUEST_SENT:
             kind = OutputKind.SEND_CANCEL
-            return Fact(
+            return TraceEvent(
                 observation, Role.OUTPUT, name, None, kind, None, goal_id(data["goal_info"])
             )
         case "get_result", ObservationKind.REQUEST_SENT:
-            return Fact(observation, Role.RESULT, name, None, None, None, goal_id(data))
+            return TraceEvent(observation, Role.RESULT, name, None, None, None, goal_id(data))
         case "get_result", ObservationKind.RESPONSE_RECEIVED:
             ended = None if observation.error else _ENDED.get(data["status"])
             if ended is None:
-                return Fact(observation, Role.INPUT, name, (EventKind.GOAL_REJECTED, name))
+                return TraceEvent(observation, Role.INPUT, name, (EventKind.GOAL_REJECTED, name))
             result = complete(data["result"], port.template)
-            return Fact(observation, Role.INPUT, name, (ended, name), None, result)
+            return TraceEvent(observation, Role.INPUT, name, (ended, name), None, result)
     return None
 
 

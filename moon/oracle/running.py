@@ -20,13 +20,13 @@ from moon.oracle.goals import (
 )
 from moon.oracle.hypothesis import (
     ANY_CALL,
-    Alarm,
-    AlarmKey,
     EventKey,
     Hypothesis,
     Instances,
-    Owed,
-    Posted,
+    Obligation,
+    PendingTimer,
+    QueuedEvent,
+    TimerKey,
 )
 from moon.oracle.step import Delayed, Output, Step
 from moon.oracle.steps import MachineProgram
@@ -99,7 +99,7 @@ class Running:
         parts: Mapping[str, Any],
         low: int,
         high: int,
-        alarm: AlarmKey | None = None,
+        alarm: TimerKey | None = None,
         call: tuple[str, int] | None = None,
     ) -> Iterator[Hypothesis]:
         """Process ``event`` between ``low`` and ``high``: every outcome."""
@@ -132,7 +132,7 @@ class Running:
         step: Step,
         low: int,
         high: int,
-        alarm: AlarmKey | None = None,
+        alarm: TimerKey | None = None,
         call: tuple[str, int] | None = None,
         waiting: tuple[tuple[str, tuple[str, int]], ...] | None = None,
     ) -> Hypothesis:
@@ -155,8 +155,8 @@ class Running:
         return made
 
     def _awakened(
-        self, before: Hypothesis, made: Hypothesis, alarm: Alarm, low: int, high: int
-    ) -> Alarm:
+        self, before: Hypothesis, made: Hypothesis, alarm: PendingTimer, low: int, high: int
+    ) -> PendingTimer:
         """A periodic timer that a step makes matter: it may just have rung unheard, or just not."""
         if not alarm.period or self._matters(before, alarm) or not self._matters(made, alarm):
             return alarm
@@ -175,10 +175,14 @@ class Running:
                 alarms = [a for a in alarms if a.instance != instance or a.id != item or not item]
                 continue
             if isinstance(item.delay_s, Unknown):
-                alarms.append(Alarm(instance, item.event, low, FOREVER, 0, item.data, item.id))
+                alarms.append(
+                    PendingTimer(instance, item.event, low, FOREVER, 0, item.data, item.id)
+                )
                 continue
             if item.event[0] is EventKind.INTERNAL and item.delay_s <= 0:
-                posted = Posted(instance, item.event, item.data, {"name": item.event[1]}, low, high)
+                posted = QueuedEvent(
+                    instance, item.event, item.data, {"name": item.event[1]}, low, high
+                )
                 made.posted = (*made.posted, posted)
                 continue
             delay = round(item.delay_s * 1e9)
@@ -186,7 +190,7 @@ class Running:
             if item.event[0] is EventKind.AFTER:
                 alarms = [a for a in alarms if a.instance != instance or a.event != item.event]
             alarms.append(
-                Alarm(
+                PendingTimer(
                     instance,
                     item.event,
                     low + delay - slack,
@@ -206,7 +210,7 @@ class Running:
         output: Output,
         low: int,
         high: int,
-        alarm: AlarmKey | None,
+        alarm: TimerKey | None,
         call: tuple[str, int] | None,
     ) -> None:
         """What an output of the model means: something to be seen, or something inside.
@@ -272,7 +276,7 @@ class Running:
             return  # the channel is only known at run time
         made.owed = (
             *made.owed,
-            Owed(
+            Obligation(
                 kind,
                 interface,
                 output.fields,
@@ -294,7 +298,7 @@ class Running:
             if thread.interface == output.interface and which == number:
                 event = (EventKind.THREAD_START, output.interface)
                 parts = {"goal_id": output.goal or 0, "thread_id": number}
-                posted = Posted(index, event, output.fields, parts, low, high)
+                posted = QueuedEvent(index, event, output.fields, parts, low, high)
                 made.posted = (*made.posted, posted)
 
     def _free_thread(
@@ -303,9 +307,9 @@ class Running:
         number = self._threads[instance - 1][1] if instance else 0
         parts = {"goal_id": output.goal or 0, "thread_id": number}
         event = (EventKind.THREAD_FREE, output.interface)
-        made.posted = (*made.posted, Posted(0, event, None, parts, low, high))
+        made.posted = (*made.posted, QueuedEvent(0, event, None, parts, low, high))
 
-    def _matters(self, hypothesis: Hypothesis, alarm: Alarm) -> bool:
+    def _matters(self, hypothesis: Hypothesis, alarm: PendingTimer) -> bool:
         state, _ = hypothesis.instances[alarm.instance]
         return self.programs[alarm.instance].handles(state, alarm.event)
 

@@ -13,11 +13,11 @@ from typing import Any
 
 from m2c.model.machine import EventKind
 from moon.oracle.bounds import FEW_HYPOTHESES, FOREVER, LOOSE_STEPS, STEPS, TooManyError
-from moon.oracle.facts import Fact, Role
 from moon.oracle.goals import adopt, but, goal_called
-from moon.oracle.hypothesis import Alarm, Hypothesis, distinct
+from moon.oracle.hypothesis import Hypothesis, PendingTimer, distinct
 from moon.oracle.shortcuts import Shortcuts
 from moon.oracle.step import StateProgram
+from moon.oracle.trace_events import Role, TraceEvent
 
 
 class Search(Shortcuts):
@@ -29,7 +29,7 @@ class Search(Shortcuts):
         """The machine has just started, at ``start`` (ns); see ``Oracle.start`` for ``whole``."""
         slack = 0 if whole else self.bounds.latency
         alarms = tuple(
-            Alarm(
+            PendingTimer(
                 instance,
                 event,
                 start + (period - self._slack(period) if whole else 0),
@@ -58,11 +58,11 @@ class Search(Shortcuts):
                 made[rest.key()] = rest
         return list(made.values())
 
-    def anything(self, now: int, pending: tuple[Fact, ...]) -> list[Hypothesis]:
+    def anything(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
         """The machine is between two steps at ``now``, and nothing more is known of it."""
         self._channels.forget_goals()
         alarms = tuple(
-            Alarm(instance, event, now - self.bounds.latency, now + period, period)
+            PendingTimer(instance, event, now - self.bounds.latency, now + period, period)
             for instance, event, period in self._timers
         )
         combinations: list[tuple[tuple[int, tuple[Any, ...]], ...]] = [()]
@@ -79,7 +79,7 @@ class Search(Shortcuts):
         found = []
         for instances in combinations:
             delays = tuple(
-                Alarm(
+                PendingTimer(
                     instance,
                     event,
                     now - self.bounds.latency,
@@ -98,7 +98,7 @@ class Search(Shortcuts):
 
     # --- from one fact to the next -----------------------------------------------------------------
 
-    def after(self, before: list[Hypothesis], fact: Fact) -> list[Hypothesis]:
+    def after(self, before: list[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
         """What can be so after ``fact``; empty if it cannot be."""
         stamp = fact.stamp
         if fact.role is Role.MESSAGE:
@@ -106,7 +106,7 @@ class Search(Shortcuts):
                 return before
             self.check_pending(max(len(h.pending) for h in before) + 1, fact)
             return [h.with_pending((*h.pending, fact)) for h in before]
-        if fact.role is Role.STRANGE:
+        if fact.role is Role.UNDECLARED:
             return []
         if fact.role is Role.RESULT and fact.output is None:
             return before  # somebody asks for a result: between transports
@@ -132,11 +132,11 @@ class Search(Shortcuts):
         self.last = stamp
         return found if len(found) <= FEW_HYPOTHESES else self._reduced(found, stamp)
 
-    def check_pending(self, count: int, newest: Fact) -> None:
+    def check_pending(self, count: int, newest: TraceEvent) -> None:
         """TooManyError if ``count`` messages are under way: each makes one hypothesis more, or two."""
         most = self.bounds.hypotheses
         if count > most:
-            source, channel = newest.lane
+            source, channel = newest.stream
             within = f"{self.bounds.latency / 1e9:g} s"
             raise TooManyError(
                 f"more than {most} messages within {within}, on {channel} from {source} too"
@@ -235,12 +235,12 @@ class Search(Shortcuts):
         for fact in pending:
             if fact.stamp > limit:
                 return hypothesis
-            if fact.droppable:
+            if fact.may_be_lost:
                 break
         else:
             return hypothesis
         return hypothesis.with_pending(
-            tuple(fact for fact in pending if not fact.droppable or fact.stamp > limit)
+            tuple(fact for fact in pending if not fact.may_be_lost or fact.stamp > limit)
         )
 
     def _explore(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis] | None:
@@ -304,15 +304,15 @@ class Search(Shortcuts):
         earliest = max(self.last, hypothesis.moment)
         latest = max(self._latest(hypothesis, certainly=True), self.last)
         if hypothesis.pending:
-            lanes = set()
+            streams = set()
             for place, fact in enumerate(hypothesis.pending):
                 sent = fact.stamp - self.bounds.skew
                 if sent >= now or sent > latest:
                     break
-                if fact.lane in lanes:
+                if fact.stream in streams:
                     continue
-                if not fact.droppable:
-                    lanes.add(fact.lane)
+                if not fact.may_be_lost:
+                    streams.add(fact.stream)
                 low = max(sent, earliest)
                 yield from self._take_message(hypothesis, place, fact, low, now)
         if hypothesis.posted:
@@ -333,7 +333,7 @@ class Search(Shortcuts):
         latency = self.bounds.latency
         latest = FOREVER
         for fact in hypothesis.pending:
-            if not (certainly and fact.droppable) and not self._is_held(hypothesis, fact):
+            if not (certainly and fact.may_be_lost) and not self._is_held(hypothesis, fact):
                 latest = fact.stamp + latency + self.bounds.skew
                 break  # the others are newer
         for posted in hypothesis.posted:
@@ -343,7 +343,7 @@ class Search(Shortcuts):
                 latest = alarm.high + latency
         return latest
 
-    def _is_held(self, hypothesis: Hypothesis, fact: Fact) -> bool:
+    def _is_held(self, hypothesis: Hypothesis, fact: TraceEvent) -> bool:
         """Whether ``fact`` is feedback that is kept until its goal is accepted."""
         if fact.event is None or fact.event[0] is not EventKind.FEEDBACK:
             return False
@@ -351,12 +351,12 @@ class Search(Shortcuts):
         return goal is not None and goal.phase != "running"
 
     def _take_message(
-        self, hypothesis: Hypothesis, place: int, fact: Fact, low: int, now: int
+        self, hypothesis: Hypothesis, place: int, fact: TraceEvent, low: int, now: int
     ) -> Iterator[Hypothesis]:
         earlier = hypothesis.pending[:place]
-        if any(item.lane == fact.lane for item in earlier):
-            # these are perhaps taken, and now certainly: a lane keeps its order
-            earlier = tuple(item for item in earlier if item.lane != fact.lane)
+        if any(item.stream == fact.stream for item in earlier):
+            # these are perhaps taken, and now certainly: a stream keeps its order
+            earlier = tuple(item for item in earlier if item.stream != fact.stream)
         rest = hypothesis.with_pending(earlier + hypothesis.pending[place + 1 :])
         assert fact.event is not None
         high = max(low, min(fact.stamp + self.bounds.latency, now))
@@ -373,12 +373,12 @@ class Search(Shortcuts):
             if goal.phase != "running":
                 return
             parts = {"goal_id": goal.number}
-        if fact.droppable:
+        if fact.may_be_lost:
             yield rest
         yield from self.run(rest, 0, fact.event, fact.data, parts, low, high)
 
     def _ring(
-        self, hypothesis: Hypothesis, place: int, alarm: Alarm, low: int, now: int
+        self, hypothesis: Hypothesis, place: int, alarm: PendingTimer, low: int, now: int
     ) -> Iterator[Hypothesis]:
         latency = self.bounds.latency
         high = max(low, min(alarm.high + latency, now))
@@ -429,7 +429,7 @@ def _crowd(hypotheses: list[Hypothesis]) -> str:
     """Why there are too many possibilities: on which channel most messages are under way."""
     counts: dict[tuple[str, str], int] = {}
     for fact in max((hypothesis.pending for hypothesis in hypotheses), key=len, default=()):
-        counts[fact.lane] = counts.get(fact.lane, 0) + 1
+        counts[fact.stream] = counts.get(fact.stream, 0) + 1
     if not counts:
         return ""
     (source, channel), count = max(counts.items(), key=lambda item: item[1])

@@ -6,10 +6,10 @@ from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import interface_kind_of
-from moon.oracle.facts import Fact, Role
-from moon.oracle.hypothesis import Hypothesis, Owed
+from moon.oracle.hypothesis import Hypothesis, Obligation
 from moon.oracle.outputs import Outputs
 from moon.oracle.step import Step
+from moon.oracle.trace_events import Role, TraceEvent
 
 _CALLS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR)
 _PLAIN = (OutputKind.PUBLISH, OutputKind.REQUEST, OutputKind.RESPONSE)
@@ -41,7 +41,7 @@ class Effect:
 class Shortcuts(Outputs):
     """See ``Running`` for the arguments."""
 
-    def only(self, hypothesis: Hypothesis, fact: Fact) -> Hypothesis | None:
+    def only(self, hypothesis: Hypothesis, fact: TraceEvent) -> Hypothesis | None:
         """What ``hypothesis`` is after ``fact``, where that is one thing and plain to see.
 
         That is so for an input or an output stamped where it was taken or made, while nothing else can
@@ -81,7 +81,7 @@ class Shortcuts(Outputs):
         return self._affected(hypothesis, step, fact, fact.call if asked else None)
 
     def _affected(
-        self, hypothesis: Hypothesis, step: Step, fact: Fact, call: tuple[str, int] | None
+        self, hypothesis: Hypothesis, step: Step, fact: TraceEvent, call: tuple[str, int] | None
     ) -> Hypothesis:
         """``hypothesis`` after ``step``, which ``fact`` caused; ``call``: if it is a request."""
         stamp, waiting = fact.stamp, hypothesis.waiting
@@ -108,7 +108,7 @@ class Shortcuts(Outputs):
         made = []
         for kind, interface, fields, position, transition in effect.owed:
             answers = answered[1] if answered and kind is _RESPONSE else None
-            owed = Owed(kind, interface, fields, stamp, stamp, position, transition, answers)
+            owed = Obligation(kind, interface, fields, stamp, stamp, position, transition, answers)
             owed.before = (hypothesis.instances,)
             made.append(owed)
         hypothesis.instances = ((step.state, effect.data),)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from moon.oracle.lanes import Place
+from moon.oracle.source_streams import Place
 from moon.verdict import Verdict
 
 KEPT_VIOLATIONS = 16

@@ -126,7 +126,7 @@ class PolicyOracle:
         self._progress = Progress()
         """Of all that the policy's node reports, where it numbers that."""
         self._since = 0
-        """What was lost before (ns) does not matter: the policy was found anew then."""
+        """What was lost before (ns) does not matter: the policy was resynchronised then."""
         self._unconfirmed = Unconfirmed()
         self._unanswered: dict[Call, Observation] = {}
         """Calls that were followed by another before their answer was heard."""

@@ -42,7 +42,7 @@ class Program(msgspec.Struct, frozen=True):
         handlers: the functions of ``extra``, by name.
         clock: the instant that the network is at; -1 before the first.
         read: all variables by name; ``met`` is the last instant for which ``before`` was true, ``again``
-            is for :mod:`moon.properties.doubt`.
+            is for :mod:`moon.properties.three_valued`.
         write: sets variables by name.
         put: per atom (node index), sets it.
         at: sets the instant.
@@ -118,7 +118,7 @@ def compile_network(
 
 @functools.lru_cache(maxsize=1)
 def _code(source: str) -> CodeType:
-    """The two runs of a network (:mod:`moon.properties.doubt`) have one text, one after the other."""
+    """The two runs of a network (:mod:`moon.properties.three_valued`) have one text, one after the other."""
     return compile(source, "<monitor>", "exec")
 
 

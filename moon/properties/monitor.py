@@ -18,9 +18,9 @@ import msgspec
 from m2c.model.system import System
 from m2c.model.walk import variables_of
 from moon.properties.binding import ANY_CHANNEL, Group
-from moon.properties.cell import Cell, TimeOrderError, UnknownAtom
 from moon.properties.formula import Formula, predicates
 from moon.properties.interfaces import Interfaces
+from moon.properties.monitor_group import MonitorGroup, TimeOrderError, UnknownAtom
 from moon.properties.predicates import PredicateError
 from moon.properties.property import Port, Property
 from moon.properties.rules import NEVER
@@ -51,8 +51,8 @@ class PropertySet:
         names = [item.name for item in self.properties]
         if len(set(names)) != len(names):
             raise ValueError("two properties have the same name")
-        self.cells = [Cell(members, ports) for members, ports in _together(self.properties)]
-        self._tables: dict[str, dict[ObservationKind, list[tuple[Cell, Any, Group]]]] = {}
+        self.cells = [MonitorGroup(members, ports) for members, ports in _together(self.properties)]
+        self._tables: dict[str, dict[ObservationKind, list[tuple[MonitorGroup, Any, Group]]]] = {}
         self._sealed = -1
         self._earliest = 0
         """The least stamp that is not too late."""
@@ -223,7 +223,7 @@ class PropertySet:
         """The channels that matter; ``*`` if any may."""
         return frozenset(group.channel for cell in self.cells for group in cell.binding.groups)
 
-    def _route(self, channel: str, kind: ObservationKind) -> list[tuple[Cell, Any, Group]]:
+    def _route(self, channel: str, kind: ObservationKind) -> list[tuple[MonitorGroup, Any, Group]]:
         """Who takes observations of this channel and kind from now on.
 
         A call is heard at up to two ends; the end that is heard first counts from then on.

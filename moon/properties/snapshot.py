@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
-from moon.properties.doubt import Doubt
 from moon.properties.gaps import Gap
+from moon.properties.three_valued import ThreeValued
 from moon.properties.verdict import Verdict
 from moon.properties.witness import Change
 
@@ -16,7 +16,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     """A cell at some instant. Snapshots with equal ``future`` go on alike."""
 
     networks: tuple[tuple[dict[str, Any], list[tuple[int, int]]], ...]
-    doubt: Doubt | None
+    doubt: ThreeValued | None
     unknown: dict[str, str]
     scalars: tuple[int, int, int, int, int]
     lost: str

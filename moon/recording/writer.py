@@ -17,10 +17,10 @@ from moon.recording.cdr_writing import HEADER, InexactError, Write, encoder
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Entry, Event, Pulse, Said
 from moon.recording.format import Form, NumberError
-from moon.recording.lanes import Lane, Lanes, Types
 from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import Numbering, Numbers
 from moon.recording.offers import Offer
+from moon.recording.source_streams import Lanes, SourceStream, Types
 from moon.recording.whole import pack_whole
 from moon.sinks.topic import message_of
 from transports.interface import Observation
@@ -156,7 +156,7 @@ class RecordingWriter:
         file = FileIO(os.open(path, flags, 0o644), "wb")
         metadata = {layout.FORMAT_NAME: {"version": layout.FORMAT_VERSION}}
         self._file = McapWriter(file, self._compression, LIBRARY, metadata)
-        self._lanes = Lanes(self._file, self._types, self._offers)
+        self._streams = Lanes(self._file, self._types, self._offers)
         self._numbers = Numbers()
         self._own: dict[str, int] = {}
         self._began_ns: int | None = None
@@ -186,26 +186,26 @@ class RecordingWriter:
 
     def _add_observation(self, seen: Observation) -> None:
         self.observations += 1
-        lane = None if seen.error else self._lanes.lane(seen)
-        if lane is not None:
+        stream = None if seen.error else self._streams.stream(seen)
+        if stream is not None:
             try:
-                self._add_exact(seen, lane)
+                self._add_exact(seen, stream)
             except (InexactError, NumberError):
                 pass
             else:
                 return
         self._add_whole(seen)
-        copy = self._lanes.copy(seen, lane) if lane is not None else None
+        copy = self._streams.copy(seen, stream) if stream is not None else None
         if copy is not None:
             channel, data = copy
             self._file.add(channel, _fitting(seen.received_ns), _fitting(seen.stamp_ns), 0, data)
 
-    def _add_exact(self, seen: Observation, lane: Lane) -> None:
-        data = lane.encode(seen)
+    def _add_exact(self, seen: Observation, stream: SourceStream) -> None:
+        data = stream.encode(seen)
         number = seen.sequence + 1
-        if lane.numbering is Numbering.BOTH:
+        if stream.numbering is Numbering.BOTH:
             number = self._numbers.pack(seen)  # -1 fits nowhere
-        self._file.add(lane.channel, seen.received_ns, seen.stamp_ns, number, data)
+        self._file.add(stream.channel, seen.received_ns, seen.stamp_ns, number, data)
 
     def _add_whole(self, seen: Observation) -> None:
         self.whole += 1
@@ -246,7 +246,7 @@ class RecordingWriter:
     def _channel(self, key: str, topic: str, structure: Structure, metadata: dict[str, str]) -> int:
         number = self._own.get(key)
         if number is None:
-            number = self._own[key] = self._lanes.own(topic, structure, metadata)
+            number = self._own[key] = self._streams.own(topic, structure, metadata)
         return number
 
 

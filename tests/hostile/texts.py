@@ -184,7 +184,7 @@ WORDS = (
         "start",
         "machine",
     ),
-    *("node", "interfaces", "State", "Machine", "Node", "Binding", "TypedMessage", "TreeSide"),
+    *("node", "interfaces", "State", "Machine", "Node", "Binding", "TypedMessage", "BtNodeContext"),
     *(
         "_state",
         "_internal",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from moon.monitor.pace import Pace, read_together
+from moon.monitor.event_time_clock import EventTimeClock, read_together
 
 MS = 1_000_000
 LATENCY = 200 * MS
 
 
-def ticking(pace: Pace, start: int, milliseconds: int, step: int = 10) -> int:
+def ticking(pace: EventTimeClock, start: int, milliseconds: int, step: int = 10) -> int:
     """Tick every ``step`` ms; the time of day at the end."""
     now = start
     for _ in range(milliseconds // step):
@@ -18,7 +18,7 @@ def ticking(pace: Pace, start: int, milliseconds: int, step: int = 10) -> int:
 
 
 def test_while_all_is_heard_in_time_it_is_the_time_of_day() -> None:
-    pace = Pace(0, LATENCY)
+    pace = EventTimeClock(0, LATENCY)
     now = 0
     for _ in range(300):
         pace.heard(90 * MS)
@@ -27,7 +27,7 @@ def test_while_all_is_heard_in_time_it_is_the_time_of_day() -> None:
 
 
 def test_it_is_behind_by_what_comes_late_beyond_half_the_bound_and_catches_up() -> None:
-    pace = Pace(0, LATENCY)
+    pace = EventTimeClock(0, LATENCY)
     now = ticking(pace, 0, 500)
     pace.heard(300 * MS)
     now = ticking(pace, now, 500)
@@ -37,7 +37,7 @@ def test_it_is_behind_by_what_comes_late_beyond_half_the_bound_and_catches_up() 
 
 
 def test_it_never_goes_back() -> None:
-    pace = Pace(0, LATENCY)
+    pace = EventTimeClock(0, LATENCY)
     now, last = 0, 0
     for round_ in range(200):
         pace.heard((round_ * 37) % 500 * MS)
@@ -47,7 +47,7 @@ def test_it_never_goes_back() -> None:
 
 
 def test_after_a_pause_it_lets_what_waits_be_heard_first() -> None:
-    pace = Pace(0, LATENCY)
+    pace = EventTimeClock(0, LATENCY)
     now = ticking(pace, 0, 100)
     pace.tick(now + 400 * MS)
     assert pace.clock_ns <= now + 100 * MS
@@ -58,7 +58,7 @@ def test_after_a_pause_it_lets_what_waits_be_heard_first() -> None:
 def test_what_is_heard_between_two_ticks_takes_it_on_but_not_over_what_may_wait() -> None:
     """Nothing that is late by no more than half the bound, and was not there at the tick, is missed."""
     for latency, reach in ((200 * MS, 50 * MS), (100 * MS, 30 * MS), (30 * MS, 0)):
-        pace = Pace(0, latency)
+        pace = EventTimeClock(0, latency)
         pace.tick(10 * MS)
         assert pace.reach_ns(10 * MS) == 10 * MS
         assert pace.reach_ns(80 * MS) == 10 * MS + reach
@@ -67,7 +67,7 @@ def test_what_is_heard_between_two_ticks_takes_it_on_but_not_over_what_may_wait(
 
 
 def test_a_monitor_that_always_ticks_late_is_lost() -> None:
-    pace = Pace(0, LATENCY)
+    pace = EventTimeClock(0, LATENCY)
     ticking(pace, 0, 10_000, step=300)
     assert pace.is_lost
     pace.restart(20_000 * MS)
@@ -105,7 +105,7 @@ def test_of_clocks_that_are_never_read_together_the_nearest_readings_count() -> 
 
 
 def test_after_being_held_up_what_still_waits_is_waited_for() -> None:
-    pace = Pace(0, LATENCY)
+    pace = EventTimeClock(0, LATENCY)
     pace.restart(1_000 * MS, held_up=True)
     assert pace.tick(1_010 * MS) == 1_000 * MS
     behind = pace.limit_ns - LATENCY // 2

@@ -270,10 +270,10 @@ def test_a_tree_is_ticked_on_when_the_clock_is_set(run: Any, step_s: int) -> Non
     runner, transport = run("<AlwaysSuccess/>")
     steps = deque([0, step_s, 0, 0])
 
-    def round_over() -> None:
+    def tick_complete() -> None:
         transport.set_forward_ns += steps.popleft() * 10**9
 
-    transport.round_over = round_over
+    transport.tick_complete = tick_complete
     assert runner.run(10.0, 5) == 5
     assert transport.clock_ns in (300_000_000, 400_000_000)  # at most one tick comes early
 

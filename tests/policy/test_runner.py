@@ -60,7 +60,7 @@ class FakeTransport:
     def post(self, handler: Any) -> None:
         handler()
 
-    def round_over(self) -> None:
+    def tick_complete(self) -> None:
         self.rounds += 1
 
     def publisher(self, topic: Any) -> Any:

@@ -219,6 +219,6 @@ def test_what_is_told_of_a_violation_has_the_time_and_value_of_what_made_it_so(d
     said = verdict_on(item, monitor.advance(20 * SECOND))
     assert said.stamp_ns == 17 * SECOND + 1
     assert [(item.stamp_ns, item.text) for item in said.explanation.evidence[-2:]] == [
-        (10 * SECOND, 'level < 30 for 2 s: message on /battery of robot {data: 29}'),
+        (10 * SECOND, "level < 30 for 2 s: message on /battery of robot {data: 29}"),
         (12 * SECOND + 1, "not (docked) for 5 s"),
     ]

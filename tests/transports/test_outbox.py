@@ -63,11 +63,11 @@ class Node:
         self.outbox.add(next(self._count))
         self.outbox.flush_later()
 
-    def round_over(self, at_s: float) -> bool:
+    def tick_complete(self, at_s: float) -> bool:
         self.time.pass_until(at_s)
         told = self.outbox.note_round()
         if told:
-            self.outbox.round_over()
+            self.outbox.tick_complete()
         return told
 
 
@@ -195,7 +195,7 @@ def test_who_calls_one_service_after_the_other_is_not_looked_at_before_its_tick_
 def test_what_is_kept_leaves_when_the_round_is_over_and_nobody_looks_again():
     node = Node()
     node.tell(0.0)
-    assert node.round_over(0.001)
+    assert node.tick_complete(0.001)
     node.time.pass_until(1.0)
     assert node.left == [(0.001, 0)]
     assert node.time.looks == 0
@@ -204,7 +204,7 @@ def test_what_is_kept_leaves_when_the_round_is_over_and_nobody_looks_again():
 def node_near_the_end_of_rounds() -> Node:
     node = Node()
     node.tell(0.0)
-    node.round_over(NEAR_S)
+    node.tick_complete(NEAR_S)
     assert node.left == [(DELAY_S, 0)]
     return node
 
@@ -213,14 +213,14 @@ def test_who_worked_near_the_end_of_a_round_waits_for_the_end_of_the_next():
     node = node_near_the_end_of_rounds()
     node.tell(1.0)
     node.tell(1.0 + AT_MOST_S / 2)
-    assert node.round_over(1.0 + AT_MOST_S * 0.9)
+    assert node.tick_complete(1.0 + AT_MOST_S * 0.9)
     assert node.left[1:] == [(1.0 + AT_MOST_S * 0.9, 1), (1.0 + AT_MOST_S * 0.9, 2)]
 
 
 def test_who_worked_long_before_its_end_does_not():
     node = node_near_the_end_of_rounds()
     node.tell(0.2)
-    node.round_over(0.201 + NEAR_S)
+    node.tick_complete(0.201 + NEAR_S)
     node.tell(0.4)
     node.time.pass_until(1.0)
     assert node.left[1:] == [(0.201 + NEAR_S, 1), (0.4 + DELAY_S, 2)]
@@ -231,16 +231,16 @@ def test_where_rounds_are_rare_their_end_may_be_further_away():
         node = Node()
         for number in range(4):
             node.tell(number * period_s)
-            node.round_over(number * period_s + 0.009)
+            node.tick_complete(number * period_s + 0.009)
         node.tell(4 * period_s)
-        assert node.round_over(4 * period_s + 0.009) is waits, period_s
+        assert node.tick_complete(4 * period_s + 0.009) is waits, period_s
 
 
 def test_no_round_is_so_rare_that_a_node_waits_longer_than_it_may():
     node = Node()
     for second in (0.0, 4.0, 8.0):
         node.tell(second)
-        node.round_over(second + 1.1 * AT_MOST_S)
+        node.tick_complete(second + 1.1 * AT_MOST_S)
     node.tell(12.0)
     node.time.pass_until(13.0)
     assert node.left[3:] == [(12.0 + DELAY_S, 3)]
@@ -251,7 +251,7 @@ def test_who_worked_twice_in_a_round_began_with_the_first():
     for beginning in (0.0, 0.2, 0.4):
         node.tell(beginning)
         node.tell(beginning + 4 * NEAR_S)
-        node.round_over(beginning + 4 * NEAR_S + DELAY_S / 2)
+        node.tick_complete(beginning + 4 * NEAR_S + DELAY_S / 2)
     node.tell(0.6)
     node.time.pass_until(0.6 + 1.1 * DELAY_S)
     assert node.left[-1] == (0.6 + DELAY_S, 6)
@@ -261,16 +261,16 @@ def test_one_round_that_is_longer_than_the_others_changes_nothing():
     node = Node()
     for number, before_s in enumerate((0.6 * NEAR_S, 0.6 * NEAR_S, 1.5 * NEAR_S)):
         node.tell(number / 5)
-        node.round_over(number / 5 + before_s)
+        node.tick_complete(number / 5 + before_s)
     node.tell(3 / 5)
-    assert node.round_over(3 / 5 + AT_MOST_S * 0.9)
+    assert node.tick_complete(3 / 5 + AT_MOST_S * 0.9)
 
 
 def test_a_round_without_its_work_teaches_a_node_nothing():
     node = node_near_the_end_of_rounds()
-    node.round_over(1.0)
+    node.tick_complete(1.0)
     node.tell(2.0)
-    assert node.round_over(2.0 + AT_MOST_S * 0.9)
+    assert node.tick_complete(2.0 + AT_MOST_S * 0.9)
 
 
 def test_nothing_waits_longer_for_a_round_that_does_not_end():
@@ -290,9 +290,9 @@ def test_rounds_that_end_no_more_are_not_waited_for():
 def test_rounds_in_quick_succession_share_a_burst():
     node = Node()
     node.tell(0.0)
-    assert node.round_over(0.001)
+    assert node.tick_complete(0.001)
     node.tell(0.002)
-    assert not node.round_over(0.003)
+    assert not node.tick_complete(0.003)
     node.tell(0.004)
     node.time.pass_until(1.0)
     assert node.left == [(0.001, 0), (0.002 + AT_MOST_S, 1), (0.002 + AT_MOST_S, 2)]
@@ -300,6 +300,6 @@ def test_rounds_in_quick_succession_share_a_burst():
 
 def test_a_round_without_anything_to_tell_is_not_worth_a_word():
     node = Node()
-    assert not node.round_over(0.0)
-    node.outbox.round_over()
+    assert not node.tick_complete(0.0)
+    node.outbox.tick_complete()
     assert node.left == []

@@ -86,7 +86,7 @@ def test_all_nodes_tell_what_they_keep_when_a_round_is_over(network, monkeypatch
     eventually(lambda: client.events.heard and adder._events[peer.ADD.name].heard)
     client.call_and_wait(peer.AddRequest(1, 2))
     eventually(lambda: adder._outbox._scheduled)
-    caller.round_over()
+    caller.tick_complete()
     assert {event.source for event in heard.wait(4)} == {"adder", "caller"}
 
 

@@ -113,14 +113,14 @@ def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
 def rounds_that_are_over_cost_a_tap_nothing(network: Network) -> None:
     """Whoever says that they are over, on whatever thread: all that was done is heard, once and in order."""
     server, client, heard = _tapped_service(network)
-    client.round_over()  # nothing was done yet
+    client.tick_complete()  # nothing was done yet
 
     def rounds(values: range) -> None:
         for value in values:
             results = calls(network, client, range(value, value + 1))
             assert network.until(partial(bool, results)), "the call does not end"
-            client.round_over()
-            on(network, server, server.round_over)
+            client.tick_complete()
+            on(network, server, server.tick_complete)
 
     _until_both_ends_tell(network, client, heard)
     heard.clear()

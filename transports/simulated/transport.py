@@ -260,7 +260,7 @@ class SimulatedTransport:
         """A fresh completion; waiting for it runs the world."""
         return Completion(self.world)
 
-    def round_over(self) -> None:
+    def tick_complete(self) -> None:
         """Nothing to do: taps hear everything at once, and take no time."""
 
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:

@@ -26,7 +26,7 @@ LINK_KEYS = "@m2c/links"
 """``@m2c/links/<zid>/<name>,<name>…``: the nodes that a node hears."""
 
 ROUND_KEY = "@m2c/round"
-"""Something here: a node has ended a round of calls (``Transport.round_over``)."""
+"""Something here: a node has ended a round of calls (``Transport.tick_complete``)."""
 
 
 def key_of(channel: str) -> str:

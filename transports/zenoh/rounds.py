@@ -51,12 +51,12 @@ class Rounds:
                 self._publisher.put(b"")
             except zenoh.ZError:  # closed meanwhile by another thread, which told what there was
                 return
-            self._executor.after(LAST_S, self._outbox.round_over)
+            self._executor.after(LAST_S, self._outbox.tick_complete)
 
     def _heard(self, _: zenoh.Sample) -> None:
         """On a thread of Zenoh's: what is kept leaves from here, without waking the executor."""
         if self._outbox.note_round():
-            self._outbox.round_over()
+            self._outbox.tick_complete()
 
     def undeclare(self) -> None:
         """Say and hear nothing any more."""

@@ -136,7 +136,7 @@ class ZenohTransport(OnExecutor):
                 self._session, self._executor, self._node, self._since_ns, self._refusals
             )
 
-    def round_over(self) -> None:
+    def tick_complete(self) -> None:
         """Have all nodes tell their taps what they keep for them, this one last."""
         if self._rounds is not None:
             self._rounds.say()

@@ -221,7 +221,7 @@ class Tiny:
     def completion(self):
         return _Completion()
 
-    def round_over(self):
+    def tick_complete(self):
         pass
 
     def wait_for_nodes(self, names, timeout_s):

@@ -28,7 +28,7 @@ class Role(IntEnum):
     """A request that another node sent to the machine, as that node tells it."""
     ANSWERED = 6
     """The machine's answer to such a request, as that node tells it: the request was taken up."""
-    STRANGE = 7
+    UNDECLARED = 7
     """Something the machine sent where its model says nothing."""
     UNANSWERED = 8
     """Who sent such a request has waited for the answer in vain, as it tells."""
@@ -36,7 +36,7 @@ class Role(IntEnum):
     """What the server of a call that the machine made tells of it."""
 
 
-class Fact:
+class TraceEvent:
     """An observation, as one machine sees it.
 
     Attributes:
@@ -48,8 +48,8 @@ class Fact:
         data: the message.
         call: (client, number) of a call.
         goal: a goal's id (32 hex digits).
-        lane: source and channel: facts of one lane keep their order.
-        droppable: whether the machine may never have got it (set by the oracle).
+        stream: source and channel: facts of one stream keep their order.
+        may_be_lost: whether the machine may never have got it (set by the oracle).
         observation: what was observed.
     """
 
@@ -58,15 +58,15 @@ class Fact:
         "_perhaps",
         "call",
         "data",
-        "droppable",
         "event",
         "goal",
         "interface",
-        "lane",
+        "may_be_lost",
         "observation",
         "output",
         "role",
         "stamp",
+        "stream",
     )
 
     def __init__(
@@ -88,22 +88,22 @@ class Fact:
         self.data = data
         self.goal = goal
         self.call = (observation.client, observation.call)
-        self.lane = (observation.source, observation.channel)
-        self.droppable = False
-        self._base: Fact | None = None
-        self._perhaps: Fact | None = None
+        self.stream = (observation.source, observation.channel)
+        self.may_be_lost = False
+        self._base: TraceEvent | None = None
+        self._perhaps: TraceEvent | None = None
 
     @property
-    def base(self) -> Fact:
+    def base(self) -> TraceEvent:
         """The fact itself, where this is one that was perhaps taken already."""
         return self._base or self  # not kept as a reference to itself: that would be a cycle
 
-    def perhaps(self) -> Fact:
+    def perhaps(self) -> TraceEvent:
         """The same fact for a hypothesis in which it may have been taken already."""
-        if self.droppable:
+        if self.may_be_lost:
             return self
         if self._perhaps is None:
-            twin = Fact(
+            twin = TraceEvent(
                 self.observation,
                 self.role,
                 self.interface,
@@ -112,6 +112,6 @@ class Fact:
                 self.data,
                 self.goal,
             )
-            twin.droppable, twin._base = True, self
+            twin.may_be_lost, twin._base = True, self
             self._perhaps = twin
         return self._perhaps

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 
-from moon.oracle.facts import Fact, Role
+from moon.oracle.trace_events import Role, TraceEvent
 
 KEPT_FACTS = 4096
 """Facts kept while the oracle looks for a moment that is certain."""
 
-_STEPS = (Role.INPUT, Role.OUTPUT, Role.STATUS, Role.RESULT, Role.STRANGE)
+_STEPS = (Role.INPUT, Role.OUTPUT, Role.STATUS, Role.RESULT, Role.UNDECLARED)
 """What a machine is known to do at the moment of its stamp; a message it takes some time later."""
 
 
-class Anchoring:
+class Resynchronisation:
     """What is heard of a machine of which nothing is known.
 
     Args:
@@ -22,7 +22,7 @@ class Anchoring:
 
     def __init__(self, latency: int) -> None:
         self._latency = latency
-        self._recent: deque[Fact] = deque()
+        self._recent: deque[TraceEvent] = deque()
         self._since = 0
         self._last_step = 0
         """When it last took or sent something."""
@@ -36,7 +36,7 @@ class Anchoring:
         self._recent.clear()
         self._since = self._last_step = max(stamp, newest)
 
-    def remember(self, fact: Fact, finished: int) -> None:
+    def remember(self, fact: TraceEvent, finished: int) -> None:
         """Keep ``fact``; nothing that came ``finished`` (ns) or earlier is waited for."""
         recent = self._recent
         recent.append(fact)
@@ -46,7 +46,7 @@ class Anchoring:
         if len(recent) > KEPT_FACTS:  # what is forgotten may have been the beginning of a step
             self._since = max(self._since, recent.popleft().stamp)
 
-    def find(self, settled: int) -> tuple[int, tuple[Fact, ...], list[Fact]] | None:
+    def find(self, settled: int) -> tuple[int, tuple[TraceEvent, ...], list[TraceEvent]] | None:
         """The first moment until ``settled`` (ns) at which the machine was between two steps.
 
         That is so when it takes an input (everything it owed is out by then), or when it has taken and
@@ -77,7 +77,7 @@ class Anchoring:
             if f.role is Role.MESSAGE and anchor - self._latency < f.stamp <= anchor
         )
         for fact in pending:
-            fact.droppable = True
+            fact.may_be_lost = True
         later = [f for f in facts if f.stamp > anchor]
         return anchor, pending, later + [f for f in self._recent if f.stamp > settled]
 

@@ -12,7 +12,6 @@ import msgspec
 from m2c.model.walk import variables_of
 from moon.properties.binding import ANY_CHANNEL, Group, bind, handler_source
 from moon.properties.compiler import BEGINNING, Program, compile_network
-from moon.properties.doubt import Doubt, read_state, state_form, write_state
 from moon.properties.gaps import Gaps
 from moon.properties.known import KnownValues
 from moon.properties.network import Network, build_network
@@ -20,6 +19,7 @@ from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
 from moon.properties.property import Port, Property
 from moon.properties.rules import NEVER, stays_false
 from moon.properties.snapshot import Snapshot
+from moon.properties.three_valued import ThreeValued, read_state, state_form, write_state
 from moon.properties.verdict import Status, Verdict
 from moon.properties.witness import Change, explain
 from transports.interface import Observation
@@ -38,7 +38,7 @@ class UnknownAtom(Exception):
     """A handler met a predicate without a value; nothing has changed yet."""
 
 
-class Cell:
+class MonitorGroup:
     """Monitors properties that begin at the same instant.
 
     They begin when every state they use has been observed (or has an initial value): before, nothing
@@ -57,9 +57,9 @@ class Cell:
         }
         self.started = -1
         self.sealed = -1
-        self._doubt: Doubt | None = None
+        self._doubt: ThreeValued | None = None
         """The two runs while something is unknown."""
-        self._runs: Doubt | None = None
+        self._runs: ThreeValued | None = None
         """The same, kept: to compile them takes longer than most losses last."""
         self._doubt_now = -1
         self._until_try = _TRY_EVERY
@@ -368,7 +368,7 @@ class Cell:
     def _doubtful(self) -> None:
         """Go on with the best and the worst of what is not known."""
         if self._runs is None:
-            self._runs = Doubt(self._formulas, self.binding.events, self._network)
+            self._runs = ThreeValued(self._formulas, self.binding.events, self._network)
         doubt = self._doubt = self._runs
         doubt.reset(self.started)
         read = self._program.read()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 
-class TreeSide(Protocol):
+class BtNodeContext(Protocol):
     """The tree, seen from one of its nodes; every method is called on the transport's executor."""
 
     def return_status(self, status: str) -> None:

@@ -34,7 +34,7 @@ _NONE = b"\0\0\0\0"
 _ONE = b"\1\0\0\0"
 
 
-class Lane:
+class SourceStream:
     """One place in one file.
 
     Attributes:
@@ -58,7 +58,7 @@ class Lane:
 
 
 class Lanes:
-    """The lanes of one file.
+    """The streams of one file.
 
     Args:
         file: where they are declared.
@@ -70,46 +70,50 @@ class Lanes:
         self._offers = offers
         self._file = file
         self._types = types
-        self._lanes: dict[tuple[str, ObservationKind, str, str, str, Numbering], Lane | None] = {}
+        self._streams: dict[
+            tuple[str, ObservationKind, str, str, str, Numbering], SourceStream | None
+        ] = {}
         self._schemas: dict[str, int] = {}
 
-    def lane(self, seen: Observation) -> Lane | None:
+    def stream(self, seen: Observation) -> SourceStream | None:
         """Where ``seen`` belongs; None if it can only be kept whole."""
         numbering = numbering_of(seen)
         if numbering is None:
             return None
         place = (seen.channel, seen.kind, seen.source, seen.client, seen.type_name, numbering)
         try:
-            return self._lanes[place]
+            return self._streams[place]
         except KeyError:
-            if len(self._lanes) >= MAX_LANES or self._file.is_full:
+            if len(self._streams) >= MAX_LANES or self._file.is_full:
                 return None
-            lane = self._lanes[place] = self._open(seen, numbering)
-            return lane
+            stream = self._streams[place] = self._open(seen, numbering)
+            return stream
 
-    def copy(self, seen: Observation, lane: Lane) -> tuple[int, bytearray] | None:
+    def copy(self, seen: Observation, stream: SourceStream) -> tuple[int, bytearray] | None:
         """What other tools may be shown for ``seen``, which has no exact form; None: nothing."""
         try:
-            near = msgspec.structs.replace(seen, data=as_typed(seen.data, lane.structure))
-            data = lane.encode(near)
+            near = msgspec.structs.replace(seen, data=as_typed(seen.data, stream.structure))
+            data = stream.encode(near)
         except InexactError:
             return None
-        if lane.copies < 0:
-            lane.copies = self._declare(seen, Form.COPY, Numbering.NONE)
-        return lane.copies, data
+        if stream.copies < 0:
+            stream.copies = self._declare(seen, Form.COPY, Numbering.NONE)
+        return stream.copies, data
 
     def own(self, topic: str, structure: Structure, metadata: dict[str, str]) -> int:
         """A channel of the recorder's own; its number."""
         return self._file.channel(topic, self._schema(structure), metadata)
 
-    def _open(self, seen: Observation, numbering: Numbering) -> Lane | None:
+    def _open(self, seen: Observation, numbering: Numbering) -> SourceStream | None:
         if seen.kind is ObservationKind.MESSAGE and seen.channel.endswith(EVENT_SUFFIX):
             return None  # it would be read as a service's event
         found = self._types.of(seen)
         if found is None:
             return None
         structure, encode = found
-        return Lane(self._declare(seen, Form.OBSERVATION, numbering), encode, structure, numbering)
+        return SourceStream(
+            self._declare(seen, Form.OBSERVATION, numbering), encode, structure, numbering
+        )
 
     def _declare(self, seen: Observation, form: Form, numbering: Numbering) -> int:
         metadata = {

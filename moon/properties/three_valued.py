@@ -9,7 +9,7 @@ come to the same state, and nothing is unknown any more, the monitor goes on wit
 the lost ones: stamped within the loss, any number, before or after what was observed with the same
 stamp. A conclusive verdict on an instant is that of the monitor which observes the completion, for every
 completion of the losses told so far; a verdict that was said before a loss was told holds for instants
-before it, and is withdrawn otherwise (:meth:`moon.properties.cell.Cell.lose`).
+before it, and is withdrawn otherwise (:meth:`moon.properties.monitor_group.MonitorGroup.lose`).
 
 1. *Values.* While a message may be lost that sets a predicate, the predicate is unknown: from the first
    instant of the loss on, until the last one if it is an event, and until it is set anew by an
@@ -25,7 +25,7 @@ before it, and is withdrawn otherwise (:meth:`moon.properties.cell.Cell.lose`).
 
    * A value may end at the instant at which it began; it then counts for that one tick, whereas a value
      that has lasted counts up to the tick before. Where a run cannot tell, a bound from above counts the
-     tick and one from below does not (:meth:`Doubt.observe`, ``before``).
+     tick and one from below does not (:meth:`ThreeValued.observe`, ``before``).
    * What is due at that instant may be evaluated before the observation is. Whatever depends on something
      that is due then is bounded as if its inputs had been anything at that instant (:func:`forget`).
 4. *Time.* A loss ends just before its end: nothing is evaluated at that instant until what was observed
@@ -195,7 +195,7 @@ def forget(
             return (False, False, NEVER, NEVER, deque((span,) if upper else ()))
 
 
-class Doubt:
+class ThreeValued:
     """The network of some formulas run at its best and at its worst.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from moon.oracle.bounds import FOREVER
-from moon.oracle.facts import Fact
+from moon.oracle.trace_events import TraceEvent
 
 KEPT_CALLS = 256
 """Requests received whose sending was not heard yet."""
@@ -11,7 +11,7 @@ KEPT_REQUESTS = 1024
 """Requests sent that were not received yet. Of more, nothing is said of the oldest."""
 
 
-class Uptake:
+class RequestTracking:
     """Requests on their way to one machine.
 
     Args:
@@ -25,11 +25,11 @@ class Uptake:
 
     def __init__(self, deadline: int) -> None:
         self._deadline = deadline
-        self._asked: dict[tuple[str, str, int], Fact] = {}
+        self._asked: dict[tuple[str, str, int], TraceEvent] = {}
         self._taken: dict[tuple[str, str, int], int] = {}
         self.due = FOREVER
 
-    def ask(self, fact: Fact) -> None:
+    def ask(self, fact: TraceEvent) -> None:
         """A request was sent."""
         place = (fact.observation.channel, *fact.call)
         if place not in self._taken:
@@ -38,7 +38,7 @@ class Uptake:
                 del self._asked[next(iter(self._asked))]
             self.due = min(self.due, fact.stamp + self._deadline)
 
-    def take(self, fact: Fact, finished: int) -> None:
+    def take(self, fact: TraceEvent, finished: int) -> None:
         """A request was received; who sent it may be heard before or after.
 
         Args:
@@ -55,7 +55,7 @@ class Uptake:
             if taken[oldest] < finished - self._deadline:
                 del taken[oldest]
 
-    def overdue(self, settled: int) -> list[Fact]:
+    def overdue(self, settled: int) -> list[TraceEvent]:
         """Those that should have been received by ``settled`` (ns); they are forgotten."""
         limit = settled - self._deadline
         found = {place: fact for place, fact in self._asked.items() if fact.stamp <= limit}

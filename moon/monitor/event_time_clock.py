@@ -43,7 +43,7 @@ def read_together(now_ns: Callable[[], int], monotonic_ns: Callable[[], int]) ->
     return now, before
 
 
-class Pace:
+class EventTimeClock:
     """The clock of the oracles.
 
     Args:

@@ -52,7 +52,7 @@ class Count:
         return sequel
 
 
-class Lane:
+class SourceStream:
     """Observations of one source, channel and kind.
 
     Attributes:
@@ -77,7 +77,7 @@ class Lane:
 
 
 class Lanes:
-    """The lanes of one machine.
+    """The streams of one machine.
 
     Args:
         channels: the machine's.
@@ -87,16 +87,16 @@ class Lanes:
     def __init__(self, channels: Channels, node: str) -> None:
         self._channels = channels
         self._node = node
-        self.opened: dict[tuple[str, str, ObservationKind], Lane] = {}
+        self.opened: dict[tuple[str, str, ObservationKind], SourceStream] = {}
         """By source, channel and kind."""
         self.counts: dict[Place, Count] = {}
 
-    def of(self, observation: Observation) -> Lane:
-        """The lane that ``observation`` is in."""
+    def of(self, observation: Observation) -> SourceStream:
+        """The stream that ``observation`` is in."""
         key = (observation.source, observation.channel, observation.kind)
         return self.opened.get(key) or self._open(*key)
 
-    def _open(self, source: str, channel: str, kind: ObservationKind) -> Lane:
+    def _open(self, source: str, channel: str, kind: ObservationKind) -> SourceStream:
         if len(self.opened) >= KEPT_LANES:
             # those that are in use come back; a first number says nothing about losses
             self.opened.clear()
@@ -108,10 +108,10 @@ class Lanes:
         if own or (message and readers):
             place = (source, channel, message)
             count = self.counts.setdefault(place, Count(place))
-        lane = self.opened[source, channel, kind] = Lane(
+        stream = self.opened[source, channel, kind] = SourceStream(
             readers, own, not own and kind in AT_THE_SERVER, count
         )
-        return lane
+        return stream
 
     def is_heard(self, channel: str) -> bool:
         """Whether the machine's node was heard on ``channel``, or on one that is part of that action."""
