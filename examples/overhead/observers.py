@@ -45,28 +45,13 @@ CONFIGURATIONS = (
     Configuration("properties", "properties", Observation.PASSIVE, properties=True),
     Configuration("models", "models, passive", Observation.PASSIVE, models=True),
     Configuration("both", "both, passive", Observation.PASSIVE, models=True, properties=True),
-    Configuration(
-        "models-websocket", "models, in the middle (WebSocket)", Observation.WEBSOCKET, models=True
-    ),
-    Configuration(
-        "both-websocket",
-        "both, in the middle (WebSocket)",
-        Observation.WEBSOCKET,
-        models=True,
-        properties=True,
-    ),
-    Configuration(
-        "models-in-process",
-        "models, in the middle (in-process)",
-        Observation.IN_PROCESS,
-        models=True,
-    ),
-    Configuration(
-        "both-in-process",
-        "both, in the middle (in-process)",
-        Observation.IN_PROCESS,
-        models=True,
-        properties=True,
+    *(
+        Configuration(f"{what}-{name}", f"{what}, in the middle ({way})", where, True, both)
+        for name, way, where in (
+            ("websocket", "WebSocket", Observation.WEBSOCKET),
+            ("in-process", "in-process", Observation.IN_PROCESS),
+        )
+        for what, both in (("models", False), ("both", True))
     ),
 )
 
