@@ -14,11 +14,11 @@ from pathlib import Path
 from setuptools import Extension, setup
 
 MODULES = {
-    "moon/monitor": "models nodes pace patience properties reception turns watch",
+    "moon/monitor": "models nodes event_time_clock patience properties reception turns watch",
     "moon/offline": "engine playing",
     "moon/oracle": "*",
     "moon/policy": "calls follow oracle remembered",
-    "moon/properties": "cell doubt foresight gaps held monitor ordering",
+    "moon/properties": "monitor_group three_valued foresight gaps held monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
     "transports": "cdr sequences",
 }
@@ -41,6 +41,8 @@ def modules() -> list[str]:
     for package, names in MODULES.items():
         for name in names.split():
             files = sorted(Path(package).glob(f"{name}.py"))
+            if not files:
+                raise FileNotFoundError(f"{package}/{name}.py")
             found += [str(file) for file in files if file.stem != "__init__" and is_fit(file)]
     return found
 
