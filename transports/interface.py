@@ -232,6 +232,10 @@ class ObservationKind(StrEnum):
     RESPONSE_RECEIVED = "response_received"
 
 
+NAMELESS = "gid "
+"""How a client without a name begins; what follows is its endpoint's identifier."""
+
+
 class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One thing that happened, as a tap heard it.
 
@@ -246,7 +250,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         sequence: counts from 0 per source and channel: a gap shows loss; -1 where not known.
         order: counts all that the source tells, on whatever channel, in the order in which it
             happened; -1 where not known. Without a gap, nothing older is still to come.
-        client, call: for services, who calls and the number of its call.
+        client, call: for services, who calls and the number of its call. The client begins with ``NAMELESS``
+            where only its endpoint is known: another end of the same call may know its name.
         error: for RESPONSE_* of a call that ended otherwise: ``remote_error: …``, ``timeout: …``.
     """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from moon.oracle.bounds import FOREVER
 from moon.oracle.trace_events import TraceEvent
+from transports.interface import NAMELESS
 
 KEPT_CALLS = 256
 """Requests received whose sending was not heard yet."""
@@ -31,8 +32,9 @@ class RequestTracking:
 
     def ask(self, fact: TraceEvent) -> None:
         """A request was sent."""
-        place = (fact.observation.channel, *fact.call)
-        if place not in self._taken:
+        channel, (client, call) = fact.observation.channel, fact.call
+        place = (channel, client, call)
+        if place not in self._taken and (channel, "", call) not in self._taken:
             self._asked[place] = fact
             if len(self._asked) > KEPT_REQUESTS:
                 del self._asked[next(iter(self._asked))]
@@ -45,7 +47,12 @@ class RequestTracking:
             fact: the request.
             finished: nothing older is to come (ns).
         """
-        place = (fact.observation.channel, *fact.call)
+        channel, (client, call) = fact.observation.channel, fact.call
+        if client.startswith(NAMELESS):  # who sent it may say its name
+            for other in [p for p in self._asked if p[0] == channel and p[2] == call]:
+                del self._asked[other]
+            client = ""
+        place = (channel, client, call)
         if self._asked.pop(place, None) is not None and not self._asked:
             self.due = FOREVER
         taken = self._taken

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 
 from moon.oracle.source_streams import Place
 from moon.verdict import Verdict
+from transports.interface import NAMELESS
 
 KEPT_VIOLATIONS = 16
 """More of them do not wait; the oldest go."""
@@ -158,7 +159,12 @@ class OtherEnds:
 
     def report(self, event: CallEvent) -> None:
         """The node itself was heard: ``event``."""
-        if self._implied.pop(event, None) is not None:
+        kind, channel, client, call = event
+        if client.startswith(NAMELESS):  # the other end may know its name
+            event = (kind, channel, "", call)
+            for other in [e for e in self._implied if (e[0], e[1], "", e[3]) == event]:
+                del self._implied[other]
+        elif self._implied.pop(event, None) is not None:
             return
         self._reported[event] = None
         if len(self._reported) > KEPT_EVENTS:
@@ -166,7 +172,8 @@ class OtherEnds:
 
     def imply(self, event: CallEvent, stamp: int) -> None:
         """By the other end, ``event`` happened, about ``stamp`` (ns)."""
-        if event in self._reported:
+        kind, channel, _, call = event
+        if event in self._reported or (kind, channel, "", call) in self._reported:
             return
         self._implied[event] = stamp
         if len(self._implied) > KEPT_EVENTS:

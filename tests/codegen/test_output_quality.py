@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,13 +9,10 @@ import pytest
 from m2c.codegen.package import system_files
 from m2c.codegen.writer import write_files
 from m2c.model import DiagnosticLog, load
+from tests.codegen.quality import ROOT, formatted, run, strictly_typed
 
-ROOT = Path(__file__).parents[2]
 SYSTEM = ROOT / "examples" / "lab_tour" / "system.xml"
 POLICY = "lab_tour_policy"
-UNTYPED = "".join(
-    f"[mypy-{name}.*]\nignore_missing_imports = True\n" for name in ("esprima", "behaviortreepy")
-)
 
 pytestmark = pytest.mark.slow
 
@@ -32,29 +26,8 @@ def generated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(*arguments: str, **environment: str) -> None:
-    """``python -m …`` succeeds; its findings are the failure's message."""
-    done = subprocess.run(
-        [sys.executable, "-m", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, **environment},
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-def strictly_typed(generated: Path, packages: list[Path]) -> None:
-    configuration = generated.parent / "mypy.ini"
-    configuration.write_text(f"[mypy]\n{UNTYPED}")
-    cache = str(generated.parent / "mypy_cache")
-    chosen = [part for package in packages for part in ("-p", package.name)]
-    path = os.pathsep.join(map(str, [ROOT, *packages]))
-    run("mypy", "--strict", "--config-file", str(configuration), "--cache-dir", cache, *chosen, MYPYPATH=path)  # fmt: skip
-
-
 def test_the_generated_code_is_formatted(generated: Path) -> None:
-    run("ruff", "format", "--isolated", "--line-length", "100", "--check", str(generated))
+    formatted(generated)
 
 
 def test_the_generated_code_is_clean(generated: Path) -> None:

@@ -11,7 +11,7 @@ from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
 from tests.oracle.test_progress import ASKS, MS, START
-from transports.interface import Observation, ObservationKind
+from transports.interface import NAMELESS, Observation, ObservationKind
 
 SENT, RECEIVED = ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED
 ANSWERED, GOT = ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED
@@ -20,20 +20,31 @@ ANSWERED, GOT = ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED
 class Called:
     """The oracle of a machine that is asked by somebody, each thing told when it happens."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_numbered: bool = False) -> None:
+        self.is_numbered = is_numbered
         self.oracle = Oracle(read(ASKS.format(more="")), library(), bounds=Bounds())
         self.oracle.start(START, whole=True)
         self.now = START
         self.said: list[Outcome] = []
+        self.numbers: dict[str, int] = {}
 
-    def hear(self, kind: ObservationKind, call: int, error: str = "") -> None:
+    def hear(
+        self,
+        kind: ObservationKind,
+        call: int,
+        error: str = "",
+        server_knows: str = "somebody",
+        value: int = 2,
+    ) -> None:
         self.now += MS
         is_own = kind in (RECEIVED, ANSWERED)
-        data: Any = {"value": 1} if kind in (SENT, RECEIVED) else {"value": 2, "ok": False}
+        data: Any = {"value": 1} if kind in (SENT, RECEIVED) else {"value": value, "ok": False}
+        end = "Probe" if is_own else "somebody"
+        self.numbers[end] = number = self.numbers.get(end, -1) + 1
         seen = Observation(
             stamp_ns=self.now, received_ns=self.now, channel="/Probe/ask", kind=kind, type_name="",
-            data=None if error else data, source="Probe" if is_own else "somebody", client="somebody",
-            call=call, error=error,
+            data=None if error else data, source=end, client=server_knows if is_own else "somebody",
+            call=call, error=error, sequence=number if self.is_numbered else -1,
         )  # fmt: skip
         self.said += [verdict.outcome for verdict in self.oracle.feed(seen)]
 
@@ -72,4 +83,28 @@ def test_a_call_that_failed_does_not_show_that_it_was_received(error: str) -> No
     called.call(1)
     called.hear(SENT, 2)
     called.hear(GOT, 2, error)
+    assert called.passed(LONG) == [Outcome.VIOLATED]
+
+
+NAMELESS_CALLER = f"{NAMELESS}01"
+
+
+def test_a_request_was_received_though_its_server_does_not_know_the_name_of_who_asked() -> None:
+    """On ROS 2 the graph tells a new client's name later than its first request comes."""
+    for ends in ((SENT, RECEIVED), (RECEIVED, SENT)):
+        called = Called()
+        for kind in (*ends, ANSWERED):
+            called.hear(kind, 1, server_knows=NAMELESS_CALLER)
+        assert called.passed(LONG) == []
+
+
+def test_a_violation_is_certain_though_a_server_did_not_know_the_name_of_who_asked() -> None:
+    called = Called(is_numbered=True)
+    for kind in (SENT, RECEIVED, ANSWERED, GOT):
+        called.hear(kind, 1, server_knows=NAMELESS_CALLER)
+    called.hear(SENT, 2)
+    called.hear(RECEIVED, 2)
+    called.hear(ANSWERED, 2, value=3)
+    called.hear(GOT, 2, value=3)
+    called.call(3)
     assert called.passed(LONG) == [Outcome.VIOLATED]

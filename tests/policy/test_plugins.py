@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
-import subprocess
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -18,6 +16,7 @@ from m2c.codegen.package import system_files
 from m2c.codegen.writer import write_files
 from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.policy.runner import PolicyRunner
+from tests.codegen.quality import formatted, strictly_typed
 from tests.policy.plugin_models import loaded
 from transports.simulated import SimulatedWorld
 
@@ -364,22 +363,5 @@ def test_generated_plugins_are_formatted_and_strictly_typed(tmp_path: Path) -> N
     output = tmp_path / "generated"
     write_files(system_files(system), output)
     (package,) = output.glob("*_policy")
-    configuration = tmp_path / "mypy.ini"
-    configuration.write_text(
-        "[mypy]\ncache_dir = " + str(tmp_path / "cache") + "\n"
-        "[mypy-esprima.*]\nignore_missing_imports = True\n"
-        "[mypy-behaviortreepy.*]\nignore_missing_imports = True\n"
-    )
-    path = os.pathsep.join([str(Path(__file__).parents[2]), str(package)])
-    for command in (
-        ["ruff", "format", "--isolated", "--line-length", "100", "--check", str(output)],
-        ["mypy", "--strict", "--config-file", str(configuration), "-p", package.name],
-    ):
-        done = subprocess.run(
-            [sys.executable, "-m", *command],
-            capture_output=True,
-            text=True,
-            check=False,
-            env={**os.environ, "MYPYPATH": path},
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
+    formatted(output)
+    strictly_typed(output, [package])

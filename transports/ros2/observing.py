@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from transports import ros_forms
 from transports.channel_filter import matches
-from transports.interface import Observation
+from transports.interface import NAMELESS, Observation
 from transports.losses import Losses
 from transports.payloads import PayloadError
 from transports.refusals import MOST_PLACES, shown
@@ -83,7 +83,7 @@ class Notes:
         if known is None:
             known = self.graph.client_of(service, gid)
             if not known:
-                known = calls[gid, call] = f"gid {gid.hex()}"
+                known = calls[gid, call] = NAMELESS + gid.hex()
                 if len(calls) > _KEPT_CALLS:
                     del calls[next(iter(calls))]
         return known

@@ -1,0 +1,43 @@
+"""What generated code is held to: formatted, and typed under mypy's strict rules."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+UNTYPED = ("esprima", "behaviortreepy", "ruff")
+"""Libraries of m2c's, which generated code imports, without types."""
+
+
+def run(*arguments: str, **environment: str) -> None:
+    """``python -m …`` succeeds; its findings are the failure's message."""
+    done = subprocess.run(
+        [sys.executable, "-m", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def formatted(generated: Path) -> None:
+    """Ruff would leave it as it is."""
+    run("ruff", "format", "--isolated", "--line-length", "100", "--check", str(generated))
+
+
+def strictly_typed(generated: Path, packages: list[Path]) -> None:
+    """``mypy --strict`` finds nothing in these packages of what was generated."""
+    configuration = generated.parent / "mypy.ini"
+    sections = (f"[mypy-{name}.*]\nignore_missing_imports = True\n" for name in UNTYPED)
+    configuration.write_text("[mypy]\n" + "".join(sections))
+    cache = str(generated.parent / "mypy_cache")
+    chosen = [part for package in packages for part in ("-p", package.name)]
+    path = os.pathsep.join(map(str, [ROOT, *packages]))
+    run(
+        *("mypy", "--strict", "--config-file", str(configuration), "--cache-dir", cache, *chosen),
+        MYPYPATH=path,
+    )
