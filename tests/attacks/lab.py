@@ -22,6 +22,9 @@ MOST_MB = 1000
 """What a process of ours may take; alone they take 50 to 90. Beside it there may be what waits in a queue (64 MB, as
 it came), what Zenoh holds at that moment, and one message of 30 MB as it is decoded and written: ten times as much in
 Python. Measured: 630 MB in the worst of six rounds of the soak."""
+DEADLINE_S = 10.0
+"""A flood that takes all processors can keep a node from its work for longer than the usual second: saying so would be
+no false verdict, and is not what is tested here."""
 TICKS_GO_ON_S = 30.0
 """How long the tour may be held up."""
 
@@ -54,7 +57,9 @@ class Lab:
             Process, "m2c", "run", tour, "--endpoint", self.endpoint, "--rate", RATE_HZ, *ended
         )
         self.run.until(lambda: self.ticks)
-        self.monitor: Monitor = self._start(Monitor, SYSTEM, "--endpoint", self.endpoint)
+        self.monitor: Monitor = self._start(
+            Monitor, SYSTEM, "--endpoint", self.endpoint, "--deadline", DEADLINE_S
+        )
         self.monitor.until_listening()
         self.recorder = self._start(
             Process, "moon", "record", "-o", self.recording, "--endpoint", self.endpoint
