@@ -153,6 +153,7 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
     log_as_lines()
     if network.transport == "simulated":
         fail("--transport simulated: that world is in one process; listen to it there")
+    StopSignals()  # from here on, what ends this process waits until it can be ended in good order
     try:
         connection = connect(network.transport, f"{name}_{os.getpid()}", options_of(network))
         try:
@@ -208,7 +209,7 @@ class Watching:
             look_around()
 
         # asked twice: a reader that is stuck holds us up
-        StopSignals().call(lambda: self._connection.post(self.stop), again=end_by)
+        StopSignals.kept().call(lambda: self._connection.post(self.stop), again=end_by)
         self._connection.every(REFRESH_S, look)
         if seconds is not None:
             self._connection.after(seconds, self.stop)

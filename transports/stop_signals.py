@@ -48,6 +48,12 @@ class StopSignals:
         for number in stopping():
             signal.signal(number, self._came)
 
+    @classmethod
+    def kept(cls) -> StopSignals:
+        """Those that this process keeps already, else new ones."""
+        keeping = getattr(signal.getsignal(signal.SIGINT), "__self__", None)
+        return keeping if isinstance(keeping, cls) else cls()
+
     @property
     def asked(self) -> bool:
         """Whether a signal has come."""

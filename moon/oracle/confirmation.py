@@ -79,7 +79,7 @@ class Confirmation:
             reported = NOT_NEEDED if counted >= by else by
         else:
             reported = NOT_NEEDED
-            known = known and not self._other_ends.are_missing(since)
+            known = known and not self._other_ends.are_missing(since, after + self._skew)
             own = [c for c in self._streams.counts.values() if c.place[0] == self._node]
             if not own:  # it was never heard, nor how it numbers
                 reported = after + 1

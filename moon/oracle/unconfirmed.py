@@ -180,11 +180,14 @@ class OtherEnds:
             dropped = next(iter(self._implied))
             self._dropped_ns = max(self._dropped_ns, self._implied.pop(dropped))
 
-    def are_missing(self, since_ns: int) -> bool:
-        """Whether something that the node did after ``since_ns`` was not heard from it."""
+    def are_missing(self, since_ns: int, until_ns: int) -> bool:
+        """Whether something that the node did after ``since_ns``, and by ``until_ns``, was not heard from it.
+
+        Of what it does now, the other end may be heard first.
+        """
         if self._dropped_ns > since_ns:
             return True
-        return any(stamp > since_ns for stamp in self._implied.values())
+        return any(since_ns < stamp <= until_ns for stamp in self._implied.values())
 
     def clear(self) -> None:
         """The node has started anew."""

@@ -181,6 +181,42 @@ def test_who_was_started_to_outlive_its_session_goes_on() -> None:
         assert done.stdout.strip() == asked
 
 
+TOLD_WHILE_IT_CONNECTS = """
+import os, signal, sys
+from transports import registry
+
+connect = registry.connect
+
+def told(*arguments):
+    connection = connect(*arguments)
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(1000):
+            pass
+    except KeyboardInterrupt:  # as some function of a library in C or Rust takes it
+        pass
+    return connection
+
+registry.connect = told
+from moon.cli import main
+main()
+"""
+
+
+def test_a_signal_that_comes_while_a_command_connects_is_not_lost() -> None:
+    command = ("tap", "--endpoint", free_endpoint())
+    done = subprocess.run(
+        [sys.executable, "-c", TOLD_WHILE_IT_CONNECTS, *command],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        timeout=WAIT_S,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines()[-1].startswith("heard 0 observations"), done.stderr
+
+
 # --- the disk is full ------------------------------------------------------------------------------
 
 FULL = "No space left on device"

@@ -108,3 +108,20 @@ def test_a_violation_is_certain_though_a_server_did_not_know_the_name_of_who_ask
     called.hear(GOT, 2, value=3)
     called.call(3)
     assert called.passed(LONG) == [Outcome.VIOLATED]
+
+
+def test_a_violation_is_certain_though_a_later_call_was_heard_at_its_other_end_only_so_far() -> (
+    None
+):
+    """What the node did just now may be heard after what its client got: it is not missing."""
+    called = Called(is_numbered=True)
+    called.call(1)
+    for kind in (SENT, RECEIVED, ANSWERED):
+        called.hear(kind, 2, value=3)
+    called.passed(Bounds().latency - 3 * MS)
+    called.hear(SENT, 3)
+    called.hear(GOT, 3)
+    called.passed(MS)
+    called.hear(RECEIVED, 3)
+    called.hear(ANSWERED, 3)
+    assert called.passed(Bounds().latency) == [Outcome.VIOLATED]

@@ -82,3 +82,17 @@ def test_a_second_signal_ends_a_process_that_has_nothing_to_stop_yet(
     )
     assert done.stdout == "goes on\n"
     assert done.returncode == -number
+
+
+def test_who_connects_and_who_waits_keep_the_same_signals() -> None:
+    connecting = StopSignals()
+    assert StopSignals.kept() is connecting
+    signal.raise_signal(signal.SIGINT)
+    stopped: list[str] = []
+    StopSignals.kept().call(lambda: stopped.append("stopped"))
+    assert stopped == ["stopped"]
+
+
+def test_who_keeps_no_signals_begins_to() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    assert isinstance(StopSignals.kept(), StopSignals)
