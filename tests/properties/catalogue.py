@@ -1,9 +1,12 @@
 """The catalogue of patterns as timelines, drawn by running the monitors.
 
-``python -m tests.properties.catalogue`` prints docs/property-patterns.md; a test holds the page to it.
+``python -m tests.properties.catalogue`` writes docs/property-patterns.md and a page of each pattern in
+docs/patterns; a test holds the pages to it.
 """
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from moon.properties.formula import TICKS_PER_SECOND, Interval, text
 from moon.properties.meaning import pattern_sentence
@@ -29,6 +32,15 @@ SCOPES = {
     ScopeName.BETWEEN: (Scope(ScopeName.BETWEEN, Q, R), {"q": {3, 14}, "r": {11, 22}}),
     ScopeName.AFTER_UNTIL: (Scope(ScopeName.AFTER_UNTIL, Q, R), {"q": {3, 14}, "r": {11, 22}}),
 }
+WRITTEN = {
+    ScopeName.GLOBALLY: "nothing",
+    ScopeName.BEFORE: "`before: r`",
+    ScopeName.AFTER: "`after: q`",
+    ScopeName.BETWEEN: "`between: [q, r]`",
+    ScopeName.AFTER_UNTIL: "`after_until: [q, r]`",
+}
+LEGEND = """One column is a second. `#`: the predicate holds. `-`: the property is true so far. `X`: it is false.
+The timelines are what the monitors say."""
 WITHIN_3 = Interval(0, 3 * TICKS_PER_SECOND)
 WITHIN_5 = Interval(0, 5 * TICKS_PER_SECOND)
 PATTERNS = {
@@ -49,12 +61,12 @@ PATTERNS = {
 NOTES = {
     PatternName.ABSENCE: "`p` never holds. Time bounds count from the segment's begin.",
     PatternName.UNIVERSALITY: "`p` holds all the time. Time bounds count from the segment's begin.",
-    PatternName.EXISTENCE: "`p` holds at least once; with a time, by then. Here within 5 s of the segment's begin.",
-    PatternName.BOUNDED_EXISTENCE: "`p` begins to hold at most so often (here twice).",
-    PatternName.RECURRENCE: "`p` holds at least once in every stretch of so much time (here 3 s).",
+    PatternName.EXISTENCE: "`p` holds at least once, by then if a time is given. Here within 5 s of the segment's begin.",
+    PatternName.BOUNDED_EXISTENCE: "`p` begins to hold at most so many times (here 2).",
+    PatternName.RECURRENCE: "`p` holds at least once in every period of the given length (here 3 s).",
     PatternName.PRECEDENCE: "`s` holds only if `p` held before it, or with it, in the same segment.",
-    PatternName.RESPONSE: "every `p` is followed by `s`, or comes with it, in the same segment; here within 3 s.",
-    PatternName.RESPONSE_CHAIN: "every `p` is followed by `s`, that by a later `t`; here each within 3 s.",
+    PatternName.RESPONSE: "Every `p` is followed by `s`, or comes with it, in the same segment. Here within 3 s.",
+    PatternName.RESPONSE_CHAIN: "Every `p` is followed by `s`, and that by a later `t`. Here each within 3 s.",
     PatternName.PRECEDENCE_CHAIN: "`p` holds only if `s` and then, later, `t` held before it in the same segment.",
 }
 
@@ -76,27 +88,61 @@ def drawing(pattern: Pattern, marks: dict[str, set[int]]) -> list[str]:
     return lines
 
 
-def page() -> str:
-    lines = [
-        "# Property patterns",
-        "",
-        "Every pattern in every scope, with a timeline: one column a second, `#` where a predicate holds,",
-        "`-` where the property is true so far, `X` where it is false. The timelines are what the monitors",
-        "say (`python -m tests.properties.catalogue` draws this page). How the scopes cut time, and every",
-        "definition quantifier by quantifier: [properties.md](properties.md).",
-    ]
-    for name, (events, bound, marks) in PATTERNS.items():
-        lines += ["", f"## {name}", "", NOTES[name]]
-        for scope, (where, delimiters) in SCOPES.items():
-            pattern = Pattern(name, events, where, bound)
-            limit = deadline(pattern)
-            late = f" Deadline {limit // TICKS_PER_SECOND} s." if limit is not None else ""
-            lines += ["", f"### {name}, {scope}", "", pattern_sentence(pattern) + late, "", "```"]
-            lines += [f"{'':<8}" + "".join(str(t % 10) for t in range(LENGTH))]
-            lines += drawing(pattern, marks | delimiters)
-            lines += ["```", "", f"`{text(pattern_formula(pattern))}`"]
+def described(pattern: Pattern) -> str:
+    """Its meaning in one sentence, and its deadline if it has one."""
+    limit = deadline(pattern)
+    late = f" Deadline {limit // TICKS_PER_SECOND} s." if limit is not None else ""
+    return pattern_sentence(pattern) + late
+
+
+def page_of(name: PatternName) -> str:
+    """The page of one pattern: every scope with its sentence, timeline and formula."""
+    events, bound, marks = PATTERNS[name]
+    lines = [f"# Pattern: {name}", "", NOTES[name], "", LEGEND]
+    for scope, (where, delimiters) in SCOPES.items():
+        pattern = Pattern(name, events, where, bound)
+        lines += ["", f"## {name}, {scope}", "", described(pattern), "", "```"]
+        lines += [f"{'':<8}" + "".join(str(t % 10) for t in range(LENGTH))]
+        lines += drawing(pattern, marks | delimiters)
+        lines += ["```", "", f"`{text(pattern_formula(pattern))}`"]
     return "\n".join(lines) + "\n"
 
 
+def index() -> str:
+    """The page of all patterns: each pattern in one line, each scope in one line."""
+    lines = [
+        "# Property patterns",
+        "",
+        "A pattern is a property with blanks: which event, in which scope, within which time.",
+        "Each has a page with a timeline and the formula of every scope.",
+        "The exact definitions are in [What properties mean](property-semantics.md#patterns).",
+        "",
+        "| pattern | meaning | for example |",
+        "|---|---|---|",
+    ]
+    for name, (events, bound, _) in PATTERNS.items():
+        sentence = described(Pattern(name, events, Scope(), bound))
+        lines.append(f"| [`{name}`](patterns/{name}.md) | {NOTES[name]} | {sentence} |")
+    lines += ["", "Any of them in any scope; `absence` for example:", ""]
+    lines += ["| scope | written | meaning |", "|---|---|---|"]
+    for scope, (where, _) in SCOPES.items():
+        sentence = described(Pattern(PatternName.ABSENCE, (P,), where, Interval()))
+        lines.append(f"| {scope} | {WRITTEN[scope]} | {sentence} |")
+    lines += [
+        "",
+        "`python -m tests.properties.catalogue` writes these pages by running the monitors.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def pages() -> dict[str, str]:
+    """Every page by its path below docs."""
+    found = {f"patterns/{name}.md": page_of(name) for name in PATTERNS}
+    return {"property-patterns.md": index(), **found}
+
+
 if __name__ == "__main__":
-    print(page(), end="")
+    docs = Path(__file__).parents[2] / "docs"
+    (docs / "patterns").mkdir(exist_ok=True)
+    for path, content in pages().items():
+        (docs / path).write_text(content, encoding="utf-8")

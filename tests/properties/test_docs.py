@@ -11,7 +11,7 @@ from m2c.model.diagnostics import DiagnosticLog
 from moon.cli import main
 from moon.properties.patterns import PatternName, ScopeName
 from moon.properties.yaml_file import parse_property_yaml
-from tests.properties.catalogue import page
+from tests.properties.catalogue import pages
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -36,14 +36,17 @@ def test_the_examples_in_python_run():
 
 
 def test_the_timelines_are_what_the_monitors_say():
-    assert (DOCS / "property-patterns.md").read_text() == page()
+    committed = {path: (DOCS / path).read_text(encoding="utf-8") for path in pages()}
+    assert committed == pages(), "run `python -m tests.properties.catalogue`"
 
 
 def test_every_pattern_and_scope_is_drawn():
-    text = (DOCS / "property-patterns.md").read_text()
+    index = (DOCS / "property-patterns.md").read_text(encoding="utf-8")
     for name in PatternName:
+        assert f"(patterns/{name}.md)" in index
+        text = (DOCS / "patterns" / f"{name}.md").read_text(encoding="utf-8")
         for scope in ScopeName:
-            assert f"### {name}, {scope}\n" in text
+            assert f"## {name}, {scope}\n" in text
 
 
 def test_the_page_of_check_properties_shows_what_it_says(tmp_path, monkeypatch):
