@@ -1,6 +1,6 @@
 """Every rule of the check: its name, how bad it is, and what it means.
 
-``docs/language.md`` shows this table with an example each; SARIF output carries it.
+``docs/rules.md`` shows this table with an example each; SARIF output carries it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A faulty input for every rule of the check; what is said of it stands in docs/language.md."""
+"""A faulty input for every rule of the check; what is said of it stands in docs/rules.md."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES += sorted((ROOT / "examples").rglob("*.md"))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)]*))?\)")
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 REPEATABLE = ("mkdir ", "sed ", "echo ", "m2c check ", "m2c generate ")
 """Commands without a running system, whose output is the same each time."""
 
@@ -81,7 +82,20 @@ def test_the_python_of_a_page_is_in_the_generated_code(name: str, tmp_path: Path
     assert [line for line in shown if line not in {*written, "...", ""}] == []
 
 
+def anchors_of(page: Path) -> set[str]:
+    """What a link may name on a page: its headings, spelt as GitHub spells them."""
+    text = BLOCK.sub("", page.read_text())
+    bare = [re.sub(r"[^\w\s-]", "", heading.lower()) for heading in HEADING.findall(text)]
+    return {heading.strip().replace(" ", "-") for heading in bare}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_the_links_of_a_page_lead_to_files(page: Path) -> None:
-    links = [link for link in LINK.findall(page.read_text()) if "://" not in link]
-    assert [link for link in links if not (page.parent / link).exists()] == []
+def test_the_links_of_a_page_lead_to_files_and_headings(page: Path) -> None:
+    wrong = []
+    for link, anchor in LINK.findall(page.read_text()):
+        target = page.parent / link if link else page
+        if "://" in link:
+            continue
+        if not target.exists() or (anchor and anchor not in anchors_of(target)):
+            wrong.append(f"{link}#{anchor}")
+    assert wrong == []

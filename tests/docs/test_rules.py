@@ -1,4 +1,4 @@
-"""The table of rules in the language reference is what the code says, example by example."""
+"""The page of rules is what the code says, example by example."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from m2c.cli import main
 from tests.docs.rule_examples import RULE_EXAMPLES
 
 ROOT = Path(__file__).parents[2]
-REFERENCE = (ROOT / "docs" / "language.md").read_text()
+REFERENCE = (ROOT / "docs" / "rules.md").read_text()
 ROW = re.compile(r"^\| `([a-z-]+)` \| (error|warning|note) \| (.+?) \| (.+) \|$", re.MULTILINE)
 READERS = ("model", "check", "policy")
 """Packages whose findings `m2c check` shows."""
@@ -47,7 +47,7 @@ def test_the_table_of_rules_is_the_code_s() -> None:
     assert rules_in_code() == {rule.id for rule in RULES}
 
 
-def test_every_rule_has_a_row_in_the_reference() -> None:
+def test_every_rule_has_a_row_on_its_page() -> None:
     rows = [(name, severity, meaning) for name, severity, meaning, _ in ROW.findall(REFERENCE)]
     assert rows == [(rule.id, str(rule.severity), rule.meaning) for rule in RULES]
 

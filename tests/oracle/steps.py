@@ -1,6 +1,6 @@
 """A machine, run one input at a time, all of its choices followed: the reference's small steps.
 
-Written from W3C SCXML (3.13, appendix D) and docs/language.md, with expressions by
+Written from W3C SCXML (3.13, appendix D) and docs/language.md and docs/values.md, with expressions by
 ``m2c.model.evaluate``; it shares nothing else with the generated code or with the oracle.
 """
 
