@@ -74,11 +74,11 @@ unit-interpreted: $(VENV)/.installed compiled
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -p tests.interpreted tests/oracle --ignore tests/oracle/test_no_false_alarm.py tests/monitor_policy/test_oracle.py tests/recordings \
 	  tests/properties/test_monitor.py tests/properties/test_ordering.py tests/offline/test_same_verdicts.py
 
-# Every figure of docs/performance.md, which is rewritten.
+# Every figure of docs/performance.md and docs/performance-monitors.md, which are rewritten.
 benchmarks: $(VENV)/.installed compiled
 	$(BIN)/python -m benchmarks
 
-# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (55 minutes).
+# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md and docs/overhead-growth.md (55 minutes).
 overhead: $(VENV)/.installed compiled
 	$(BIN)/python -m examples.overhead --full --update-docs -o build/overhead
 

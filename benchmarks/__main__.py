@@ -1,7 +1,7 @@
-"""Every benchmark, and the page of their figures.
+"""Every benchmark, and the pages of their figures.
 
-``python -m benchmarks [NAME …] [--page docs/performance.md]`` runs each module of this folder and puts its
-figures between the page's markers ``<!-- begin NAME -->`` and ``<!-- end NAME -->``. Exit code 1 if one of
+``python -m benchmarks [NAME …] [--page FILE …]`` runs each module of this folder and puts its
+figures between the markers of a page ``<!-- begin NAME -->`` and ``<!-- end NAME -->``. Exit code 1 if one of
 them fails; what it said is shown.
 """
 
@@ -18,10 +18,10 @@ from pathlib import Path
 
 import msgspec
 
-from benchmarks.page import TOLD_TO, Row, as_markdown, put
+from benchmarks.page import TOLD_TO, Row, as_markdown, page_with, put
 
 HERE = Path(__file__).parent
-PAGE = HERE.parent / "docs/performance.md"
+PAGES = (HERE.parent / "docs/performance.md", HERE.parent / "docs/performance-monitors.md")
 NO_BENCHMARKS = ("__main__", "page", "processes", "sampling")
 
 
@@ -45,11 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="Run every benchmark and rewrite the page of their figures.",
+        description="Run every benchmark and rewrite the pages of their figures.",
         epilog="example: python -m benchmarks tick tap",
     )
     parser.add_argument("name", nargs="*", help="only these")
-    parser.add_argument("--page", type=Path, default=PAGE)
+    parser.add_argument("--page", type=Path, nargs="+", default=PAGES, help="pages with markers")
     chosen = parser.parse_args(arguments)
     unknown = sorted(set(chosen.name) - set(names()))
     if unknown:
@@ -69,15 +69,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         day = time.strftime("%Y-%m-%d", time.gmtime())
         said = f"`python -m benchmarks {name}`, {day}; load {load:.2f}"
         try:
-            # read anew each time: somebody may edit the page meanwhile
-            text = put(chosen.page.read_text(encoding="utf-8"), name, as_markdown(rows, said))
+            # read anew each time: somebody may edit a page meanwhile
+            texts = {page: page.read_text(encoding="utf-8") for page in chosen.page}
+            page = page_with(texts, name)
+            text = put(texts[page], name, as_markdown(rows, said))
         except ValueError as error:
             failed.append(f"{name}: {error}")
             continue
         except OSError as error:
-            print(f"error: {chosen.page}: {error.strerror}", file=sys.stderr)
+            print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)
             return 2
-        chosen.page.write_text(text, encoding="utf-8")
+        page.write_text(text, encoding="utf-8")
     for what in failed:
         print(f"error: {what}", file=sys.stderr)
     return 1 if failed else 0

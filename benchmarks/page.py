@@ -6,7 +6,7 @@ A benchmark tells its rows by :func:`publish`; ``python -m benchmarks`` collects
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -101,6 +101,13 @@ def _target(row: Row) -> str:
     is_ratio = row.ratio is not None and not row.is_of_value
     shown = f"{limit:.2f}" if is_ratio else _number(limit, row.unit)
     return f"{'≤' if row.most is not None else '≥'} {shown}"
+
+
+def page_with(texts: Mapping[Path, str], name: str) -> Path:
+    """The page, by its text, that has the markers of ``name``; the first one if none has."""
+    return next(
+        (page for page, text in texts.items() if f"<!-- begin {name} -->" in text), [*texts][0]
+    )
 
 
 def put(text: str, name: str, content: str) -> str:

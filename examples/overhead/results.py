@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from benchmarks.page import put
+from benchmarks.page import page_with, put
 from examples.overhead import blocks, tables
 from examples.overhead.machine import Machine, described
 
@@ -155,13 +155,15 @@ def joined(runs: Sequence[Results]) -> Results:
     )
 
 
-def rewrite(page: Path, results: Results) -> None:
-    """Put every section between its markers in ``page``; the rest of the page stays as it is.
+def rewrite(pages: Sequence[Path], results: Results) -> None:
+    """Put every section between its markers, on the page that has them; the rest stays as it is.
 
     Raises:
-        ValueError: a marker is missing.
+        ValueError: no page has the markers of a section; no page was changed then.
     """
-    text = page.read_text(encoding="utf-8")
+    texts = {page: page.read_text(encoding="utf-8") for page in pages}
     for name, content in sections(results).items():
-        text = put(text, name, content)
-    page.write_text(text, encoding="utf-8")
+        page = page_with(texts, name)
+        texts[page] = put(texts[page], name, content)
+    for page, text in texts.items():
+        page.write_text(text, encoding="utf-8")

@@ -49,6 +49,14 @@ def test_figures_are_put_between_the_pages_markers(page, tmp_path: Path) -> None
     assert "| a command | 0.25 s | click 0.10 s | 2.50 | ≤ 0.70 s | reached |" in text
 
 
+def test_figures_go_to_the_page_that_has_their_markers(page, tmp_path: Path) -> None:
+    other = tmp_path / "other.md"
+    other.write_text("# Other\n", encoding="utf-8")
+    assert page.main(["--page", str(other), str(tmp_path / "page.md")]) == 0
+    assert other.read_text(encoding="utf-8") == "# Other\n"
+    assert "| a tick |" in (tmp_path / "page.md").read_text(encoding="utf-8")
+
+
 def test_a_benchmark_that_fails_is_said_and_the_page_stays(page, tmp_path, capfd) -> None:
     (tmp_path / "benchmarks/one.py").write_text("raise SystemExit(3)", encoding="utf-8")
     file = tmp_path / "page.md"
@@ -70,8 +78,9 @@ def test_an_unknown_benchmark_is_exit_code_2(page, capfd) -> None:
     assert "no benchmark two; there are one" in capfd.readouterr().err
 
 
-def test_every_benchmark_that_tells_figures_has_its_place_on_the_page() -> None:
-    text = (ROOT / "docs/performance.md").read_text(encoding="utf-8")
+def test_every_benchmark_that_tells_figures_has_its_place_on_a_page() -> None:
+    pages = importlib.import_module("benchmarks.__main__").PAGES
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
     telling = [
         path.stem
         for path in (ROOT / "benchmarks").glob("[a-z]*.py")

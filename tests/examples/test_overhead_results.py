@@ -7,7 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from benchmarks.page import put
+from benchmarks.page import page_with, put
+from examples.overhead import __main__ as command
 from examples.overhead import blocks, results, tables
 from examples.overhead.__main__ import main
 from examples.overhead.blocks import SERIES
@@ -148,21 +149,37 @@ def test_a_page_keeps_what_is_not_between_its_markers(tmp_path: Path) -> None:
     names = results.sections(made)
     marked = "".join(f"text\n<!-- begin {name} -->\nold\n<!-- end {name} -->\n" for name in names)
     page.write_text(f"# Page\n{marked}the end\n", encoding="utf-8")
-    results.rewrite(page, made)
+    results.rewrite([page], made)
     first = page.read_text(encoding="utf-8")
     assert first.startswith("# Page\ntext\n")
     assert first.endswith("the end\n")
     assert "old" not in first
     assert "864,467" in first
-    results.rewrite(page, made)
+    results.rewrite([page], made)
     assert page.read_text(encoding="utf-8") == first
 
 
-def test_every_section_has_its_place_on_the_page() -> None:
-    page = Path(results.__file__).parents[2] / "docs/overhead.md"
-    text = page.read_text(encoding="utf-8")
+def test_sections_go_to_the_pages_that_have_their_markers(tmp_path: Path) -> None:
+    made = made_up()
+    names = list(results.sections(made))
+    marked = {name: f"<!-- begin {name} -->\nold\n<!-- end {name} -->\n" for name in names}
+    first, second = tmp_path / "first.md", tmp_path / "second.md"
+    first.write_text("".join(marked[name] for name in names[:2]), encoding="utf-8")
+    second.write_text("".join(marked[name] for name in names[2:-1]), encoding="utf-8")
+    with pytest.raises(ValueError, match=f"no <!-- begin {names[-1]} -->"):
+        results.rewrite([first, second], made)
+    assert "old" in first.read_text(encoding="utf-8")  # no page was changed
+    second.write_text("".join(marked[name] for name in names[2:]), encoding="utf-8")
+    results.rewrite([first, second], made)
+    assert "old" not in first.read_text(encoding="utf-8") + second.read_text(encoding="utf-8")
+    assert f"begin {names[0]}" not in second.read_text(encoding="utf-8")
+
+
+def test_every_section_has_its_place_on_a_page() -> None:
+    texts = {page: page.read_text(encoding="utf-8") for page in command.PAGES}
     for name, content in results.sections(made_up()).items():
-        text = put(text, name, content)
+        page = page_with(texts, name)
+        texts[page] = put(texts[page], name, content)
 
 
 def test_growth_has_a_table_and_a_note_on_its_knee() -> None:
