@@ -106,7 +106,8 @@ def _target(row: Row) -> str:
 def page_with(texts: Mapping[Path, str], name: str) -> Path:
     """The page, by its text, that has the markers of ``name``; the first one if none has."""
     return next(
-        (page for page, text in texts.items() if f"<!-- begin {name} -->" in text), [*texts][0]
+        (page for page, text in texts.items() if f"<!-- begin {name} -->" in text),
+        next(iter(texts)),
     )
 
 

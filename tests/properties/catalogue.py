@@ -115,7 +115,7 @@ def index() -> str:
         "",
         "A pattern is a property with blanks: which event, in which scope, within which time.",
         "Each has a page with a timeline and the formula of every scope.",
-        "The exact definitions are in [What properties mean](properties.md).",
+        "The exact definitions are in [What properties mean](property-semantics.md#patterns).",
         "",
         "| pattern | meaning | for example |",
         "|---|---|---|",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from m2c.model.diagnostics import DiagnosticLog
@@ -16,23 +17,27 @@ from tests.properties.catalogue import pages
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def blocks(language: str) -> list[str]:
-    found = re.findall(rf"```{language}\n(.*?)```", (DOCS / "properties.md").read_text(), re.DOTALL)
+PAGES = ("properties.md", "property-verdicts.md")
+
+
+def blocks(page: str, language: str) -> list[str]:
+    found = re.findall(rf"```{language}\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
     assert found
     return found
 
 
 def test_the_examples_in_yaml_are_good_property_files():
-    for source in blocks("yaml"):
+    for source in blocks("properties.md", "yaml"):
         log = DiagnosticLog()
         found = parse_property_yaml(source.encode(), "docs/properties.md", log)
         assert [str(finding) for finding in log.diagnostics] == []
         assert len(found) == 4
 
 
-def test_the_examples_in_python_run():
-    for source in blocks("python"):
-        exec(compile(source, "docs/properties.md", "exec"), {})
+@pytest.mark.parametrize("page", PAGES)
+def test_the_examples_in_python_run(page):
+    for source in blocks(page, "python"):
+        exec(compile(source, f"docs/{page}", "exec"), {})
 
 
 def test_the_timelines_are_what_the_monitors_say():
