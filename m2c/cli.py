@@ -24,7 +24,9 @@ _COMMANDS = {
 def main() -> None:
     """Compile models of robot deliberation (state machines, behaviour trees) into running nodes.
 
-    Example: m2c check system.xml && m2c generate system.xml -o generated && m2c run generated
+    \b
+    Example:
+      m2c check system.xml && m2c generate system.xml -o generated && m2c run generated
     """
 
 

@@ -7,12 +7,12 @@ import click
 from m2c.lazy_group import LazyGroup
 
 _COMMANDS = {
-    "tap": ("moon.tap.command:tap", "Watch everything that happens, live and decoded."),
+    "tap": ("moon.tap.command:tap", "Show every message, call and action, live and decoded."),
     "monitor": ("moon.monitor.command:monitor", "Check a running system against its models."),
     "record": ("moon.recording.command:record", "Record everything that happens to an MCAP file."),
     "check": ("moon.offline.command:check", "Check recorded runs as `moon monitor` does live."),
-    "explain": ("moon.explain.command:explain", "Say what a monitor would check of a model."),
-    "replay": ("moon.replay.command:replay", "Play the nodes of a recording once more."),
+    "explain": ("moon.explain.command:explain", "Say what a monitor can check of a model."),
+    "replay": ("moon.replay.command:replay", "Play the nodes of a recording against running ones."),
     "check-properties": (
         "moon.properties.command:check_properties",
         "Check property files and say what each property means.",
@@ -27,9 +27,12 @@ _COMMANDS = {
 )
 @click.version_option(package_name="m2c-moon", prog_name="moon")
 def main() -> None:
-    """Watch a running robot system without touching it.
+    """Observe a running robot system passively, and check it against its models and properties.
 
-    Example: moon tap '/BatteryLevelSkill/*' --endpoint tcp/127.0.0.1:7447
+    \b
+    Example:
+      moon tap '/BatteryLevelSkill/*'
+      moon monitor system.xml --properties properties.yaml
     """
 
 

@@ -96,8 +96,8 @@ ready_option = click.option(
     "--ready-fd",
     type=int,
     metavar="FD",
-    help="Write a line to this open file once everything is heard: what is started then is heard from its "
-    "first act.",
+    help="Write a line to this open file once every channel is subscribed to. What starts after that is "
+    "observed from its first message.",
 )
 """Readiness as the s6 supervisor has it told, and ``m2c run``."""
 

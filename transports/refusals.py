@@ -52,7 +52,7 @@ class Refusals:
         if place != (channel, source):
             if count == 1:
                 self._log.warning(
-                    "more than %d senders of what cannot be used: the others are not said one by one",
+                    "more than %d senders of what cannot be used: the others are not reported one by one",
                     MOST_PLACES,
                 )
         elif _is_said(count):

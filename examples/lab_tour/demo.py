@@ -139,7 +139,7 @@ def main() -> int:
         heading("2. Generate the nodes")
         step("m2c", "generate", "--transport", "zenoh", str(SYSTEM), "-o", scratch)
         heading(
-            f"3. Run the tour on Zenoh for {TICKS} ticks, tapped live; what is said again is not shown again"
+            f"3. Run the tour on Zenoh for {TICKS} ticks, tapped live; repeated values are not shown"
         )
         story, tap_notes, code = run_tapped(scratch)
     heading(
@@ -154,7 +154,7 @@ def main() -> int:
     linked = [int(note.split()[2]) for note in tap_notes if note.startswith("linked to")]
     print(f"  the tap was linked to {max(linked, default=0)} nodes, and none of them waited for it")
     counts = ", ".join(f"{count} {kind}s" for kind, count in sorted(story.kinds.items()))
-    print(f"  it heard {story.lines} events: {counts}")
+    print(f"  it received {story.lines} events: {counts}")
     if story.trips_us:
         middle = statistics.median(story.trips_us)
         print(

@@ -217,7 +217,7 @@ def deaf(configuration: Configuration, heard: Heard, ticks: int) -> str:
     elif configuration.properties:
         least += ticks * len(MONITORED)
     if heard.observations < least:
-        return f"heard {heard.observations} of at least {least} events"
+        return f"received {heard.observations} of at least {least} events"
     if heard.violations:
         return f"{heard.violations} violations in a system without a fault: {heard.problems}"
     if heard.conforming == 0 and (configuration.models or configuration.properties):

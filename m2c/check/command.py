@@ -33,11 +33,14 @@ def check(
 ) -> None:
     """Check models before anything is generated from them.
 
-    PATHS are models (.scxml, .ascxml), folders of them, one system file, or one policy. Every finding names
-    file, line and column, what is wrong and what would be right. Exit code 0: no errors; 2: errors
-    (with --strict, warnings too).
+    PATHS are models (.scxml, .ascxml), folders of them, one system file, or one policy.
+    Every finding names file, line and column, what is wrong and what would be right.
 
-    Example: m2c check examples/lab_tour/system.xml
+    Exit code 0: no errors; 2: errors (with --strict, warnings too).
+
+    \b
+    Example:
+      m2c check examples/lab_tour/system.xml
     """
     from m2c.check.reading import read_and_check
     from m2c.check.report import as_json, as_sarif, count, print_findings, summary

@@ -44,7 +44,9 @@ def generate(
     With --templates DIR, a template of yours takes the place of ours with its name, or extends it:
     DIR/header.j2 with one line of a comment is a header in every file (docs/templates.md).
 
-    Example: m2c generate examples/lab_tour/system.xml -o generated
+    \b
+    Example:
+      m2c generate examples/lab_tour/system.xml -o generated
     """
     from m2c.check.reading import read_and_check
     from m2c.check.report import print_findings

@@ -32,10 +32,13 @@ def draw(path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...
     """Draw a state machine, a system's wiring or a policy.
 
     A model (.scxml, .ascxml) gives its states and transitions; a system file or a folder of models
-    the nodes and the channels between them; a policy its tree. Exit code 0, or 2 for what `m2c check`
-    finds errors in.
+    the nodes and the channels between them; a policy its tree.
 
-    Example: m2c draw examples/lab_tour/skills/GoToPoiSkill.scxml -o go_to_poi.svg
+    Exit code 0, or 2 for models in which `m2c check` finds errors.
+
+    \b
+    Example:
+      m2c draw examples/lab_tour/skills/GoToPoiSkill.scxml -o go_to_poi.svg
     """
     from m2c.check.report import print_findings
     from m2c.draw.bounds import TooLargeError

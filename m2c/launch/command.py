@@ -53,7 +53,7 @@ class _Run(click.Command):
     "--rate",
     type=click.FloatRange(min=0, min_open=True),
     callback=_finite,
-    help="Tree ticks a second; by default the system's.",
+    help="Ticks of the tree a second; by default the system file's.",
 )
 @click.option("--ticks", type=click.IntRange(min=1), help="Stop after this many ticks.")
 @click.option("--only", multiple=True, metavar="NODE", help="Run only this node (repeatable).")
@@ -63,7 +63,7 @@ class _Run(click.Command):
     "replacements",
     multiple=True,
     metavar="NODE=PATH",
-    help="Run a changed node in its place: a model file, or a generated package.",
+    help="Run something else in a node's place: a model file, or a generated package (repeatable).",
 )
 @click.option("--endpoint", help=f"Zenoh: where the nodes meet.  [default: {DEFAULT_ENDPOINT}]")
 @click.option(
@@ -76,15 +76,14 @@ class _Run(click.Command):
     "--monitor",
     "monitored",
     is_flag=True,
-    help='Have `moon monitor` watch the run from its beginning; --monitor="OPTIONS" gives it options of '
-    "its own.",
+    help='Monitor the whole run with `moon monitor`; --monitor="OPTIONS" gives it options of its own.',
 )
 @click.option(_MONITOR_OPTIONS, "monitor", hidden=True)
 @click.option(
     "--record",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Record the run from its beginning to this MCAP file.",
+    help="Record the whole run to this MCAP file.",
 )
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
 def run(
@@ -103,15 +102,18 @@ def run(
     record: Path | None,
     quiet: bool,
 ) -> None:
-    r"""Run a system: every node as a process of its own, and the policy.
+    """Run a system: every node as a process of its own, and the policy.
 
-    SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The tree is
-    ticked once all nodes are up. Exit code 0: the last tick was made, or Ctrl-C; 1: a node died, or
-    did not end when it should, or --monitor found a violation; 2: it could not be started.
+    SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The policy ticks
+    the tree once all nodes are up.
+
+    Exit code 0: the last tick was made, or Ctrl-C; 1: a node died or did not end when told to, or
+    --monitor found a violation; 2: the system could not be started.
 
     \b
-    Example: m2c run generated --ticks 100
-             m2c run system.xml --monitor="--properties safety.yaml" --record run.mcap
+    Example:
+      m2c run generated --ticks 100
+      m2c run system.xml --monitor="--properties safety.yaml" --record run.mcap
     """
     from m2c.launch.description import (
         LaunchError,

@@ -355,7 +355,7 @@ class RunningSystem:
     def _report_end(self, name: str, how: str) -> None:
         """Somebody's end, and what he said last."""
         last_lines = self._processes[name].last_lines
-        said = "Its last lines:" if last_lines else "It had said nothing."
+        said = "Its last lines:" if last_lines else "It had printed nothing."
         self._screen.line(f"{name} {how}. {said}")
         for text in last_lines:
             self._screen.line(f"  {text}")

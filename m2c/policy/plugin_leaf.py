@@ -205,7 +205,7 @@ class _Place:
         status = self.children.tick(child)
         if status == "SKIPPED":
             self._log.error(
-                "leaf %s: child %s was skipped; its plugin is told FAILURE", self._leaf.name, child
+                "leaf %s: child %s was skipped; its plugin gets FAILURE", self._leaf.name, child
             )
             status = "FAILURE"
         self._read_inputs()

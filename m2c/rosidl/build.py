@@ -298,7 +298,7 @@ def why_not_importable(package: Package, output: Path) -> str:
     if done.returncode < 0:
         return f"to import it ended the process by signal {-done.returncode}"
     if done.returncode:
-        last = (done.stderr.strip().splitlines() or ["nothing is said why"])[-1]
+        last = (done.stderr.strip().splitlines() or ["no reason is given"])[-1]
         return last if last.startswith("built without ") else f"it cannot be imported: {last}"
     return ""
 

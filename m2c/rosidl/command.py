@@ -13,11 +13,13 @@ import click
 def interfaces() -> None:
     """Work with ROS interface packages (.msg, .srv, .action).
 
-    Example: m2c interfaces build examples/lab_tour/interfaces
+    \b
+    Example:
+      m2c interfaces build examples/lab_tour/interfaces
     """
 
 
-@interfaces.command()
+@interfaces.command(short_help="Build interface packages with colcon, for ROS 2.")
 @click.argument("directories", nargs=-1, type=click.Path(path_type=Path, file_okay=False))
 @click.option(
     "-o",
@@ -33,10 +35,13 @@ def build(directories: tuple[Path, ...], output: Path) -> None:
     A package is a folder with definitions in msg, srv or action; package.xml and CMakeLists.txt are
     made where they are missing. Without DIRECTORIES only bt_interfaces is built, the types of a
     behaviour tree's ticks. Needs the ROS 2 wheels (pip install 'm2c-moon[ros2]'), cmake and a C++
-    compiler. A build of unchanged packages is taken from the output folder. Exit code 1: some package
-    was not built.
+    compiler. A build of unchanged packages is taken from the output folder.
 
-    Example: m2c interfaces build examples/lab_tour/interfaces
+    Exit code 0, or 1 if a package was not built.
+
+    \b
+    Example:
+      m2c interfaces build examples/lab_tour/interfaces
     """
     from m2c.rosidl.build import SETUP_SCRIPT, InterfaceBuildError, build_packages
     from m2c.terminal import fail, say, show

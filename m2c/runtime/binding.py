@@ -204,7 +204,7 @@ class Binding:
         if place in self._faults:
             return
         self._faults.add(place)
-        self.log.error("%s: %s (said once; the machine goes on)", place, text)
+        self.log.error("%s: %s (reported once; the machine goes on)", place, text)
 
     def _guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
         """A fault of the model ends its macrostep, not the node."""

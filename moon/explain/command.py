@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     "models", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MODEL...|SYSTEM"
 )
 @interface_folders
-@click.option("--only", multiple=True, metavar="NODE", help="Explain only this one (repeatable).")
+@click.option("--only", multiple=True, metavar="NODE", help="Explain only this node (repeatable).")
 @click.option(
     "--recording",
     type=click.Path(path_type=Path),
@@ -37,10 +37,13 @@ def explain(
 ) -> None:
     """Say what a monitor would observe of models, and what it cannot check, and why.
 
-    MODEL...|SYSTEM are models (.scxml, .ascxml), folders of them, or one system file. Exit code 0, or
-    2 for models in which `m2c check` finds errors.
+    MODEL...|SYSTEM are models (.scxml, .ascxml), folders of them, or one system file.
 
-    Example: moon explain examples/lab_tour/skills/GoToPoiSkill.scxml
+    Exit code 0, or 2 for models in which `m2c check` finds errors.
+
+    \b
+    Example:
+      moon explain examples/lab_tour/skills/GoToPoiSkill.scxml
     """
     from m2c.model import ModelError
     from m2c.model.typing import nearest

@@ -76,7 +76,7 @@ _INSIDE = {
     OutputKind.BT_TICK_CHILD: "children are ticked inside the policy's process",
     OutputKind.BT_HALT_CHILD: "children are halted inside the policy's process",
     OutputKind.START_THREAD: "threads are started inside the node",
-    OutputKind.THREAD_FREE: "threads tell their machine so inside the node",
+    OutputKind.THREAD_FREE: "threads report this to their machine inside the node",
 }
 
 
@@ -259,7 +259,7 @@ def _whole(machine: Machine, plugin: bool) -> Iterator[Unchecked]:
         yield Unchecked(
             "the whole plugin",
             "it runs inside the policy's process, on the policy's node; what it sends and gets there "
-            "is not told apart from what the rest of the policy does",
+            "is not distinguished from what the rest of the policy does",
             str(machine.position),
         )
 

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from moon.explain.observables import Input, Observables, Output, Timer, Unchecked
 
 ASSUMED = (
-    "Every channel is heard, so anything that a node sends where its model has no output is found too. "
-    "Calls are heard from both ends' service events: nodes made by m2c publish them; of a node that "
+    "A monitor subscribes to every channel, so anything that a node sends where its model has no output is "
+    "found too. "
+    "It receives calls as both ends' service events: nodes made by m2c publish them; of a node that "
     "publishes none, requests and responses cannot be checked."
 )
 

@@ -68,12 +68,16 @@ def monitor(
 ) -> None:
     """Check a running system against its models, or properties, or both, passively.
 
-    MODEL...|SYSTEM are models (.scxml, .ascxml), folders of them, or one system file: channels, types
-    and what is owed when come from there. They may be left out with --properties. Verdicts are shown,
-    and published on /moon/verdicts. No node waits for the monitor. Exit code 0: nothing was violated;
-    1: something was; 2: it could not monitor.
+    MODEL...|SYSTEM are models (.scxml, .ascxml), folders of them, or one system file. They give the
+    channels, the types and the expected outputs. With --properties they may be left out.
 
-    Example: moon monitor examples/lab_tour/system.xml --for 60
+    Verdicts are shown, and published on /moon/verdicts. The monitor is passive: no node waits for it.
+
+    Exit code 0: no violation; 1: a violation; 2: the monitor could not run.
+
+    \b
+    Example:
+      moon monitor examples/lab_tour/system.xml --for 60
     """
     monitored = read_or_fail(choice.subject(models))
     if network.transport == "simulated":

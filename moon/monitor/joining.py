@@ -30,7 +30,7 @@ class Joining:
 
     def when_complete(self, begin: Callable[[], None], say: Callable[[str], None]) -> None:
         """Call ``begin`` once, when the tap hears everything; at once, if it does already."""
-        warning = "warning: the graph goes on changing: monitoring begins before all is heard"
+        warning = "warning: the graph still changes: monitoring begins before all nodes are known"
         when_complete(self._connection, self._tap, begin, lambda: say(warning))
 
     @property

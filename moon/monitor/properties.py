@@ -37,7 +37,7 @@ MOST_PLACES = 10_000
 """Sources and channels whose numbers are kept; names come from the wire, and never end."""
 REMEMBERED = 256
 """Violations of a property that a loss that is told of later than it should can still take back."""
-TAKEN_BACK = "the violation is taken back: what it missed came later than anything of late"
+TAKEN_BACK = "the violation is withdrawn: what was missing came later than any message lately"
 
 _NEXT = Sequel.NEXT
 
@@ -280,7 +280,7 @@ class PropertyWatch:
             for since_ns in doubted:
                 self.taken_back(name, since_ns)
             if standing.status is not Status.FALSE:
-                why = f"the violation is taken back: messages on {loss.channel} were missed"
+                why = f"the violation is withdrawn: messages on {loss.channel} were missed"
                 found += self._told(name, msgspec.structs.replace(standing, reason=why))
         return found
 

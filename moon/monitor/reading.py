@@ -89,8 +89,10 @@ def judgeable(machines: Sequence[Machine]) -> tuple[tuple[Machine, ...], tuple[s
             and (interface.best_effort or interface.latched)
         ]
         if unsure:
-            what = "nobody can tell what it received"
-            reasons.append(f"{machine.name} is not judged: it hears {', '.join(unsure)}; {what}")
+            what = "what it received cannot be known"
+            reasons.append(
+                f"{machine.name} is not judged: it subscribes to {', '.join(unsure)}; {what}"
+            )
         else:
             kept.append(machine)
     return tuple(kept), tuple(reasons)

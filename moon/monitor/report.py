@@ -130,7 +130,7 @@ def closing(summary: Summary) -> list[str]:
     of_none = f", {counts.unconcerned:,} of no monitored machine" if has_models else ""
     lines = [
         f"{_many(summary.violations, 'violation')} in {summary.seconds:.1f} s; "
-        f"{''.join(tallies)}heard {counts.heard:,} observations"
+        f"{''.join(tallies)}received {counts.heard:,} observations"
         f"{of_none}"
     ]
     if counts.unknown and has_models:
@@ -140,7 +140,7 @@ def closing(summary: Summary) -> list[str]:
         lines.append(f"channels that no model names: {', '.join(named)}{rest}")
     lines += map(printable, summary.unmonitored)
     if counts.stalls:
-        lines.append(f"found all machines anew {_many(counts.stalls, 'time')}")
+        lines.append(f"resynchronised all machines {_many(counts.stalls, 'time')}")
     return lines
 
 

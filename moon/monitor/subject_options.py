@@ -41,7 +41,7 @@ _OPTIONS = (
         callback=finite,
         default=1.0,
         show_default=True,
-        help="Seconds in which a node must send what it owes.",
+        help="Seconds within which a node must send an output that its model expects.",
     ),
     click.option(
         "--latency-bound",
@@ -49,7 +49,7 @@ _OPTIONS = (
         callback=finite,
         default=0.2,
         show_default=True,
-        help="Seconds in which a message is taken, and an event heard here.",
+        help="Seconds within which a subscriber takes a message, and an event reaches the monitor.",
     ),
 )
 

@@ -127,7 +127,7 @@ class SystemWatch:
             # from the node of this name or from another: nothing is concluded from it
             self._properties.lose(seen.channel, pace.clock_ns, now_ns)
             for oracle in self._concerned(seen):
-                self._lose(oracle, f"several sessions say that they are {seen.source}")
+                self._lose(oracle, f"several sessions claim to be {seen.source}")
             return
         judged = self._reception.judge(seen, now_ns)
         if isinstance(judged, Rejected):
@@ -175,7 +175,7 @@ class SystemWatch:
         self._properties.patience.heard(lag_ns, now_ns)
         self.counts.late += 1
         self._properties.lose(seen.channel, seen.stamp_ns, now_ns)
-        why = f"what is heard comes {lag_ns / NS:.1f} s late"
+        why = f"observations arrive {lag_ns / NS:.1f} s late"
         recent = [source for source, at in self._late.items() if now_ns - at < NS]
         if len(recent) > 1:
             self._late.clear()
@@ -216,7 +216,7 @@ class SystemWatch:
         self._monotonic_ns = monotonic_ns
         clock_ns = self._pace.tick(now_ns)
         if self._pace.is_lost:
-            why = "this monitor does not keep up with what it hears"
+            why = "this monitor does not keep up with what it receives"
             self._start_anew(now_ns, monotonic_ns, why, held_up=True)
         self._note_dropped(now_ns)
         up_since = list(map(self._transport.up_since, self._up))
@@ -457,7 +457,7 @@ class SystemWatch:
             (counts.before, "of before it listened"),
         ):
             if number:
-                found.append(f"heard {number} message{'s' * (number != 1)} {what}")
+                found.append(f"received {number} message{'s' * (number != 1)} {what}")
         return found
 
     def summary(self) -> Summary:

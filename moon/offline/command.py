@@ -68,10 +68,14 @@ def check(
 
     RUN is what `moon record` or `ros2 bag record` wrote (a file or a folder), or a log of JSON lines;
     MODEL is a model (.scxml, .ascxml), a folder of them, or one system file. Verdicts and explanations
-    are those of a monitor that was there. Exit code 0: nothing was violated; 1: something was, or with
-    --strict is inconclusive; 2: a recording or a model could not be read.
+    are those of a monitor that ran live.
 
-    Example: moon check run.mcap examples/lab_tour/system.xml --report run.html
+    Exit code 0: no violation; 1: a violation, or with --strict something inconclusive; 2: a recording or
+    a model could not be read.
+
+    \b
+    Example:
+      moon check run.mcap examples/lab_tour/system.xml --report run.html
     """
     from moon.offline.batch import check_all
     from moon.offline.result import CheckResult

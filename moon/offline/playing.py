@@ -165,10 +165,12 @@ class Player:
         """What is not judged as it was not recorded, or not heard by the recorder, one sentence each."""
         said = []
         if self._left_out_ns and self._is_over:
-            said.append("it was over before its recorder heard everything: nothing is judged")
+            said.append(
+                "it ended before its recorder was connected to all nodes: nothing is judged"
+            )
         elif self._left_out_ns:
             said.append(
-                f"its recorder heard everything from {self._left_out_ns / NS:.1f} s on: "
+                f"its recorder was connected to all nodes from {self._left_out_ns / NS:.1f} s on: "
                 "what was before is not judged"
             )
         if self._jumps:

@@ -315,7 +315,7 @@ class Judging:
 
     def _overdue(self, settled: int, base: list[Hypothesis]) -> list[Verdict]:
         if self._is_perhaps_unheard(base, settled):
-            return self.lose(settled, "what it sent may not have been heard yet")
+            return self.lose(settled, "what it sent may not have been received yet")
         explanation = explanation_of(self.search, base, None, self._history)
         verdict = self._verdict_of(settled, explanation, "unresponsive: ")
         confirmation = self._confirmation

@@ -231,7 +231,7 @@ class Oracle(Judging):
         match sequel:
             case Sequel.FIRST if number > 0 and self._is_expected(observation):
                 # a number above 0 comes first where a tap joins later, or where the first was lost
-                text = f"what came first on {observation.channel} was not heard"
+                text = f"what came first on {observation.channel} was not received"
                 verdicts += self.lose(stamp, text)
             case Sequel.AFTER_A_GAP:
                 self.losses.happen = True

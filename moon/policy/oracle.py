@@ -324,9 +324,11 @@ class PolicyOracle:
             # its answer was lost on the way to here, or the policy did not wait for it
             unanswered = self._pending
             self._keep_unanswered(call_of(unanswered), observation)
-            verdicts += self._doubt(stamp, f"no answer to {self._told(unanswered)} was heard")
+            verdicts += self._doubt(stamp, f"no answer to {self._told(unanswered)} was received")
         if self._missed_before(stamp):
-            verdicts += self._doubt(stamp, f"a call of {self.node} was heard at its other end only")
+            verdicts += self._doubt(
+                stamp, f"a call of {self.node} was reported by its other end only"
+            )
         follower = self._follower
         try:
             fit = follower.called(channel, stamp)
@@ -351,7 +353,9 @@ class PolicyOracle:
         if pending is None or call_of(pending) != call:
             if observation.channel not in self._leaves or not self._follower.certain:
                 return []
-            return self._doubt(stamp, f"an answer on {observation.channel} to a call not heard")
+            return self._doubt(
+                stamp, f"an answer on {observation.channel} to a call that was not observed"
+            )
         self._pending, self._last_ns = None, stamp
         self.inputs += 1
         tick = self._leaves.get(observation.channel, "").startswith("tick")
@@ -412,7 +416,7 @@ class PolicyOracle:
 
     def _overdue(self, settled: int) -> list[Verdict]:
         if self._missed_before(settled):
-            return self._doubt(settled, f"a call of {self.node} was heard at its other end only")
+            return self._doubt(settled, f"a call of {self.node} was reported by its other end only")
         return self._say(settled, self._follower.owes(), "nothing", "unresponsive: ")
 
     def _impatient(self, answer: Observation, later: Observation) -> list[Verdict]:

@@ -32,10 +32,13 @@ def check_properties(paths: tuple[Path, ...], interfaces: tuple[Path, ...], as_j
 
     For every property: its formula, its meaning in one sentence, the deadline it implies. With models
     (.scxml, .ascxml), folders of them, or one system file, its channels, fields and types are checked
-    against theirs. Every finding names file, line and column, and what would be right. Exit code 0: no
-    errors; 2: errors.
+    against theirs. Every finding names file, line and column, and what would be right.
 
-    Example: moon check-properties examples/lab_tour/properties.yaml examples/lab_tour/system.xml
+    Exit code 0: no errors; 2: errors.
+
+    \b
+    Example:
+      moon check-properties examples/lab_tour/properties.yaml examples/lab_tour/system.xml
     """
     from m2c.model.diagnostics import DiagnosticLog
     from moon.properties.files import read_properties

@@ -77,8 +77,8 @@ class Attribution:
             return ""
         names = ", ".join(machine.name for machine in self.machines)
         return (
-            f"{names}: what only one node of the models can have done is taken for done by it; nothing "
-            "in the recording says so"
+            f"{names}: the recording names no senders; what only one node of the models can have sent is "
+            "attributed to it"
         )
 
     def __call__(self, seen: Observation) -> Observation:

@@ -85,11 +85,15 @@ def record(
     """Record everything that happens to an MCAP file, as `ros2 bag record` would, and more.
 
     CHANNELS are globs such as '/BatteryLevelSkill/*' (`**` crosses parts of a name; an action stands
-    for all its parts); without any, everything is recorded. Topics, service calls and actions are
-    there for ROS 2's tools; who sent what and in which order is there for `moon check`. Types come from
-    --interfaces, on ROS 2 from the sourced installation too. Exit code 0, or 2 if it could not record.
+    for all its parts); without any, everything is recorded. ROS 2's tools find topics, service calls and
+    actions in the file; `moon check` also finds who sent what, and in which order. Types come from
+    --interfaces, on ROS 2 from the sourced installation too.
 
-    Example: moon record -o run.mcap --interfaces examples/lab_tour/interfaces --for 60
+    Exit code 0, or 2 if it could not record.
+
+    \b
+    Example:
+      moon record -o run.mcap --interfaces examples/lab_tour/interfaces --for 60
     """
     from moon.recording.mcap_writing import Compression
     from moon.recording.recorder import Recorder

@@ -33,13 +33,13 @@ WAIT_S = 60.0
     type=click.FloatRange(min=0, min_open=True, max=1000),
     default=1.0,
     show_default=True,
-    help="How many recorded seconds pass in one.",
+    help="Speed: recorded seconds per second.",
 )
 @click.option(
     "--only",
     multiple=True,
     metavar="CHANNEL",
-    help="Replay only channels like this (glob, repeatable).",
+    help="Replay only channels that match (glob, repeatable).",
 )
 @click.option(
     "--as", "played", multiple=True, metavar="NODE", help="Play only this node (repeatable)."
@@ -48,7 +48,7 @@ WAIT_S = 60.0
     "--without",
     multiple=True,
     metavar="NODE",
-    help="Do not play it: it is there itself, and is waited for (repeatable).",
+    help="Do not play this node: wait until it is up itself (repeatable).",
 )
 @click.option(
     "--interfaces",
@@ -56,7 +56,7 @@ WAIT_S = 60.0
     type=ExistingPath(path_type=Path, exists=True, file_okay=False),
     help="Folder of ROS interface packages, for types the recording does not define (repeatable).",
 )
-@click.option("--stay", is_flag=True, help="Go on answering when the recording has ended.")
+@click.option("--stay", is_flag=True, help="Keep responding after the recording has ended.")
 def replay(
     recording: Path,
     network: Network,
@@ -67,13 +67,17 @@ def replay(
     interfaces: tuple[Path, ...],
     stay: bool,
 ) -> None:
-    """Play the nodes of a recording: publish, answer and ask as they did.
+    """Play the nodes of a recording: publish, respond and call as they did.
 
-    RUN is an MCAP file or a rosbag2 folder. Nodes that are up already are not played, so that one of
-    them can be run against yesterday's world: its requests get the recorded answers, and it is asked
-    what it was asked then. Exit code 0, or 2 if nothing could be replayed.
+    RUN is an MCAP file or a rosbag2 folder. Nodes that are up already are not played. So one node can run
+    against a recorded system: it gets the recorded messages and requests, and the recorded responses to
+    its own.
 
-    Example: moon replay run.mcap --without BatteryLevelSkill --endpoint tcp/127.0.0.1:7447
+    Exit code 0, or 2 if nothing could be replayed.
+
+    \b
+    Example:
+      moon replay run.mcap --without BatteryLevelSkill --endpoint tcp/127.0.0.1:7447
     """
     from m2c.model.diagnostics import DiagnosticLog
     from m2c.model.interfaces import InterfaceLibrary
@@ -129,7 +133,7 @@ def _replay(
         return name not in live and name not in without
 
     for name in sorted(live):
-        say(f"{name} is there itself: it is not played")
+        say(f"{name} is up already: it is not played")
     replay = Replay(script, conductor, _connector(network), is_played, rate, say)
     threads: list[threading.Thread] = []
     watching = Watching(conductor)

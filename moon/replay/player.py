@@ -159,7 +159,7 @@ class Player:
             if call.answered_ns and now != then:
                 self._counts.differently += 1
                 self._say(
-                    f"{call.channel} {shown(call.request)}: answered {shown(now)}, then {shown(then)}"
+                    f"{call.channel} {shown(call.request)}: response {shown(now)}, recorded {shown(then)}"
                 )
 
         self._counts.asked += 1
@@ -244,7 +244,9 @@ class Player:
             self._counts.equal += 1
             return
         self._counts.other += 1
-        self._say(f"{channel} {shown(data)}: not asked so then: the next recorded answer is given")
+        self._say(
+            f"{channel} {shown(data)}: no equal request was recorded: the next recorded response is given"
+        )
 
 
 class _Drive:

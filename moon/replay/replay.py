@@ -219,25 +219,28 @@ class Replay:
             f"answered {plural(counts.equal + counts.other, 'request')}",
         ]
         if counts.other:
-            said[-1] += f" ({counts.other} not asked so then)"
+            said[-1] += f" ({counts.other} that were not recorded)"
         if counts.unanswered:
-            said.append(f"left {counts.unanswered} without an answer, as then")
+            said.append(f"left {counts.unanswered} without a response, as recorded")
         if counts.without:
-            said.append(f"had no answer left for {counts.without}")
+            said.append(f"had no recorded response for {counts.without}")
         if counts.asked:
-            said.append(f"asked {counts.asked}, {counts.differently} answered otherwise than then")
+            said.append(
+                f"sent {plural(counts.asked, 'request')}, "
+                f"{counts.differently} with another response than recorded"
+            )
         return ", ".join(said)
 
     def overview(self) -> list[str]:
         """What is going to be done, one sentence each."""
         script = self._script
-        said = [f"played: {', '.join(self.played) or 'nobody by name'}"]
+        said = [f"played: {', '.join(self.played) or 'no node by name'}"]
         if UNNAMED in self._players:
             of_nobody = [c for c, node in self._publishing if node == UNNAMED]
             of_nobody += [
                 c for c, calls in script.calls.items() if not _server(x.server for x in calls)
             ]
-            said.append(f"of nobody that is named: {named(set(of_nobody))}")
+            said.append(f"of unnamed nodes: {named(set(of_nobody))}")
         return said
 
 

@@ -34,7 +34,7 @@ from moon.wording import Wording
 from transports.interface import Observation
 
 MAX_VIOLATIONS = 2_000
-"""So many violations are told, the first; nobody reads more, and each has its place in the page."""
+"""So many violations are shown, the first; nobody reads more, and each has its place in the page."""
 
 _SIGNS = {"conforming": "✓", "violated": "✗", "inconclusive": "?", "unseen": "–"}
 
@@ -246,7 +246,7 @@ def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[
         )
     count = result.violations
     if count > MAX_VIOLATIONS:
-        notes.append(f"of {count:,} violations the first {MAX_VIOLATIONS:,} are told")
+        notes.append(f"of {count:,} violations the first {MAX_VIOLATIONS:,} are shown")
     return list(dict.fromkeys(notes))
 
 

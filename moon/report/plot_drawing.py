@@ -94,7 +94,7 @@ class _Drawing:
 
     def _marks(self, points: Sequence[tuple[int, Any]], top: float) -> None:
         if not points:
-            self._parts.append(text(_LEFT + 4, top + 13, "nothing was heard"))
+            self._parts.append(text(_LEFT + 4, top + 13, "nothing was received"))
         free = _LEFT
         for stamp, value in points[-_MAX_MARKS:]:
             x = self._x(stamp)

@@ -55,12 +55,15 @@ def tap(
     """Watch everything that happens: topics, service calls, actions; decoded and matched.
 
     CHANNELS are globs such as '/BatteryLevelSkill/*' (`**` crosses parts of a name; an action stands
-    for all its parts); without any, everything is shown. A response is shown with its round-trip
-    time. Numbers that the interface definitions have names for are shown with them, `FAILURE (1)`: those
-    of bt_interfaces, of ROS 2's standard types, and of --interfaces. The tap is passive: no node waits
-    for it or knows of it.
+    for all its parts); without any, everything is shown. The tap is passive: no node waits for it or
+    knows of it.
 
-    Example: moon tap '/NavigationComponent/**' --endpoint tcp/127.0.0.1:7447
+    A response is shown with its round-trip time. A constant is shown with its name, `FAILURE (1)`, if
+    bt_interfaces, ROS 2's standard types or --interfaces define it.
+
+    \b
+    Example:
+      moon tap '/NavigationComponent/**' --endpoint tcp/127.0.0.1:7447
     """
     from moon.wording import Wording
 
@@ -68,7 +71,7 @@ def tap(
         selection = Selection(channels, node, kind)
     except GlobError as error:
         raise click.BadParameter(str(error), param_hint="CHANNELS") from error
-    with connected(network, "moon_tap", writing="what was heard") as connection:
+    with connected(network, "moon_tap", writing="what was received") as connection:
         wording = Wording(library_in(interfaces, network.transport))
         _watch(connection, selection, wording, as_json, stats, seconds, count)
 
@@ -97,6 +100,6 @@ def _watch(
     finally:
         output.close()
     say(
-        f"heard {watch.heard:,} observations in {time.monotonic() - start:.1f} s, "
+        f"received {watch.heard:,} observations in {time.monotonic() - start:.1f} s, "
         f"showed {watch.shown:,} event{'s' * (watch.shown != 1)}"
     )

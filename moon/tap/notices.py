@@ -43,7 +43,7 @@ class Notices:
         if now == self._peers:
             if not now and self._looks == 2:  # the first look may come before the first answer
                 self._say(
-                    "not linked to any node yet: nothing can be heard until one comes up; "
+                    "not linked to any node yet: nothing can be received until one starts; "
                     "is this the endpoint where the nodes meet?"
                 )
             return

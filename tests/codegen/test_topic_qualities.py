@@ -186,7 +186,9 @@ def test_a_fault_in_the_qualities_has_its_place(tmp_path: Path, topics: str, exp
 def test_a_node_whose_inputs_nobody_can_know_is_not_judged(tmp_path: Path, topic, why) -> None:
     kept, reasons = judgeable(read(tmp_path, topic).nodes)
     assert [machine.name for machine in kept] == ["Talker"]
-    assert reasons == (f"Listener is not judged: it hears {why}; nobody can tell what it received",)
+    assert reasons == (
+        f"Listener is not judged: it subscribes to {why}; what it received cannot be known",
+    )
     alone = ["monitor", str(tmp_path / "system.xml"), "--only", "Listener"]
     done = CliRunner().invoke(moon, alone)
     assert done.exit_code == 2

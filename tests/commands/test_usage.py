@@ -36,6 +36,21 @@ def test_every_help_has_an_example_of_its_own_command(words: tuple[str, ...]) ->
     assert f"Example: {' '.join(words)}" in " ".join(result.output.split())
 
 
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_the_example_of_a_help_can_be_copied(words: tuple[str, ...]) -> None:
+    """It is one line, however narrow the terminal; an option that it names is one of the command's."""
+    result = CliRunner().invoke(
+        m2c if words[0] == "m2c" else moon, [*words[1:], "--help"], terminal_width=60
+    )
+    lines = result.output.splitlines()
+    example = lines[lines.index("  Example:") + 1]
+    assert example.startswith(f"    {' '.join(words)}")
+    assert "\\b" not in result.output
+    own = example.split("&&")[0]
+    options = [word.partition("=")[0] for word in own.split() if word.startswith("-")]
+    assert [option for option in options if f"{option} " not in result.output] == []
+
+
 @pytest.mark.parametrize(
     ("group", "name", "right"),
     [

@@ -375,5 +375,5 @@ def test_a_run_in_which_nothing_is_ticked_ends(
     """Whatever became of it, nobody waits for a tick that does not come."""
     processes = sys.modules["processes"]
     monkeypatch.setattr(processes, "START_S", 0.01)
-    with pytest.raises(processes.RunError, match=r"no tick was heard in 0.01 s; this monitor"):
+    with pytest.raises(processes.RunError, match=r"no tick was received in 0.01 s; this monitor"):
         processes.on_zenoh(None, _system(), 30.0)

@@ -24,7 +24,7 @@ BY_NAME = {item.name: item for item in CONFIGURATIONS}
 
 def test_a_monitor_that_heard_too_little_does_not_count() -> None:
     both = BY_NAME["both"]
-    assert "heard 3 of at least" in deaf(both, Heard(3, 0, 9), ticks=10)
+    assert "received 3 of at least" in deaf(both, Heard(3, 0, 9), ticks=10)
     assert deaf(both, Heard(1000, 0, 9), ticks=10) == ""
     assert deaf(BY_NAME["none"], Heard(), ticks=10) == ""
 

@@ -37,7 +37,7 @@ def test_a_killed_node_ends_the_run_and_is_named(system: System) -> None:
     os.kill(children["MoveSkill"], signal.SIGKILL)
     assert run.end() == 1
     assert run.lines[-1] == (
-        "MoveSkill was killed by SIGKILL; everything was stopped. It had said nothing."
+        "MoveSkill was killed by SIGKILL; everything was stopped. It had printed nothing."
     )
     assert all(gone(pid) for pid in children.values())
 

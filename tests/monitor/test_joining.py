@@ -72,7 +72,9 @@ def test_a_graph_that_goes_on_changing_is_not_waited_for_without_end(world: Simu
     Joining(Slow(world)).when_complete(lambda: begun.append(world.now_ns), said.append)
     world.run_for(AT_MOST_S + 1)
     assert len(begun) == 1
-    assert said == ["warning: the graph goes on changing: monitoring begins before all is heard"]
+    assert said == [
+        "warning: the graph still changes: monitoring begins before all nodes are known"
+    ]
 
 
 def test_a_request_to_a_node_that_was_just_found_may_have_been_taken_up_unheard(tmp_path) -> None:

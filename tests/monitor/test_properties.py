@@ -218,7 +218,7 @@ def test_what_comes_later_than_anything_of_late_takes_the_violation_back(watched
     watched.answer(late_by=100 * MS)
     watched.pass_time(1000)
     assert watched.of("answers")[-2:] == ["violated", "conforming"]
-    assert any("taken back" in verdict.reason for verdict in watched.verdicts)
+    assert any("withdrawn" in verdict.reason for verdict in watched.verdicts)
     assert watched.properties.violations == 0
     assert taken_back == [("answers", said.stamp_ns)]
     assert watched.standing()["answers"] == "conforming"
@@ -262,7 +262,7 @@ def test_properties_alone_need_no_models(tmp_path) -> None:
     assert watched.standing() == {"answers": "conforming", "high": "violated"}
     assert watched.watch.summary().counts.unknown == {}
     (line,) = closing(watched.watch.summary())
-    assert line.endswith("2 properties: 1 conforming, 1 violated; heard 5 observations")
+    assert line.endswith("2 properties: 1 conforming, 1 violated; received 5 observations")
 
 
 def test_a_lost_response_makes_no_violation(watched) -> None:
@@ -418,7 +418,7 @@ def test_an_answer_that_comes_later_than_the_latency_bound_takes_a_certain_viola
     assert taken_back == [("answers", said.stamp_ns)]
     assert watched.properties.violations == watched.properties.certain_violations == 0
     assert any(
-        verdict.reason == "the violation is taken back: messages on /Level/tick were missed"
+        verdict.reason == "the violation is withdrawn: messages on /Level/tick were missed"
         for verdict in watched.verdicts
     )
     assert watched.standing()["answers"] == "inconclusive"

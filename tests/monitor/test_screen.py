@@ -68,7 +68,7 @@ def test_the_end_counts_machines_by_verdict_and_names_unknown_channels() -> None
     lines = closing(Summary(2.0, (GOOD, BAD), counts, ()))
     assert lines == [
         "3 violations in 2.0 s; 2 machines: 1 conforming, 1 violated; "
-        "heard 12 observations, 3 of no monitored machine",
+        "received 12 observations, 3 of no monitored machine",
         "channels that no model names: /a",
     ]
 

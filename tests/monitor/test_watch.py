@@ -486,7 +486,7 @@ def test_what_comes_in_a_name_that_several_claim_is_not_judged(started) -> None:
     started.pass_time(1000)
     assert started.watch.violations == 0
     assert started.outcomes[-1] == "inconclusive"
-    assert "several sessions say that they are Level" in started.verdicts[-1].reason
+    assert "several sessions claim to be Level" in started.verdicts[-1].reason
     started.contested = ()
     started.message(90)
     started.pass_time(1000)

@@ -273,7 +273,7 @@ def test_a_signal_ends_it_with_a_summary(working, number) -> None:
         process.send_signal(number)
         _, told = process.communicate(timeout=WAIT_S)
         assert process.returncode == 0
-    assert told.splitlines()[-1].startswith("heard ")
+    assert told.splitlines()[-1].startswith("received ")
 
 
 def test_a_reader_that_leaves_ends_it_quietly(working) -> None:
@@ -297,7 +297,7 @@ def test_a_full_disk_is_one_clear_error(working) -> None:
     with Path("/dev/full").open("w") as full, running(working, stdout=full) as process:
         assert process.wait(WAIT_S) == 2
         told = process.stderr.read()
-    assert told.splitlines()[-1] == "error: cannot write what was heard: No space left on device"
+    assert told.splitlines()[-1] == "error: cannot write what was received: No space left on device"
 
 
 MANY = 120_000
@@ -341,7 +341,7 @@ def test_a_reader_that_is_stuck_does_not_keep_it_from_ending(robot) -> None:
 def test_what_is_not_selected_by_channel_is_not_even_heard(working) -> None:
     result = run(working, "/adder/count", "--for", "1")
     words = result.stderr.splitlines()[-1].replace(",", "").split()
-    assert words[0] == "heard"
+    assert words[0] == "received"
     assert int(words[1]) == int(words[words.index("showed") + 1]) > 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from moon.tap.notices import Notices
 
-UNLINKED = "far is up, but not linked to this tap: it is not heard"
+UNLINKED = "far is up, but not linked to this tap: its messages are not received"
 
 
 def missed(count: int, channel="/robot/1/x") -> str:
@@ -29,7 +29,7 @@ def test_a_tap_that_is_linked_to_nobody_says_so_once() -> None:
     for _ in range(5):
         notices.links([])
     assert said == [
-        "not linked to any node yet: nothing can be heard until one comes up; "
+        "not linked to any node yet: nothing can be received until one starts; "
         "is this the endpoint where the nodes meet?"
     ]
 

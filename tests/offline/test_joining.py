@@ -125,7 +125,9 @@ def test_who_hears_everything_at_once_says_nothing(tmp_path: Path, knows: None) 
 def test_from_when_on_it_is_judged_is_said(tmp_path: Path, knows: None) -> None:
     result = check_recording(recorded(tmp_path / "run.mcap", PARTIAL_S), SUBJECT, monitored())
     (limit,) = (text for text in result.recording.limits if "judged" in text)
-    assert re.fullmatch(r"its recorder heard everything from 1\.5 s on: .* is not judged", limit)
+    assert re.fullmatch(
+        r"its recorder was connected to all nodes from 1\.5 s on: .* is not judged", limit
+    )
 
 
 def test_a_run_that_is_over_before_is_not_judged(tmp_path: Path, knows: None) -> None:
@@ -144,7 +146,7 @@ def test_where_that_is_damaged_it_is_judged_after_a_while(tmp_path: Path, knows:
             writer.add(entry)
     writer.close()
     result = check_recording(whole, SUBJECT, monitored())
-    assert any("heard everything from 20.0 s on" in text for text in result.recording.limits)
+    assert any("connected to all nodes from 20.0 s on" in text for text in result.recording.limits)
     assert accused(whole) == set()
     assert "conforming" in {item.verdict for item in result.machines}
 

@@ -58,7 +58,7 @@ def test_the_fault_is_found_where_the_models_leave_one_node_that_can_have_done_i
     assert {item.machine for item in result.machines if item.violations} == {"BatteryLevelSkill"}
     said = "\n".join(result.recording.limits)
     assert "BatteryLevelSkill, VisitorsFollowingRobotSkill" in said
-    assert "what only one node of the models can have done is taken for done by it" in said
+    assert "what only one node of the models can have sent is attributed to it" in said
     assert (
         "IsPoiDone1Skill is not judged: IsPoiDone1Skill and IsPoiDone2Skill each call "
         "/BlackboardComponent/GetInt, and who did is not known"

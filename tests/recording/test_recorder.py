@@ -101,7 +101,10 @@ def test_a_clock_that_was_set_is_looked_at_with_the_next_message() -> None:
 def test_a_link_that_comes_up_a_moment_later_is_no_problem_of_the_recording() -> None:
     hand = recorder()
     made: Any = hand.made
-    unlinked, lost = "A is up, but not linked to this tap: it is not heard", "lost 3 messages of A"
+    unlinked, lost = (
+        "A is up, but not linked to this tap: its messages are not received",
+        "lost 3 messages of A",
+    )
     for problems in ([unlinked], [lost], [lost], [unlinked], [unlinked]):
         hand.said = problems
         made.look_around()

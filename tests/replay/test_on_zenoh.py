@@ -146,8 +146,11 @@ def test_a_skill_gets_yesterdays_answers_and_gives_yesterdays(tmp_path: Path) ->
     assert sorted(of(tap.heard, name), key=str) == sorted(then, key=str)
     (summary,) = [line for line in replay.err if line.startswith("published")]
     calls = sum(seen[0].endswith("/tick") for seen in then) // 2
-    assert f"answered {calls} requests, asked {calls}, 0 answered otherwise than then" in summary
-    assert f"{name} is there itself: it is not played" in replay.err
+    assert (
+        f"answered {calls} requests, sent {calls} requests, 0 with another response than recorded"
+        in summary
+    )
+    assert f"{name} is up already: it is not played" in replay.err
     answers = {
         str(seen.data) for seen in tap.heard if seen.source == "SchedulerComponent" and seen.data
     }

@@ -144,7 +144,7 @@ def test_a_request_that_was_not_recorded_gets_the_next_answer_and_it_is_said():
     replay, _, said = replayed(Heard(changed), ("SetPoi1Skill",))
     assert replay.counts.other > 0
     assert said[0] == (
-        '/SchedulerComponent/SetPoi {"poi":1}: not asked so then: the next recorded answer is given'
+        '/SchedulerComponent/SetPoi {"poi":1}: no equal request was recorded: the next recorded response is given'
     )
 
 
@@ -183,7 +183,7 @@ def test_a_request_that_had_no_answer_then_has_none_now():
     answered = {s.call for s in now if s.channel == channel and s.kind is answers}
     assert [call in answered for call in asked[:4]] == [True, True, False, True]
     assert replay.counts.unanswered == 1
-    assert "left 1 without an answer, as then" in replay.summary()
+    assert "left 1 without a response, as recorded" in replay.summary()
     ended = [s.error for s in now if s.call == asked[2] and s.source == "SetPoi1Skill" and s.error]
     assert [error.partition(":")[0] for error in ended] in (
         [],

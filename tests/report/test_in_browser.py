@@ -285,7 +285,7 @@ def test_nothing_heard_is_a_page_too(driver: webdriver.Chrome, tmp_path: Path) -
     write_report(result(log, 0), tmp_path / "report.html")
     opened(driver, tmp_path / "report.html")
     assert complaints(driver) == []
-    assert "Nothing was heard." in driver.find_element(By.ID, "timeline").text
+    assert "Nothing was received." in driver.find_element(By.ID, "timeline").text
     canvas_of(driver).send_keys("+", "n", "0")
     assert complaints(driver) == []
 

@@ -48,7 +48,7 @@ def test_a_fault_is_reported_once_for_each_place(caplog: pytest.LogCaptureFixtur
         made.fault("Model.scxml:18:5", "undefined where int32 is declared")
         made.fault("Model.scxml:20:5", "NaN where int32 is declared")
     assert [(record.levelname, record.message) for record in caplog.records] == [
-        ("ERROR", f"{place}: {what} where int32 is declared (said once; the machine goes on)")
+        ("ERROR", f"{place}: {what} where int32 is declared (reported once; the machine goes on)")
         for place, what in (("Model.scxml:18:5", "undefined"), ("Model.scxml:20:5", "NaN"))
     ]
 

@@ -103,7 +103,7 @@ def test_a_node_that_is_claimed_again_is_contested_and_not_taken_for_restarted(
         eventually(lambda: tapper.up_since("adder") == 0)
         assert listener.is_contested("adder")
         assert listener.problems() == [
-            "several sessions say that they are adder: it cannot be told which of them it is"
+            "several sessions claim to be adder: which of them is the node is not known"
         ]
         token.undeclare()
         eventually(lambda: listener.problems() == [])
@@ -138,7 +138,7 @@ def test_who_sends_in_another_nodes_name_is_found_out(network: Network) -> None:
     assert listener.problems() == [
         "could not decode 1 message on /adder/add from unknown: it does not say which node it is "
         "from, or says so wrongly",
-        f"2 messages said to be from adder, and came from another session, {zid}: taken as nobody's",
+        f"2 messages in the name of adder, but sent by another session, {zid}: treated as unnamed",
     ]
     assert not listener.is_contested("adder")  # what is its own is known, and judged
 

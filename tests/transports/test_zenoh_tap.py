@@ -165,7 +165,9 @@ def test_a_tap_names_its_peers_and_those_it_cannot_hear(network, tmp_path):
     tap = network.node("tap", config=str(lonely)).tap([], lambda observation: None)
     eventually(tap.problems)
     assert tap.peers() == ["hub"]
-    assert tap.problems() == ["far is up, but not linked to this tap: it is not heard"]
+    assert tap.problems() == [
+        "far is up, but not linked to this tap: its messages are not received"
+    ]
 
 
 def test_a_tap_is_linked_to_all_by_gossip(network):

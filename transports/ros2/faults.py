@@ -80,13 +80,13 @@ class Faults:
         if info.topic_type != type_name and (name := self._name_of(info)) != UNKNOWN:
             self._say(
                 f"{topic}: this node has it as {type_name}, but it is {how} by {name} "
-                f"as {info.topic_type}: they do not hear each other"
+                f"as {info.topic_type}: they do not receive each other's messages"
             )
 
     def _deaf(self, topic: str, publisher: str, subscriber: str, reason: str) -> None:
         if UNKNOWN not in (publisher, subscriber):
             self._say(
-                f"{topic}: {subscriber} cannot hear {publisher}, their QoS does not match: {reason}"
+                f"{topic}: {subscriber} cannot receive from {publisher}, their QoS does not match: {reason}"
             )
 
     def _say(self, text: str) -> None:

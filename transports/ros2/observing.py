@@ -67,8 +67,8 @@ class Notes:
     def foreign(self) -> list[str]:
         """Who sends in whose name, one sentence each."""
         return [
-            f"{count} message{'s' * (count != 1)} said to be from {shown(name)}, and came from another "
-            f"participant, {participant.hex()}: taken as nobody's"
+            f"{count} message{'s' * (count != 1)} in the name of {shown(name)}, but sent by another "
+            f"participant, {participant.hex()}: treated as unnamed"
             for (name, participant), count in sorted(self._foreign.copy().items())
         ]
 

@@ -173,7 +173,7 @@ class Tap:
         notes = self._notes
         deaf = {**notes.without_contents.copy(), **self._deaf.copy()}
         contested = (
-            f"several nodes say that they are {name}: it cannot be told which of them it is"
+            f"several nodes claim to be {name}: which of them is the node is not known"
             for name in self._announcements.contested()
         )
         return [
@@ -289,9 +289,9 @@ class Tap:
             if heard.type_name not in offered:
                 # a participant that declares a topic anew with another type crashes in rmw_fastrtps
                 self._deaf[topic] = (
-                    f"{topic} is not heard any more: it is published as {', '.join(offered)} now, "
+                    f"{topic} is not received any more: it is published as {', '.join(offered)} now, "
                     f"and was as {heard.type_name}, the only type that this node can have it as; "
-                    "start anew"
+                    "restart this program"
                 )
                 return
             self._deaf.pop(topic, None)
@@ -302,14 +302,14 @@ class Tap:
         if len(offered) > 1:
             self._deaf[topic] = (
                 f"{topic} is published with different types ({', '.join(offered)}): "
-                f"only {offered[0]} is heard"
+                f"only {offered[0]} is received"
             )
         try:
             type_name = offered[0] if offered else types[0]
             profile = qos.to_hear_all(publishers)
             ros = ros_class(type_name)
         except TransportError as error:
-            self._deaf[topic] = f"{topic} is not heard: {error}"
+            self._deaf[topic] = f"{topic} is not received: {error}"
             return
         heard = self._heard[topic] = _Heard(topic, type_name, profile, count)
         self._making += 1
@@ -323,7 +323,7 @@ class Tap:
         is_wanted = self._heard.get(heard.topic) is heard
         if isinstance(made, TransportError):
             if is_wanted:
-                self._deaf[heard.topic] = f"{heard.topic} is not heard: {made}"
+                self._deaf[heard.topic] = f"{heard.topic} is not received: {made}"
                 del self._heard[heard.topic]
         elif is_wanted:
             heard.subscription = made
@@ -464,10 +464,10 @@ class Tap:
                 actions.add(action)
             else:
                 found.append(
-                    f"{service} has no service introspection: its calls are not heard; {_HOW}"
+                    f"{service} has no service introspection: its calls are not received; {_HOW}"
                 )
         return found + [
-            f"the goals of {action} are not heard, its feedback and status are: ROS 2's own action "
+            f"the goals of {action} are not received, its feedback and status are: ROS 2's own action "
             "servers and clients have no service introspection in Jazzy"
             for action in sorted(actions)
         ]

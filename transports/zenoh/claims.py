@@ -65,13 +65,13 @@ class Claims:
         """Who sends in whose name, one sentence each."""
         return [
             *(
-                f"several sessions say that they are {shown(name)}: it cannot be told which of them it is"
+                f"several sessions claim to be {shown(name)}: which of them is the node is not known"
                 for name, tokens in sorted(self._announced.items())
                 if len(tokens) > 1
             ),
             *(
-                f"{count} message{'s' * (count != 1)} said to be from {shown(name)}, and came from another "
-                f"session, {zid}: taken as nobody's"
+                f"{count} message{'s' * (count != 1)} in the name of {shown(name)}, but sent by another "
+                f"session, {zid}: treated as unnamed"
                 for (name, zid), count in sorted(self._foreign.copy().items())
             ),
         ]

@@ -223,7 +223,10 @@ class Tap:
             *self._losses.sentences(),
             *self._waiting.sentences(),
             *claims,
-            *(f"{name} is up, but not linked to this tap: it is not heard" for name in unlinked),
+            *(
+                f"{name} is up, but not linked to this tap: its messages are not received"
+                for name in unlinked
+            ),
         ]
 
     def close(self) -> None:
@@ -337,7 +340,7 @@ class Tap:
         if not self._wants(channel):
             return None
         if len(self._channels) >= MOST_CHANNELS:
-            self._refusals.refuse(channel, "", f"more than {MOST_CHANNELS} channels: not heard")
+            self._refusals.refuse(channel, "", f"more than {MOST_CHANNELS} channels: not received")
             return None
         self._channels[key] = channel, is_event
         return channel, is_event

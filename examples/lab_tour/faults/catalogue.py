@@ -140,7 +140,7 @@ FAULTS = (
         node="BatteryLevelSkill",
         kind=Kind.CODE,
         path=HERE / "T5-BatteryLevelSkill.patch",
-        what="subscribes to a misspelt topic and never hears the battery",
+        what="subscribes to a misspelt topic and never receives the battery's level",
         paper=TableII(_FIRST, _NONE, _BELOW_30, _IRRELEVANT),
         expected=Expected(
             Detected.AT_FIRST_OCCURRENCE,

@@ -113,7 +113,7 @@ def judged_nominal(run: Run) -> Row:
     blamed = tuple(dict.fromkeys(said.verdict.node for said in run.violations))
     row = Row(id="nominal", type="no fault", violated=blamed, detected=not blamed)
     if not run.count:
-        return _failed(row, "nothing was heard")
+        return _failed(row, "nothing was received")
     if run.violations:
         return _failed(row, f"a false alarm: {_told(run.violations)}")
     if len(run.lost) > MOST_LOST:

@@ -105,7 +105,7 @@ def _held(
             if not listener.first_ns and not listener.is_over:
                 said.seek(0)
                 raise RunError(
-                    f"no tick was heard in {START_S:g} s; this monitor is linked to "
+                    f"no tick was received in {START_S:g} s; this monitor is linked to "
                     f"{', '.join(listener.peers()) or 'nobody'}; m2c run said:\n{said.read()}"
                 )
             result = listener.result()

@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--record",
         type=Path,
         metavar="FOLDER",
-        help="write what is heard to FOLDER/<fault>-<transport>.jsonl, an observation a line",
+        help="write what is received to FOLDER/<fault>-<transport>.jsonl, an observation a line",
     )
     chosen = parser.parse_args(arguments)
     logging.basicConfig(level=logging.CRITICAL)  # what the policy complains of is the fault at work

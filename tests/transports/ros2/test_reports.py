@@ -56,13 +56,13 @@ def test_qos_that_does_not_match_is_reported(
     assert says(
         network,
         reports,
-        f"{NUMBERS.name}: node cannot hear bare",
+        f"{NUMBERS.name}: node cannot receive from bare",
         "reliable reliability is asked for, best effort is offered",
     )
     assert says(
         network,
         reports,
-        f"{LATCHED.name}: node cannot hear bare",
+        f"{LATCHED.name}: node cannot receive from bare",
         "transient local durability is asked for, volatile is offered",
     )
 

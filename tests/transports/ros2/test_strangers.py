@@ -188,7 +188,7 @@ def test_who_takes_the_name_of_a_node_is_found_out(network: ThreadedNetwork) -> 
             ("adder", 0, 2),
         ]
         (said,) = (text for text in tap.problems() if "another participant" in text)
-        assert said.startswith("1 message said to be from adder, and came from another participant")
+        assert said.startswith("1 message in the name of adder, but sent by another participant")
     finally:
         impostor.close()
 
@@ -205,7 +205,7 @@ def test_a_node_that_is_announced_twice_is_contested(network: ThreadedNetwork) -
     on(network, twin, twin.announce)
     assert network.until(lambda: tap.is_contested("adder"))
     assert tapper.up_since("adder") == 0  # it is not taken for one that has started again
-    said = "several nodes say that they are adder: it cannot be told which of them it is"
+    said = "several nodes claim to be adder: which of them is the node is not known"
     assert said in tap.problems()
     twin.close()
     assert network.until(lambda: said not in tap.problems())

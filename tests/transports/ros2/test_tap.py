@@ -136,7 +136,7 @@ def test_a_publisher_that_comes_back_with_another_type_is_named(
     other = Bare("other")  # the first one can no more have the topic as another type than a tap can
     try:
         other.node.create_publisher(Int64, "/seen", 10)
-        said = "/seen is not heard any more: it is published as std_msgs/msg/Int64 now"
+        said = "/seen is not received any more: it is published as std_msgs/msg/Int64 now"
         assert network.until(lambda: any(said in problem for problem in tap.problems()))
     finally:
         other.close()
@@ -159,7 +159,9 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     _, tap, heard = tapped(network)
     assert network.until(
         lambda: any(
-            text.startswith(f"{DOUBLE.name} has no service introspection: its calls are not heard")
+            text.startswith(
+                f"{DOUBLE.name} has no service introspection: its calls are not received"
+            )
             and "ServiceIntrospectionState.CONTENTS" in text
             for text in tap.problems()
         )
@@ -190,7 +192,7 @@ def test_of_an_ordinary_action_server_a_tap_says_that_its_goals_are_not_heard(
     _, tap, _ = tapped(network, [COUNTING.name])
     assert network.until(
         lambda: any(
-            text.startswith(f"the goals of {COUNTING.name} are not heard")
+            text.startswith(f"the goals of {COUNTING.name} are not received")
             for text in tap.problems()
         )
     )
