@@ -17,6 +17,7 @@ BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)]*))?\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 LINES = 200
+INDICES = ("README.md", "property-patterns.md")
 OTHERWISE_LONG = {
     "README.md": 260,  # every feature once
     "docs/api.md": 1000,  # generated, to be searched
@@ -111,3 +112,17 @@ def test_the_links_of_a_page_lead_to_files_and_headings(page: Path) -> None:
         if not target.exists() or (anchor and anchor not in anchors_of(target)):
             wrong.append(f"{link}#{anchor}")
     assert wrong == []
+
+
+def test_every_page_can_be_reached_from_the_index() -> None:
+    docs = ROOT / "docs"
+    reached, waiting = set(), [docs / "README.md"]
+    while waiting:
+        page = waiting.pop()
+        if page in reached:
+            continue
+        reached.add(page)
+        if page.name in INDICES:
+            found = [(page.parent / link).resolve() for link, _ in LINK.findall(page.read_text())]
+            waiting += [path for path in found if path.suffix == ".md" and docs in path.parents]
+    assert [page for page in sorted(docs.rglob("*.md")) if page not in reached] == []
