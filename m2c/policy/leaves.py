@@ -266,7 +266,7 @@ class _Binder:
         channel = written if written.startswith("/") else f"/{written}"
         if channel.endswith(_MONITOR_SUFFIX) and channel not in self._servers:
             what = f"the suffix `{_MONITOR_SUFFIX}` of {channel} is ignored"
-            hint = "moon listens without standing in between"
+            hint = "moon monitors passively"
             self._log.note("monitored-leaf", node.position, node.element, what, hint)
             return channel.removesuffix(_MONITOR_SUFFIX)
         return channel

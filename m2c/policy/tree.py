@@ -15,7 +15,7 @@ MANY = 1_000
 
 MARK = "isMonitored"
 """How leaves were marked for the earlier monitor; a plugin may have a port of that name."""
-MARK_IGNORED = (f"{MARK} is ignored", "moon listens without standing in between")
+MARK_IGNORED = (f"{MARK} is ignored", "moon monitors passively")
 """What is said of it, and why."""
 
 

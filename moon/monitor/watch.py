@@ -30,8 +30,8 @@ _LINKED_NS = 5 * NS
 """So long after a node was found in the middle of its run, this monitor is linked to it, and subscribed to
 all that it tells (DDS takes some 50 ms for each of sixty subscriptions while a whole system starts)."""
 
-MIDDLE = "started in the middle: waiting for a moment that is certain"
-GONE = "its node went away"
+MIDDLE = "started in the middle of a run: waiting until its state is certain"
+GONE = "its node is no longer up"
 UNRESPONSIVE = "unresponsive: "
 """How a verdict's reason begins where something did not come."""
 
@@ -454,7 +454,7 @@ class SystemWatch:
             (counts.unnamed, "without a sender's name: their stamps are not relied on"),
             (counts.mistyped, "of a type that is not the models': nodes drop them too"),
             (self._late_in_all(), "that came too late to be judged"),
-            (counts.before, "of before it listened"),
+            (counts.before, "from before it was connected"),
         ):
             if number:
                 found.append(f"received {number} message{'s' * (number != 1)} {what}")

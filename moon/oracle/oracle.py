@@ -308,4 +308,4 @@ class Oracle(Judging):
         self._wake_at(0)
         self._anchoring.begin(since)
         self.outcome = Outcome.INCONCLUSIVE
-        self._reason = "started in the middle: waiting for a moment that is certain"
+        self._reason = "started in the middle of a run: waiting until its state is certain"

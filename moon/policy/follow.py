@@ -176,7 +176,7 @@ class Follower:
                     continue
                 silent += 1
                 if silent > MAX_SILENT:
-                    raise TooManyError("too much can have happened between two calls, unheard")
+                    raise TooManyError("too much can have happened between two calls, unobserved")
                 if self._shape.plain:
                     key = (run.key, begun > 0)
                     if key in seen and seen[key] <= run.due_ns:

@@ -375,7 +375,7 @@ class PolicyOracle:
             self._follower.start()
         elif self.outcome is Outcome.CONFORMING:
             self.outcome = Outcome.INCONCLUSIVE
-            self._reason = "started in the middle: waiting for a moment that is certain"
+            self._reason = "started in the middle of a run: waiting until its state is certain"
         self._synchronised = False
 
     def _keep_unanswered(self, call: Call, later: Observation) -> None:

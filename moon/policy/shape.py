@@ -61,10 +61,12 @@ def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
             if interface.kind in (InterfaceKind.CLIENT, InterfaceKind.ACTION_CLIENT):
                 hidden.add(interface.channel or values.get(interface.port or "", ""))
         if leaf.children:
-            unchecked = f"the plugin {leaf.plugin} decides, unheard, which of its children it ticks"
+            unchecked = (
+                f"the plugin {leaf.plugin} decides, unobserved, which of its children it ticks"
+            )
         elif leaf.outputs and not plain:
             unchecked = (
-                f"the tree may depend on values that the plugin {leaf.plugin} writes, unheard"
+                f"the tree may depend on values that the plugin {leaf.plugin} writes, unobserved"
             )
     hidden.discard("")
     is_open = any(leaf.plugin or leaf.timed or leaf.tick in hidden for leaf in policy.leaves)

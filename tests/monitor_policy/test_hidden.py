@@ -112,4 +112,4 @@ def test_a_plugin_that_ticks_children_cannot_be_checked_and_that_is_said() -> No
     )
     oracle = PolicyOracle(msgspec.structs.replace(policy, leaves=leaves))
     assert oracle.outcome is Outcome.INCONCLUSIVE
-    assert "Chooses decides, unheard" in oracle.verdict().reason
+    assert "Chooses decides, unobserved" in oracle.verdict().reason

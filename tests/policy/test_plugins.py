@@ -197,7 +197,7 @@ def test_the_mark_of_a_plugin_that_has_no_such_port_is_ignored_and_said(tmp_path
     _, policy, (said,) = loaded(tmp_path, '<Once isMonitored="true"/>')
     assert policy is not None
     assert said == (
-        "policy.xml:1:53: note: <Once>: isMonitored is ignored; moon listens without standing in between "
+        "policy.xml:1:53: note: <Once>: isMonitored is ignored; moon monitors passively "
         "[monitored-leaf]"
     )
 

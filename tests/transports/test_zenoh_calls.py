@@ -71,7 +71,7 @@ def test_a_callee_that_never_answers_ends_in_a_timeout(network):
 def test_a_call_that_nobody_serves_ends_at_once_as_unavailable(network):
     result = network.node("caller").client(peer.ADD).call_and_wait(peer.AddRequest(), 60)
     assert result.outcome is CallOutcome.UNAVAILABLE
-    assert result.error == "/adder/add: nobody answers: no node serves it, or it went away"
+    assert result.error == "/adder/add: no response: no node serves it, or its server ended"
 
 
 def test_a_bad_request_is_answered_with_the_reason(network, caplog):

@@ -316,7 +316,7 @@ class Client:
             if not self._closed:
                 self._send(call)
                 del self._sent[call.number]
-        text = f"{self.name}: nobody answers: no node serves it, or it went away"
+        text = f"{self.name}: no response: no node serves it, or its server ended"
         self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
 
     def graph_changed(self) -> None:
@@ -340,7 +340,7 @@ class Client:
                     self._held.clear()
         for call in given_up:
             self._give_up(call)
-        text = f"{self.name}: the node that serves it went away"
+        text = f"{self.name}: the node that serves it ended"
         for call in lost:
             self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
 

@@ -151,7 +151,7 @@ class Client:
         self._waiting: dict[Completion, None] = {}
         self._unavailable = CallResult(
             CallOutcome.UNAVAILABLE,
-            error=f"{service.name}: nobody answers: no node serves it, or it went away",
+            error=f"{service.name}: no response: no node serves it, or its server ended",
         )
 
     def call(

@@ -257,7 +257,7 @@ class Client:
         self._waiting: set[SimpleQueue[zenoh.Reply | None]] = set()
         self.unavailable = CallResult(
             CallOutcome.UNAVAILABLE,
-            error=f"{service.name}: nobody answers: no node serves it, or it went away",
+            error=f"{service.name}: no response: no node serves it, or its server ended",
         )
         self.timeout = CallResult(
             CallOutcome.TIMEOUT, error=f"{service.name}: no answer within the time limit"
