@@ -83,7 +83,7 @@ def judgeable(machines: Sequence[Machine]) -> tuple[tuple[Machine, ...], tuple[s
     reasons: list[str] = []
     for machine in machines:
         unsure = [
-            f"{interface.channel} ({'best effort' if interface.best_effort else 'latched'})"
+            f"{interface.channel} ({'best effort' if interface.best_effort else 'transient local'})"
             for interface in machine.interfaces
             if interface.kind is InterfaceKind.SUBSCRIBER
             and (interface.best_effort or interface.latched)

@@ -181,7 +181,7 @@ def test_a_fault_in_the_qualities_has_its_place(tmp_path: Path, topics: str, exp
 
 @pytest.mark.parametrize(
     ("topic", "why"),
-    [('latched="true"', "/t (latched)"), ('reliability="best_effort"', "/t (best effort)")],
+    [('latched="true"', "/t (transient local)"), ('reliability="best_effort"', "/t (best effort)")],
 )
 def test_a_node_whose_inputs_nobody_can_know_is_not_judged(tmp_path: Path, topic, why) -> None:
     kept, reasons = judgeable(read(tmp_path, topic).nodes)
