@@ -5,8 +5,11 @@ A benchmark tells its rows by :func:`publish`; ``python -m benchmarks`` collects
 
 from __future__ import annotations
 
+import argparse
+import inspect
 import os
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -70,15 +73,28 @@ def publish(rows: Sequence[Row]) -> None:
         Path(path).write_bytes(msgspec.json.encode(rows))
 
 
+def command(rows: Callable[..., Sequence[Row]]) -> None:
+    """A benchmark's command: ``rows`` makes its figures, and each of its arguments is an option."""
+    about = inspect.getdoc(sys.modules[rows.__module__]) or ""
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name, option in inspect.signature(rows).parameters.items():
+        default = option.default
+        parser.add_argument(f"--{name}", type=type(default), default=default, help=f"[{default}]")
+    publish(rows(**vars(parser.parse_args())))
+
+
 def as_markdown(rows: Sequence[Row], said: str) -> str:
     """A table of ``rows``; ``said`` heads their names."""
     header = (said, "ours", "peer", "ratio", "target", "")
-    lines = [f"| {' | '.join(cells)} |" for cells in (header, *map(_line, rows))]
-    return "\n".join([lines[0], "|" + "---|" * len(header), *lines[1:]])
+    return markdown_table([header, *((row.what, *_cells(row)) for row in rows)])
 
 
-def _line(row: Row) -> tuple[str, ...]:
-    return row.what, *_cells(row)
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown; the first row heads it."""
+    lines = [f"| {' | '.join(cells)} |" for cells in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])
 
 
 def _cells(row: Row) -> tuple[str, ...]:

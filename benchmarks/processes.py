@@ -1,7 +1,7 @@
 """Processes that are measured: told what to do by lines of JSON, which they answer by lines of JSON.
 
 And what stands around them: a place on the loopback link, what the operating system has on record of a
-process, processors that are busy.
+process, processors that are busy. Above are the ends of who measures, below those of who is measured.
 """
 
 from __future__ import annotations
@@ -94,6 +94,24 @@ class Child:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
+    @classmethod
+    def calling(
+        cls,
+        name: str,
+        function: Callable[..., object],
+        *arguments: object,
+        environment: Mapping[str, str] | None = None,
+        prefix: Sequence[str] = (),
+    ) -> Self:
+        """A process that calls ``function``, which a module has, with arguments that JSON can carry."""
+        module = function.__module__
+        if module == "__main__":
+            module = sys.modules[module].__spec__.name  # type: ignore[union-attr]
+        word = msgspec.json.encode(arguments).decode()
+        code = f"import json, sys; from {module} import {function.__name__} as call"
+        code += "; sys.exit(call(*json.loads(sys.argv[1])))"
+        return cls(name, ["-c", code, word], environment, prefix)
+
     @property
     def pid(self) -> int:
         """Of the process, for the accounts of the operating system."""
@@ -183,6 +201,38 @@ class Child:
             if line is not None and line.startswith("{"):
                 said.append(msgspec.json.decode(line))
         return said
+
+
+def say(what: Any) -> None:
+    """Tell who measures."""
+    print(msgspec.json.encode(what).decode(), flush=True)
+
+
+def ready() -> None:
+    """Tell who measures that one can begin; from now on SIGTERM is an ordinary end."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    say({"ready": True})
+
+
+def until_ended() -> None:
+    """Be there, and ready, until SIGTERM."""
+    ended = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    say({"ready": True})
+    ended.wait()
+
+
+def spin_until_ended(transport: Transport, hear: Callable[[], object] = lambda: None) -> None:
+    """Spin until SIGTERM, then close; ``hear`` is called by the transport at each line of standard input."""
+    signal.signal(signal.SIGTERM, lambda *_: transport.post(transport.close))
+
+    def read() -> None:
+        for _ in sys.stdin:
+            transport.post(hear)
+
+    threading.Thread(target=read, daemon=True).start()
+    transport.spin()
+    transport.close()
 
 
 def free_endpoint() -> str:

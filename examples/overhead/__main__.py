@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import datetime
 import importlib.util
 import secrets
@@ -13,13 +12,16 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
+from msgspec.structs import replace
+from rich.console import Console
+from rich.markdown import Markdown
 
 from benchmarks.processes import ROOT, ChildError
-from examples.overhead import blocks, measuring, node_cost, results, tables
+from benchmarks.ticking import MiddlewareMissingError
+from examples.overhead import blocks, measuring, node_cost, results
 from examples.overhead.brief import three_lines
 from examples.overhead.machine import described, held_awake, this_machine
 from examples.overhead.observers import CONFIGURATIONS
-from examples.overhead.plant import MiddlewareMissingError
 
 PAGES = (ROOT / "docs/overhead.md", ROOT / "docs/overhead-growth.md")
 TRANSPORTS = ("zenoh", "ros2")
@@ -108,7 +110,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.json:
         print(msgspec.json.encode(results.summary(found)).decode())
     else:
-        show(found)
+        console = Console(width=None if sys.stdout.isatty() else 200)
+        console.print(Markdown(results.document(found)))
     missed = [item for item in blocks.targets(found.cells) if not item.is_met]
     return 1 if chosen.full and missed else 0
 
@@ -133,16 +136,18 @@ def measure(chosen: argparse.Namespace, is_awake: bool) -> results.Results:
     problems: list[str] = []
     for transport in TRANSPORTS if wanted == "both" else (wanted,):
         for what, run in parts(chosen, transport):
-            with tolerated(problems, f"{what} on {transport}"):
+            try:
                 for block in run():  # one after the other: what comes before an error is kept
                     found.append(block)
+            except (ChildError, MiddlewareMissingError) as error:
+                # an hour's other figures are not lost for it
+                say(f"{what} on {transport}: {error}")
+                # what the process said last is for who is here; it may name files of this machine
+                text = str(error).partition("\n")[0].rstrip(":")
+                problems.append(f"{what} on {transport}: {text}")
+    when, minutes = began.strftime("%Y-%m-%d %H:%M"), (time.monotonic() - started) / 60
     return results.Results(
-        machine,
-        command_of(chosen),
-        began.strftime("%Y-%m-%d %H:%M"),
-        (time.monotonic() - started) / 60,
-        tuple(found),
-        tuple(problems),
+        machine, command_of(chosen), when, minutes, tuple(found), tuple(problems)
     )
 
 
@@ -159,44 +164,30 @@ def parts(
                 lambda plan=plan, own=own: measuring.measure_table3(transport, plan, say, own),
             )
     growth = measuring.GrowthPlan() if chosen.full else measuring.QUICK_GROWTH
-    growth = msgspec.structs.replace(
-        growth, seed=chosen.seed, rounds=chosen.rounds or growth.rounds
-    )
+    growth = replace(growth, seed=chosen.seed, rounds=chosen.rounds or growth.rounds)
     for name in GROWTH[transport]:
         if name in only or ("growth" in only and (chosen.full or name == "taps")):
             yield name, lambda name=name: measuring.MEASURES[name](transport, growth, say)
     if blocks.COST in only:
         cost = node_cost.CostPlan() if chosen.full else node_cost.QUICK
-        cost = msgspec.structs.replace(cost, seed=chosen.seed)
+        cost = replace(cost, seed=chosen.seed)
         yield "the node's own cost", lambda: iter(node_cost.measure(transport, cost, say))
-
-
-@contextlib.contextmanager
-def tolerated(problems: list[str], what: str) -> Iterator[None]:
-    """What goes wrong is noted and said; an hour's other figures are not lost for it."""
-    try:
-        yield
-    except (ChildError, MiddlewareMissingError) as error:
-        say(f"{what}: {error}")
-        # what the process said last is for who is here; it may name files of this machine
-        problems.append(f"{what}: {str(error).partition(chr(10))[0].rstrip(':')}")
 
 
 def plans(chosen: argparse.Namespace) -> list[tuple[measuring.Plan, Sequence[str]]]:
     """What table III is measured with, and which configurations: one tick a second is apart."""
-    plan = msgspec.structs.replace(FULL if chosen.full else QUICK, seed=chosen.seed)
+    plan = replace(FULL if chosen.full else QUICK, seed=chosen.seed)
     if chosen.rounds:
-        plan = msgspec.structs.replace(plan, rounds=chosen.rounds)
+        plan = replace(plan, rounds=chosen.rounds)
     targets_only = blocks.TABLE3 not in (chosen.only or [blocks.TABLE3])
     if not chosen.full:
         return [(plan, measuring.CORE if targets_only else QUICK_CONFIGURATIONS)]
+    names = measuring.CORE if targets_only else [item.name for item in CONFIGURATIONS]
     slow = {rate: count for rate, count in plan.ticks.items() if 0 < rate < 5}
     fast = {rate: count for rate, count in plan.ticks.items() if rate not in slow}
-    names = measuring.CORE if targets_only else [item.name for item in CONFIGURATIONS]
-    slow_rounds = min(plan.rounds, SLOW_ROUNDS)
-    slowly = msgspec.structs.replace(plan, ticks=slow, warm_up=2, rounds=slow_rounds)
-    # one tick a second takes its time
-    return [(msgspec.structs.replace(plan, ticks=fast), names), (slowly, measuring.CORE)]
+    slow_rounds = min(plan.rounds, SLOW_ROUNDS)  # one tick a second takes its time
+    slowly = replace(plan, ticks=slow, warm_up=2, rounds=slow_rounds)
+    return [(replace(plan, ticks=fast), names), (slowly, measuring.CORE)]
 
 
 def command_of(chosen: argparse.Namespace) -> str:
@@ -208,21 +199,6 @@ def command_of(chosen: argparse.Namespace) -> str:
     words += ["--asleep"] if chosen.asleep else []
     words += [f"--seed {chosen.seed}"]
     return " ".join(words)
-
-
-def show(found: results.Results) -> None:
-    """All tables on the terminal."""
-    print(f"{found.command}, {described(found.machine)}, {found.minutes:.1f} minutes")
-    made = results.made_tables(found)
-    for name in ("table3", "growth", "cost", "targets"):
-        for table in made[name]:
-            tables.print_table(table)
-    for block in found.blocks:
-        if block.deaf:
-            where = f"round {block.round + 1}, {block.experiment}, {block.configuration}"
-            print(f"{block.transport}, {where}: {block.deaf}")
-    for problem in found.problems:
-        print(f"not measured: {problem}")
 
 
 if __name__ == "__main__":

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from benchmarks.processes import ChildError
+from benchmarks.ticking import WHOLE
 from examples.overhead import measuring
 from examples.overhead.blocks import PAPER, Block, cells
-from examples.overhead.load import ROOT
 from examples.overhead.observers import CONFIGURATIONS
 
 PLAN = measuring.Plan(rounds=1, ticks={20.0: 25}, settle=20, warm_up=5, run_in=50)
@@ -31,11 +31,11 @@ def three_lines() -> list[str]:
 
 def lines(blocks: Sequence[Block]) -> list[str]:
     """What the demo says of ``blocks``, of which there are those of all three configurations."""
-    found = {cell.configuration: cell for cell in cells(blocks) if cell.series == ROOT}
+    found = {cell.configuration: cell for cell in cells(blocks) if cell.series == WHOLE}
     none, both, middle = (found[name] for name in NAMES)
     assert both.ratio is not None
     assert middle.ratio is not None
-    paper = PAPER[ROOT]
+    paper = PAPER[WHOLE]
     failed = sum(cell.failures for cell in found.values())
     doubts = [f"{failed} ticks failed"] if failed else []
     doubts += [f"{item.configuration}: {item.deaf}" for item in blocks if item.deaf]

@@ -1,46 +1,31 @@
-"""Many skills: copies of BatteryLevelSkill, each a node with a tick of its own, and who ticks them.
+"""Many skills: copies of BatteryLevelSkill, each a node with a tick of its own, and who ticks them in turn.
 
-``python -m examples.overhead.fleet host FOLDER`` runs the nodes (many in one process: 200 interpreters would
-measure the operating system), ``load`` ticks them in turn; the rate is that of all ticks together.
-On Zenoh the load is a router and the nodes are its clients: 200 peers would keep 19,900 links.
+The nodes are in one process: 200 interpreters would measure the operating system. The rate is that of all
+ticks together. The load is a Zenoh router and the nodes are its clients: 200 peers would keep 19,900 links.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import itertools
 import logging
-import signal
-import sys
 import threading
-import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
-from benchmarks.processes import ROOT as REPOSITORY
-from benchmarks.processes import Child, ChildError, free_endpoint
-from examples.overhead.load import (
-    ROOT,
-    Order,
-    Stopwatch,
-    Taken,
-    answer_orders,
-    carried_out,
-    why_failed,
-)
+from benchmarks.processes import ROOT, Child, ChildError, free_endpoint, say, until_ended
+from benchmarks.ticking import INTERFACES, answer_orders, spun
+from examples.overhead.load import why_failed
 from m2c.launch.in_process import compile_node
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
 from m2c.runtime.binding import NodeSettings
 from m2c.runtime.messages import message_class
-from transports.interface import Service, Transport
+from transports.interface import Service
 from transports.registry import connect
 
-MODEL = REPOSITORY / "examples/lab_tour/skills/BatteryLevelSkill.scxml"
-INTERFACES = REPOSITORY / "examples/lab_tour/interfaces"
+MODEL = ROOT / "examples/lab_tour/skills/BatteryLevelSkill.scxml"
 TICK_TYPE = "bt_interfaces/srv/TickCondition"
 READY_S = 300.0
 """200 nodes take 20 s to come up on two idle cores, and minutes beside others' work."""
@@ -60,69 +45,42 @@ def write_models(folder: Path, count: int) -> None:
         (folder / f"{name_of(number)}.scxml").write_text(own, encoding="utf-8")
 
 
-def read_models(folder: Path) -> System:
+def read_models(folder: str) -> System:
     """The models in ``folder``."""
-    system = load([folder], DiagnosticLog(), [INTERFACES])
+    logging.basicConfig(level=logging.CRITICAL)
+    system = load([Path(folder)], DiagnosticLog(), [INTERFACES])
     assert system is not None
     return system
 
 
-def host(folder: Path, options: dict[str, str]) -> None:
-    """Run every model in ``folder`` as a node, until SIGTERM."""
+def host(folder: str, config: str) -> None:
+    """Run every model in ``folder`` as a node, until SIGTERM; ``config`` is Zenoh's."""
     system = read_models(folder)
-    ended = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: ended.set())
-    transports: list[Transport] = []
-    try:
+    with contextlib.ExitStack() as stack:
         for machine in system.nodes:
-            transport = connect("zenoh", machine.name, options)
-            transports.append(transport)
+            transport = connect("zenoh", machine.name, {"config": config})
+            stack.enter_context(contextlib.closing(transport))
             node = compile_node(machine, system)(transport, NodeSettings())
             transport.post(node.start)
             transport.post(transport.announce)
             threading.Thread(target=transport.spin, daemon=True).start()
-        print('{"ready": true}', flush=True)
-        ended.wait()
-    finally:
-        for transport in transports:
-            transport.close()
+        until_ended()
 
 
-def tick_fleet(folder: Path, options: dict[str, str]) -> int:
+def tick_fleet(folder: str, config: str) -> None:
     """Tick as told until standard input ends."""
     system = read_models(folder)
     kind = system.library.service(TICK_TYPE)
     request, response = message_class(kind.request), message_class(kind.response)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    transport = connect("zenoh", "policy", options)
-    print("listening", flush=True)
-    threading.Thread(target=transport.spin, daemon=True).start()
-    try:
+    with contextlib.closing(connect("zenoh", "policy", {"config": config})) as transport:
+        say({"listening": True})
         names = [machine.name for machine in system.nodes]
-        clients = [
-            transport.client(Service(f"/{name}/tick", kind.name, request, response))
-            for name in names
-        ]
-        transport.announce()
-        missing = transport.wait_for_nodes(names, READY_S)
-        if missing:
-            print(f"not up: {', '.join(missing)}", file=sys.stderr)
-            return 2
-
-        def carry_out(order: Order) -> Taken:
-            turns = itertools.cycle(clients)
-
-            def tick(watch: Stopwatch) -> None:
-                called = time.perf_counter_ns()
-                result = next(turns).call_and_wait(request())
-                watch.note(ROOT, (time.perf_counter_ns() - called) / 1e3, why_failed(result))
-
-            return carried_out(order, tick)
-
-        answer_orders(carry_out)
-    finally:
-        transport.close()
-    return 0
+        services = [Service(f"/{name}/tick", kind.name, request, response) for name in names]
+        clients = itertools.cycle([transport.client(service) for service in services])
+        spun(transport, names, READY_S)
+        answer_orders(
+            lambda _, watch: watch.time(lambda: next(clients).call_and_wait(request()), why_failed)
+        )
 
 
 def start(stack: contextlib.ExitStack, scratch: Path, count: int) -> tuple[Path, Path, Child]:
@@ -136,15 +94,11 @@ def start(stack: contextlib.ExitStack, scratch: Path, count: int) -> tuple[Path,
     clients.write_bytes(
         msgspec.json.encode({"mode": "client", "connect": {"endpoints": [meeting]}})
     )
-    command = ["-m", "examples.overhead.fleet"]
-    load = stack.enter_context(
-        Child("the load", [*command, "load", str(folder), "--zenoh-config", str(router)])
-    )
-    load.wait_for(lambda line: "listening" in line)
-    skills = stack.enter_context(
-        Child("the skills", [*command, "host", str(folder), "--zenoh-config", str(clients)])
-    )
-    skills.answer(READY_S)
+    child = Child.calling("the load", tick_fleet, str(folder), str(router))
+    load = stack.enter_context(child)
+    load.answer()
+    skills = Child.calling("the skills", host, str(folder), str(clients))
+    stack.enter_context(skills).answer(READY_S)
     load.answer(READY_S)
     return folder, clients, load
 
@@ -159,24 +113,3 @@ def monitor(folder: Path, clients: Path, count: int) -> Child:
         child.stop()
         raise
     return child
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line."""
-    parser = argparse.ArgumentParser(description="Many skills, and who ticks them.")
-    commands = parser.add_subparsers(dest="command", required=True)
-    for name in ("host", "load"):
-        command = commands.add_parser(name)
-        command.add_argument("folder", type=Path, help="of the models")
-        command.add_argument("--zenoh-config", default="")
-    chosen = parser.parse_args(arguments)
-    logging.basicConfig(level=logging.CRITICAL)
-    options = {"config": chosen.zenoh_config} if chosen.zenoh_config else {}
-    if chosen.command == "load":
-        return tick_fleet(chosen.folder, options)
-    host(chosen.folder, options)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

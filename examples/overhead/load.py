@@ -1,27 +1,24 @@
 """The load: the policy's process, which ticks the tree when it is told and says how long that took.
 
-``python -m examples.overhead.load POLICY-FOLDER --listen ENDPOINT --wait-for NODE …``. Reads orders
-from standard input, a JSON object a line, and answers each with one (:class:`Order`, :class:`Taken`).
-
 The tree is ticked by the policy runner of a generated policy; what is added is a clock around each
 call. It is the same whatever monitors.
 """
 
 from __future__ import annotations
 
-import argparse
 import logging
 import queue
-import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from benchmarks.processes import READY_S, ready, say
+from benchmarks.ticking import WHOLE, Order, Stopwatch, Taken, carried_out, spun
 from examples.overhead.routes import rerouted
 from m2c.launch.description import POLICY_FILE
 from m2c.policy.program import Policy
@@ -29,102 +26,8 @@ from m2c.policy.runner import PolicyRunner
 from transports.interface import CallOutcome, CallResult, Client, Message, Service, Topic, Transport
 from transports.registry import connect
 
-ROOT = "ROOT"
-"""The series of whole ticks of the tree, as the paper's table calls it."""
-LEVEL = "/BatteryComponent/level"
 LEVEL_S = 0.5
-"""It is told so often (``rate_hz`` of the battery's model)."""
-READY_S = 60.0
-
-
-class Order(msgspec.Struct, frozen=True):
-    """What to do: ``warm_up`` ticks that are not measured, then ``ticks`` that are.
-
-    Attributes:
-        rate_hz: ticks of the tree a second; 0: the next one as soon as one has ended.
-        rest: do not tick until the next order; else, and if no tick has failed, the tree is ticked
-            each time that the battery has told its level, because the properties want the alarm rung.
-        size: of an answer in bytes (``examples.overhead.echo``).
-    """
-
-    ticks: int
-    rate_hz: float
-    warm_up: int = 5
-    rest: bool = False
-    size: int = 0
-
-
-class Taken(msgspec.Struct, frozen=True):
-    """What one order took.
-
-    Attributes:
-        micros: per skill and for ROOT, how long each tick took. One that failed is among them.
-        failures: per skill and for ROOT, how many ticks failed: no answer, or one that says that
-            something behind it failed; of ROOT, those in which a skill failed or was not ticked.
-        reasons: why, the first few.
-        warm_up_failures: failures among the ticks that were not measured.
-        seconds: from the first measured tick to the end of the last.
-        processor_s: processor time of the policy's process in that time.
-    """
-
-    micros: dict[str, list[float]]
-    failures: dict[str, int]
-    reasons: list[str]
-    warm_up_failures: int
-    seconds: float
-    processor_s: float
-
-
-class Stopwatch:
-    """Notes how long each call of a skill took, and which failed."""
-
-    def __init__(self) -> None:
-        self.micros: dict[str, list[float]] = {}
-        self.failures: dict[str, int] = {}
-        self.reasons: list[str] = []
-
-    def note(self, name: str, micros: float, failure: str) -> None:
-        """One tick of ``name``; ``failure``: why it counts as failed, "" if it does not."""
-        self.micros.setdefault(name, []).append(micros)
-        self.failures.setdefault(name, 0)
-        if failure:
-            self.failures[name] += 1
-            if len(self.reasons) < 5:
-                self.reasons.append(f"{name}: {failure}")
-
-
-def carried_out(
-    order: Order, tick: Callable[[Stopwatch], None], before_pause: Callable[[], None] = lambda: None
-) -> Taken:
-    """Carry out one order.
-
-    Args:
-        order: how many ticks, at which rate.
-        tick: makes one, and notes it.
-        before_pause: called where the next tick is not due yet.
-    """
-    watches = Stopwatch(), Stopwatch()
-    pace = threading.Event()  # never set: what waits for the next period
-    for watch, count in zip(watches, (order.warm_up, order.ticks), strict=True):
-        began = due = time.perf_counter()
-        processor = time.process_time()
-        for _ in range(count):
-            tick(watch)
-            if order.rate_hz:
-                due = max(due + 1 / order.rate_hz, time.perf_counter())
-                pause = due - time.perf_counter()
-                if pause > 0:
-                    before_pause()
-                    pace.wait(pause)
-    warm_up, measured = watches
-    return Taken(
-        measured.micros,
-        measured.failures,
-        [*(f"in the warm-up: {reason}" for reason in warm_up.reasons), *measured.reasons],
-        warm_up.failures.get(ROOT, 0),
-        time.perf_counter() - began,
-        time.process_time() - processor,
-    )
+"""The battery's level is told so often (``rate_hz`` of its model)."""
 
 
 class TimedClient:
@@ -137,11 +40,9 @@ class TimedClient:
 
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Call, and note how long it took."""
-        began = time.perf_counter_ns()
-        result = self._client.call_and_wait(request, timeout_s)
-        micros = (time.perf_counter_ns() - began) / 1e3
-        self._load.stopwatch.note(self._name, micros, why_failed(result))
-        return result
+        return self._load.stopwatch.time(
+            lambda: self._client.call_and_wait(request, timeout_s), why_failed, self._name
+        )
 
 
 def why_failed(result: CallResult) -> str:
@@ -157,14 +58,13 @@ class Load:
     Args:
         transport: the policy's connection.
         policy: the policy, as generated.
-        tick_timeout_s: how long a skill may take to answer.
     """
 
-    def __init__(self, transport: Transport, policy: Policy, tick_timeout_s: float = 5.0) -> None:
+    def __init__(self, transport: Transport, policy: Policy) -> None:
         self.stopwatch = Stopwatch()
         self._transport = transport
         self._names = {leaf.tick: leaf.name for leaf in policy.leaves}
-        self._runner = PolicyRunner(self, policy, tick_timeout_s=tick_timeout_s)
+        self._runner = PolicyRunner(self, policy, tick_timeout_s=5.0)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._transport, name)
@@ -173,64 +73,55 @@ class Load:
         """A client with a clock."""
         return TimedClient(self._transport.client(service), self._names[service.name], self)
 
-    def _tick(self) -> None:
+    def tick(self, watch: Stopwatch) -> None:
         """One tick of the tree."""
-        watch = self.stopwatch
+        self.stopwatch = watch
         called = {name: len(watch.micros.get(name, ())) for name in self._names.values()}
-        failed = sum(watch.failures.values()) - watch.failures.get(ROOT, 0)
+        failed = sum(watch.failures.values()) - watch.failures.get(WHOLE, 0)
         began = time.perf_counter_ns()
         self._runner.tick()
         micros = (time.perf_counter_ns() - began) / 1e3
         left_out = [name for name, n in called.items() if len(watch.micros.get(name, ())) == n]
         why = f"not ticked: {', '.join(left_out)}" if left_out else ""
-        if sum(watch.failures.values()) - watch.failures.get(ROOT, 0) > failed:
+        if sum(watch.failures.values()) - watch.failures.get(WHOLE, 0) > failed:
             why = "a skill failed"
-        watch.note(ROOT, micros, why)
+        watch.note(WHOLE, micros, why)
 
     def run(self, order: Order) -> Taken:
-        """Carry out one order."""
-
-        def tick(watch: Stopwatch) -> None:
-            self.stopwatch = watch
-            self._tick()
-
-        return carried_out(
-            order, tick, self._transport.tick_complete
-        )  # as the runner does behind a tick
+        """Carry out one order; what the runner does behind a tick is done in its pauses."""
+        return carried_out(order, self.tick, self._transport.tick_complete)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Tick as told until standard input ends."""
-    parser = argparse.ArgumentParser(description="Tick the tree when told, and say what it took.")
-    parser.add_argument("folder", type=Path, help="of the generated policy: has policy.json")
-    parser.add_argument("--transport", default="zenoh")
-    parser.add_argument("--listen", default="", help="zenoh: where the nodes meet")
-    parser.add_argument("--wait-for", action="append", default=[], metavar="NODE")
-    parser.add_argument("--rerouted", action="store_true", help="tick by way of the monitor")
-    parser.add_argument("--tick-timeout", type=float, default=5.0)
-    chosen = parser.parse_args(arguments)
+def tick_tree(
+    folder: str,
+    transport_name: str,
+    options: Mapping[str, str],
+    names: Sequence[str],
+    through_the_middle: bool,
+) -> None:
+    """Tick as told until standard input ends.
+
+    Args:
+        folder: of the generated policy.
+        transport_name: of the policy's connection.
+        options: of the policy's connection.
+        names: nodes to wait for.
+        through_the_middle: tick by way of the monitor.
+    """
     logging.basicConfig(level=logging.CRITICAL)  # failures are counted and told, not logged
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    policy = msgspec.json.decode((chosen.folder / POLICY_FILE).read_bytes(), type=Policy)
-    if chosen.rerouted:
+    policy = msgspec.json.decode((Path(folder) / POLICY_FILE).read_bytes(), type=Policy)
+    if through_the_middle:
         leaves = tuple(msgspec.structs.replace(x, tick=rerouted(x.tick)) for x in policy.leaves)
         policy = msgspec.structs.replace(policy, leaves=leaves)
-    transport = connect(
-        chosen.transport, "policy", {"listen": chosen.listen} if chosen.listen else {}
-    )
-    spinner = threading.Thread(target=transport.spin, daemon=True)
+    transport = connect(transport_name, "policy", dict(options))
     try:
         events: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        transport.subscribe(level_topic(), lambda _: events.put(_LEVEL))
-        load = Load(transport, policy, chosen.tick_timeout)
-        spinner.start()
-        transport.announce()
-        missing = transport.wait_for_nodes(chosen.wait_for, READY_S)
-        if missing:
-            print(f"not up: {', '.join(missing)}", file=sys.stderr)
-            return 2
+        level = Topic("/BatteryComponent/level", "std_msgs/msg/Int32", Int32)
+        transport.subscribe(level, lambda _: events.put(_LEVEL))
+        load = Load(transport, policy)
+        spun(transport, names)
         threading.Thread(target=_read_orders, args=(events,), daemon=True).start()
-        print('{"ready": true}', flush=True)
+        ready()
         rests, parts = True, phases()
         while (event := events.get()) is not None:
             if event != _LEVEL:
@@ -239,24 +130,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 begins = not order.ticks or _into_next_level(events, next(parts))
                 taken = load.run(order) if begins else None
                 rests = order.rest or taken is None or any(taken.failures.values())
-                print(msgspec.json.encode(taken).decode(), flush=True)
+                say(taken)
             elif not rests:
                 load.run(Order(1, 0.0, 0))
     finally:
         transport.close()
-    return 0
 
 
 _LEVEL = "level"
 """The event that the battery has told its level; the others are orders, and None the end of them."""
-
-
-def answer_orders(carry_out: Callable[[Order], Taken]) -> None:
-    """Answer each order on standard input until it ends; says that it is ready before."""
-    print('{"ready": true}', flush=True)
-    for line in sys.stdin:
-        taken = carry_out(msgspec.json.decode(line, type=Order))
-        print(msgspec.json.encode(taken).decode(), flush=True)
 
 
 def _read_orders(events: queue.SimpleQueue[str | None]) -> None:
@@ -288,16 +170,8 @@ def phases() -> Iterator[float]:
     """
     part = 0.0
     while True:
-        part = (part + _GOLDEN) % 1.0
+        part = (part + (5**0.5 - 1) / 2) % 1.0
         yield part
-
-
-_GOLDEN = (5**0.5 - 1) / 2
-
-
-def level_topic() -> Topic:
-    """The battery's level."""
-    return Topic(LEVEL, "std_msgs/msg/Int32", Int32)
 
 
 class Int32(msgspec.Struct):
@@ -305,7 +179,3 @@ class Int32(msgspec.Struct):
 
     __type_name__ = "std_msgs/msg/Int32"
     data: int = 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

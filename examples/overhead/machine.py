@@ -41,9 +41,11 @@ class Machine(msgspec.Struct, frozen=True):
 
 def this_machine(is_awake: bool) -> Machine:
     """The machine that this runs on; whether its processors are held awake."""
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return Machine(
-        _processor(),
+        models[0] if models else platform.machine(),
         len(os.sched_getaffinity(0)),
         round(memory / 2**30, 1),
         f"{platform.system()} {platform.release()}",
@@ -53,13 +55,6 @@ def this_machine(is_awake: bool) -> Machine:
         os.getloadavg()[0],
         is_awake,
     )
-
-
-def _processor() -> str:
-    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.machine()
 
 
 def _version(name: str) -> str:

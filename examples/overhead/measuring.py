@@ -11,17 +11,27 @@ import contextlib
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
-from benchmarks.processes import READY_S, Child, ChildError, machine_s
+from benchmarks.processes import Child, ChildError, machine_s
 from benchmarks.sampling import rounds
-from examples.overhead import echo, fleet
+from benchmarks.ticking import (
+    CLIENT,
+    SERVER,
+    WHOLE,
+    Order,
+    at_rate,
+    called,
+    listeners,
+    middleware,
+    ordered,
+)
+from examples.overhead import fleet
 from examples.overhead.blocks import NOBODY, TABLE3, Block
-from examples.overhead.load import ROOT, Order, Taken
 from examples.overhead.observers import CONFIGURATIONS, Configuration, deaf, observed, told
-from examples.overhead.plant import ORDER_S, Plant, generate, listener, middleware
+from examples.overhead.plant import Plant, running
 
 CORE = ("none", "control", "both")
 """What there are targets for, and what it is compared with."""
@@ -92,7 +102,8 @@ def block_of(
     place: tuple[str, str, float, float, str],
     number: int,
     watchers: Sequence[Child],
-    measure: Callable[[], Taken],
+    ticking: Child,
+    order: Order,
 ) -> Block:
     """One block.
 
@@ -100,22 +111,25 @@ def block_of(
         place: :attr:`Block.place`.
         number: of the round.
         watchers: whose processor time counts.
-        measure: has the ticks made.
+        ticking: who makes the ticks.
+        order: how many of them, at which rate.
     """
     used, (busy, all_of_it) = [child.processor_s() for child in watchers], machine_s()
-    taken = measure()
+    taken = ordered(ticking, order)
     used_after, (busy_after, all_after) = [child.processor_s() for child in watchers], machine_s()
     failures = {**taken.failures}
-    failures[ROOT] = failures.get(ROOT, 0) + taken.warm_up_failures
+    failures[WHOLE] = failures.get(WHOLE, 0) + taken.warm_up_failures
+    # growth is that of whole ticks
+    values = taken.micros if place[0] == TABLE3 else {WHOLE: taken.micros[WHOLE]}
     return Block(
         *place,
         number,
-        taken.micros,
+        values,
         failures,
         tuple(taken.reasons),
         (sum(used_after) - sum(used)) / taken.seconds,
         (busy_after - busy) / max(all_after - all_of_it, 1e-9),
-        len(taken.micros.get(ROOT, ())) / taken.seconds,
+        len(taken.micros.get(WHOLE, ())) / taken.seconds,
     )
 
 
@@ -135,8 +149,8 @@ def measure_table3(
     """
     with contextlib.ExitStack() as stack:
         plants = {
-            middle: stack.enter_context(_plant(transport, middle))
-            for middle in sorted({c.observation.is_in_the_middle for c in configurations})
+            middle: stack.enter_context(running(transport, middle))
+            for middle in sorted({bool(c.middle) for c in configurations})
         }
         if plan.run_in and False in plants:
             say(f"{transport}: {plan.run_in} ticks that do not count: everything is cold at first")
@@ -144,7 +158,7 @@ def measure_table3(
         for number, configuration in rounds(configurations, plan.rounds, plan.seed):
             if plan.has_turn(configuration, number):
                 say(f"{transport}: round {number + 1} of {plan.rounds}, {configuration.label}")
-                plant = plants[configuration.observation.is_in_the_middle]
+                plant = plants[bool(configuration.middle)]
                 try:
                     turn = _turn(plant, plan, configuration, number)
                 except ChildError as error:
@@ -168,52 +182,45 @@ def _turn(plant: Plant, plan: Plan, configuration: Configuration, number: int) -
         for rate_hz in sorted(plan.ticks, key=lambda rate: rate or float("inf")):
             order = Order(plan.ticks[rate_hz], rate_hz, plan.warm_up)
             place = (TABLE3, plant.where.transport, rate_hz, 0.0, configuration.name)
-            watchers = observers.processes
-            turn.append(block_of(place, number, watchers, lambda order=order: plant.run(order)))
+            turn.append(block_of(place, number, observers.processes, plant.load, order))
     ticks = plan.settle + sum(plan.ticks.values()) + plan.warm_up * len(plan.ticks)
     heard = observers.heard
     why = deaf(configuration, heard, ticks)
-    return [msgspec.structs.replace(item, lag_ms=heard.lag_ms, deaf=why) for item in turn]
+    return [replace(item, lag_ms=heard.lag_ms, deaf=why) for item in turn]
 
 
 def measure_taps(transport: str, plan: GrowthPlan, say: Say) -> Iterator[Block]:
     """ROOT against the number of taps, each a process that decodes everything it hears."""
-    with _plant(transport) as plant:
+    with running(transport) as plant:
         names = [*plant.names, "policy"]
         for number, count in rounds(plan.taps, plan.rounds, plan.seed):
             say(f"{transport}: round {number + 1} of {plan.rounds}, {count} taps")
             with contextlib.ExitStack() as stack:
-                taps = [stack.enter_context(listener(plant.where, names)) for _ in range(count)]
-                for tap in taps:
-                    tap.answer()
+                taps = listeners(stack, plant.where, names, count)
                 for rate_hz in (10.0, 0.0):
                     order = Order(plan.block(rate_hz), rate_hz)
                     place = ("taps", transport, rate_hz, count, "tap" if count else NOBODY)
-                    yield _tapped(place, number, taps, lambda order=order: plant.run(order))
+                    yield _tapped(place, number, taps, plant.load, order)
                 plant.rest()
 
 
 def measure_rates(transport: str, plan: GrowthPlan, say: Say) -> Iterator[Block]:
     """ROOT against the rate of the tree, unmonitored and with everything monitored passively."""
     chosen = [item for item in CONFIGURATIONS if item.name in (NOBODY, "both")]
-    with _plant(transport) as plant:
+    with running(transport) as plant:
         turns = [(rate_hz, item) for rate_hz in plan.rates for item in chosen]
         for number, (rate_hz, configuration) in rounds(turns, plan.rounds, plan.seed):
-            say(f"{transport}: round {number + 1} of {plan.rounds}, {rate_hz:g} ticks/s")
+            say(f"{transport}: round {number + 1} of {plan.rounds}, {at_rate(rate_hz)}")
             order = Order(plan.block(rate_hz), rate_hz, 3 if 0 < rate_hz < 5 else 5)
             place = ("rate", transport, rate_hz, 0.0, configuration.name)
             with observed(configuration, plant) as observers:
-                watchers = observers.processes
-                run = block_of(place, number, watchers, lambda order=order: plant.run(order))
-            why = deaf(configuration, observers.heard, order.ticks)
-            yield _root_only(run, lag_ms=observers.heard.lag_ms, deaf=why)
+                block = block_of(place, number, observers.processes, plant.load, order)
+            heard = observers.heard
+            yield replace(block, lag_ms=heard.lag_ms, deaf=deaf(configuration, heard, order.ticks))
 
 
 def measure_skills(transport: str, plan: GrowthPlan, say: Say) -> Iterator[Block]:
-    """One tick against the number of skills that ``moon monitor`` has models of."""
-    if transport != "zenoh":
-        say(f"{transport}: no fleet: DDS has room for about 120 participants on a machine")
-        return
+    """One tick against the number of skills that ``moon monitor`` has models of; on Zenoh."""
     for count in plan.skills:
         with contextlib.ExitStack() as stack:
             scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fleet-")))
@@ -224,31 +231,24 @@ def measure_skills(transport: str, plan: GrowthPlan, say: Say) -> Iterator[Block
                 order = Order(plan.ticks, FLEET_RATE_HZ, max(10, count))
                 place = ("skills", transport, FLEET_RATE_HZ, count, "models" if watched else NOBODY)
                 watchers = [fleet.monitor(folder, clients, count)] if watched else []
-                run = block_of(
-                    place, number, watchers, lambda load=load, order=order: _asked(load, order)
-                )
-                for watcher in watchers:
-                    heard = told(watcher.stop())
-                    run = msgspec.structs.replace(run, lag_ms=heard.lag_ms)
-                yield run
+                block = block_of(place, number, watchers, load, order)
+                lags = [told(watcher.stop()).lag_ms for watcher in watchers]
+                yield replace(block, lag_ms=lags[0] if lags else None)
 
 
 def measure_payloads(transport: str, plan: GrowthPlan, say: Say) -> Iterator[Block]:
     """One call against the size of its answer, untapped and tapped."""
     with contextlib.ExitStack() as stack:
         where = stack.enter_context(middleware(transport))
-        caller = echo.start(stack, where, plan.sizes)
-        turns = [(size, watched) for size in plan.sizes for watched in (False, True)]
-        for number, (size, watched) in rounds(turns, plan.rounds, plan.seed):
+        caller = called(stack, where, plan.sizes)
+        turns = [(size, count) for size in plan.sizes for count in (0, 1)]
+        for number, (size, count) in rounds(turns, plan.rounds, plan.seed):
             say(f"{transport}: round {number + 1} of {plan.rounds}, {size} bytes")
             order = Order(plan.block(PAYLOAD_RATE_HZ), PAYLOAD_RATE_HZ, size=size)
-            place = ("payload", transport, PAYLOAD_RATE_HZ, size, "tap" if watched else NOBODY)
+            place = ("payload", transport, PAYLOAD_RATE_HZ, size, "tap" if count else NOBODY)
             with contextlib.ExitStack() as turn:
-                names = [echo.SERVER, echo.CLIENT]
-                taps = [turn.enter_context(listener(where, names))] if watched else []
-                for tap in taps:
-                    tap.answer()
-                yield _tapped(place, number, taps, lambda order=order: _asked(caller, order))
+                taps = listeners(turn, where, [SERVER, CLIENT], count)
+                yield _tapped(place, number, taps, caller, order)
 
 
 MEASURES: dict[str, Callable[[str, GrowthPlan, Say], Iterator[Block]]] = {
@@ -259,39 +259,21 @@ MEASURES: dict[str, Callable[[str, GrowthPlan, Say], Iterator[Block]]] = {
 }
 
 
-def _asked(child: Child, order: Order) -> Taken:
-    answer = child.ask(msgspec.to_builtins(order), READY_S + ORDER_S)
-    return msgspec.convert(answer, Taken)
-
-
-def _root_only(run: Block, **changes: Any) -> Block:
-    """Growth is that of whole ticks."""
-    return msgspec.structs.replace(run, values={ROOT: run.values[ROOT]}, **changes)
-
-
 def _tapped(
     place: tuple[str, str, float, float, str],
     number: int,
     taps: Sequence[Child],
-    measure: Callable[[], Taken],
+    ticking: Child,
+    order: Order,
 ) -> Block:
     """A block and how late its taps heard of it: the slowest one's lag."""
     for tap in taps:
         tap.ask({})  # what it heard before
-    run = block_of(place, number, taps, measure)
+    block = block_of(place, number, taps, ticking, order)
     reports = [tap.ask({}) for tap in taps]
-    return _root_only(
-        run,
+    return replace(
+        block,
         lag_ms=max((report["lag_p50_ms"] for report in reports), default=None),
         lag_p99_ms=max((report["lag_p99_ms"] for report in reports), default=None),
         deaf="" if all(report["heard"] for report in reports) else "a tap heard nothing",
     )
-
-
-@contextlib.contextmanager
-def _plant(transport: str, through_the_middle: bool = False) -> Iterator[Plant]:
-    with contextlib.ExitStack() as stack:
-        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="overhead-")))
-        where = stack.enter_context(middleware(transport))
-        folder = generate(scratch, through_the_middle)
-        yield stack.enter_context(Plant(where, folder, through_the_middle))

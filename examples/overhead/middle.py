@@ -1,7 +1,7 @@
 """The paper's way: a monitor in the middle of each call, which forwards what its oracle has judged.
 
-``python -m examples.overhead.middle --oracle in-process`` or ``--oracle ws://127.0.0.1:PORT``. A line on
-standard input has its oracle begin anew.
+Two processes, :func:`stand` and, where the oracle is asked over a WebSocket, :func:`judge_over_websocket`. A
+line on standard input has the oracle begin anew.
 
 As MOON and ROSMonitoring have it: the monitor serves ``/name_mon``; it asks the oracle about the request,
 waits for the verdict, calls ``/name``, asks about the response, waits again, and answers. It stands on
@@ -15,19 +15,20 @@ no logging. With ``in-process`` even the WebSocket is left out, which neither MO
 
 from __future__ import annotations
 
-import argparse
+import asyncio
 import itertools
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
 
-from examples.overhead.plant import SYSTEM
+from benchmarks.processes import say, spin_until_ended
+from examples.overhead.plant import read_system
 from examples.overhead.routes import MONITORED, rerouted
-from m2c.model import DiagnosticLog, load
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
@@ -70,7 +71,7 @@ class LocalOracle:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self.begin()
+        self._anew()
 
     def begin(self) -> None:
         """Forget everything: what comes from now on is judged.
@@ -78,6 +79,10 @@ class LocalOracle:
         While the monitor comes, calls fail on their way to it; that is no fault of the skills. They have
         run before, as with the passive monitor.
         """
+        self._anew()
+        say({"began": True})
+
+    def _anew(self) -> None:
         system = self._system
         self._monitor = ModelMonitor(monitored(system), system.library, synchronised=False)
         self.asked = 0
@@ -119,6 +124,9 @@ class ManInTheMiddle:
         machines: the monitored skills.
         library: their message types.
         ask: the oracle; called before anything is forwarded, and waited for.
+
+    Attributes:
+        forwarded, failed: calls, and those of them that ended without a response.
     """
 
     def __init__(
@@ -128,10 +136,7 @@ class ManInTheMiddle:
         library: InterfaceLibrary,
         ask: Ask,
     ) -> None:
-        self.forwarded = 0
-        """Calls."""
-        self.failed = 0
-        """Calls that ended without a response."""
+        self.forwarded = self.failed = 0
         self._transport = transport
         self._library = library
         self._ask = ask
@@ -152,23 +157,19 @@ class ManInTheMiddle:
 
         def forward(request: Request) -> None:
             self.forwarded += 1
-            call = next(self._calls)
-
-            def tell(what: ObservationKind, message: Any, error: str = "") -> None:
-                type_name = kind.request.name if what is before else kind.response.name
-                data = None if message is None else msgspec.to_builtins(message)
-                self._tell(what, channel, type_name, data, machine, request.client, call, error)
+            about = {"source": machine, "client": request.client, "call": next(self._calls)}
 
             def answer(result: CallResult) -> None:
                 if result.outcome is CallOutcome.RESPONSE:
-                    tell(after, result.response)
+                    self._tell(after, channel, kind.response.name, result.response, **about)
                     request.respond(result.response)
                 else:
                     self.failed += 1
-                    tell(after, None, f"{result.outcome}: {result.error}")
+                    error = f"{result.outcome}: {result.error}"
+                    self._tell(after, channel, kind.response.name, None, error=error, **about)
                     request.fail(result.error or str(result.outcome))
 
-            tell(before, request.data)
+            self._tell(before, channel, kind.request.name, request.data, **about)
             client.call(request.data, answer)
 
         self._transport.serve(Service(rerouted(channel), *types), forward)
@@ -178,21 +179,12 @@ class ManInTheMiddle:
         topic = Topic(str(interface.channel), interface.type_name, message_class(structure))
 
         def hear(message: Any) -> None:
-            data = msgspec.to_builtins(message)
-            self._tell(ObservationKind.MESSAGE, topic.name, topic.type_name, data, "", "", 0)
+            self._tell(ObservationKind.MESSAGE, topic.name, topic.type_name, message, source="")
 
         self._transport.subscribe(topic, hear)
 
     def _tell(
-        self,
-        kind: ObservationKind,
-        channel: str,
-        type_name: str,
-        data: Any,
-        source: str,
-        client: str,
-        call: int,
-        error: str = "",
+        self, kind: ObservationKind, channel: str, type_name: str, message: Any, **about: Any
     ) -> None:
         now_ns = self._transport.now_ns()
         self._ask(
@@ -202,11 +194,8 @@ class ManInTheMiddle:
                 channel=channel,
                 kind=kind,
                 type_name=type_name,
-                data=data,
-                source=source,
-                client=client,
-                call=call,
-                error=error,
+                data=None if message is None else msgspec.to_builtins(message),
+                **about,
             )
         )
 
@@ -229,49 +218,64 @@ def over_websocket(url: str) -> tuple[Ask, Callable[[], None]]:
     return ask, line.close
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Stand in the middle until SIGTERM; says what was done at the end."""
-    parser = argparse.ArgumentParser(description="Forward the skills' calls, each judged first.")
-    parser.add_argument("--oracle", default="in-process", help="in-process, or a ws:// address")
-    parser.add_argument("--transport", default="zenoh")
-    parser.add_argument("--endpoint", default="")
-    chosen = parser.parse_args(arguments)
-    system = load([SYSTEM], DiagnosticLog())
-    assert system is not None
+def stand(transport_name: str, options: Mapping[str, str], url: str) -> None:
+    """Stand in the middle until SIGTERM; says what was done at the end.
+
+    Args:
+        transport_name: of its connection.
+        options: of its connection.
+        url: of the oracle's WebSocket; "": the oracle is in this process.
+    """
+    system = read_system()
     local = LocalOracle(system)
-    ask: Ask = local.ask
-    hang_up: Callable[[], None] | None = None
-    if chosen.oracle != "in-process":
-        ask, hang_up = over_websocket(chosen.oracle)
-    transport = connect(
-        chosen.transport, NODE, {"endpoint": chosen.endpoint} if chosen.endpoint else {}
-    )
-    signal.signal(signal.SIGTERM, lambda *_: transport.post(transport.close))
+    ask, hang_up = over_websocket(url) if url else (local.ask, lambda: None)
+    transport = connect(transport_name, NODE, dict(options))
     middle = ManInTheMiddle(transport, monitored(system), system.library, ask)
-    if hang_up is None:
+    if not url:
         transport.every(PERIOD_S, lambda: local.advance(transport.now_ns()))
     transport.announce()
-    print('{"ready": true}', flush=True)
+    say({"ready": True})
+    spin_until_ended(transport, local.begin)
+    hang_up()
+    done = {"forwarded": middle.forwarded, "failed": middle.failed}
+    say(done if url else done | local.standing())
 
-    def begin() -> None:
-        local.begin()
-        print('{"began": true}', flush=True)
+
+def judge_over_websocket() -> None:
+    """The oracle as ROSMonitoring has it: a process of its own, asked over a WebSocket, until SIGTERM.
+
+    Says its ``url``, then answers each observation (JSON) with ``{"verdict": true}`` or false, and at the end
+    says what was done. What judges is the passive monitor's oracle.
+    """
+    oracle = LocalOracle(read_system())
+    asyncio.run(_judge(oracle))
+    say(oracle.standing())
+
+
+async def _judge(oracle: LocalOracle) -> None:
+    from websockets.asyncio.server import ServerConnection, serve
+
+    decode = msgspec.json.Decoder(Observation).decode
+    encode = msgspec.json.Encoder().encode
+
+    async def talk(line: ServerConnection) -> None:
+        async for text in line:
+            await line.send(encode({"verdict": oracle.ask(decode(text))}), text=True)
+
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, ended.set)
 
     def read() -> None:
         for _ in sys.stdin:
-            transport.post(begin)
+            loop.call_soon_threadsafe(oracle.begin)
 
     threading.Thread(target=read, daemon=True).start()
-    transport.spin()
-    transport.close()
-    done = {"forwarded": middle.forwarded, "failed": middle.failed}
-    if hang_up is None:
-        done |= local.standing()
-    else:
-        hang_up()
-    print(msgspec.json.encode(done).decode(), flush=True)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    async with serve(talk, "127.0.0.1", 0, compression=None) as server:
+        say({"url": f"ws://127.0.0.1:{server.sockets[0].getsockname()[1]}"})
+        while not ended.is_set():
+            oracle.advance(time.time_ns())
+            try:
+                await asyncio.wait_for(ended.wait(), PERIOD_S)
+            except TimeoutError:
+                continue

@@ -22,23 +22,24 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
-from benchmarks.processes import Child, ChildError, bytes_sent, processor_s
+from benchmarks.processes import Child, ChildError, bytes_sent, processor_s, say
 from benchmarks.sampling import rounds
-from examples.overhead.blocks import COST, NOBODY, Block
-from examples.overhead.load import ROOT, Order
-from examples.overhead.plant import (
+from benchmarks.ticking import (
+    WHOLE,
     Middleware,
     MiddlewareMissingError,
-    Plant,
-    generate,
-    listener,
+    Order,
+    listeners,
     ros_environment,
 )
+from examples.overhead.blocks import COST, NOBODY, Block
+from examples.overhead.plant import Plant, generate, start_node
 from m2c.launch.description import Package
 
 NODE = "BatteryLevelSkill"
@@ -47,8 +48,6 @@ HERE, THERE = "10.77.0.1", "10.77.0.2"
 PORT = 7447
 CABLE = "cable0"
 OTHER_END = "cable1"
-_WAITING = 'read -r _ && exec "$@"'
-"""A shell that becomes the node when it is told that the cable is there."""
 
 
 class CostPlan(msgspec.Struct, frozen=True):
@@ -64,10 +63,7 @@ class CostPlan(msgspec.Struct, frozen=True):
 QUICK = CostPlan(rounds=2, ticks=15, idle_s=1.0)
 
 
-Say = Callable[[str], None]
-
-
-def measure(transport: str, plan: CostPlan, say: Say) -> list[Block]:
+def measure(transport: str, plan: CostPlan, tell: Callable[[str], None]) -> list[Block]:
     """Measure in namespaces of one's own.
 
     Raises:
@@ -85,11 +81,8 @@ def measure(transport: str, plan: CostPlan, say: Say) -> list[Block]:
         )
     if transport == "ros2":
         ros_environment()  # builds the interface packages, if need be, where there is a network
-    options = [transport, msgspec.json.encode(plan).decode()]
-    say(f"{transport}: the node's own cost, in a network namespace")
-    with Child(
-        "the measurement", ["-m", "examples.overhead.node_cost", *options], prefix=alone
-    ) as child:
+    tell(f"{transport}: the node's own cost, in a network namespace")
+    with Child.calling("the measurement", inside, transport, plan, prefix=alone) as child:
         answer = child.answer(timeout_s=600.0)
     return msgspec.convert(answer["blocks"], list[Block])
 
@@ -102,26 +95,20 @@ def _ip(*arguments: str, inside: int | None = None) -> None:
     subprocess.run([*where, "ip", *arguments], check=True)
 
 
-def _start_apart(plant: Plant, node: Package, folder: Path) -> Child:
+def _start_apart(where: Middleware, node: Package, folder: Path) -> Child:
     """The node in a namespace of its own, with a cable to this one."""
-    package_path = str(folder / node.path)
-    environment = plant.where.environment
-    path = os.pathsep.join(filter(None, [package_path, environment.get("PYTHONPATH", "")]))
-    arguments = ["-m", node.package, "--transport", plant.where.transport, "--log-level", "ERROR"]
-    if plant.where.endpoint:
-        meeting = folder / "apart.json5"
+    meeting = ["--transport", where.transport]
+    if where.endpoint:
+        config = folder / "apart.json5"
         ends = {
-            "connect": {"endpoints": [plant.where.endpoint]},
+            "connect": {"endpoints": [where.endpoint]},
             "listen": {"endpoints": [f"tcp/{THERE}:{PORT}"]},
         }
-        meeting.write_bytes(msgspec.json.encode(ends))
-        arguments += ["--zenoh-config", str(meeting)]
-    child = Child(
-        node.name,
-        arguments,
-        {**environment, "PYTHONPATH": path},
-        prefix=["unshare", "--net", "--", "sh", "-c", _WAITING, "sh"],
-    )
+        config.write_bytes(msgspec.json.encode(ends))
+        meeting += ["--zenoh-config", str(config)]
+    # a shell that becomes the node when it is told that the cable is there
+    waiting = ("sh", "-c", 'read -r _ && exec "$@"', "sh")
+    child = start_node(where, node, folder, meeting, ("unshare", "--net", "--", *waiting))
     own = os.readlink("/proc/self/ns/net")
     pause = threading.Event()
     while os.readlink(f"/proc/{child.pid}/ns/net") == own:  # unshare has not done it yet
@@ -150,8 +137,11 @@ def _where(transport: str) -> Middleware:
     return Middleware(transport, environment=environment)
 
 
-def inside(transport: str, plan: CostPlan) -> list[Block]:
+def inside(transport: str, plan_: Mapping[str, Any]) -> None:
     """Measure; this process is alone in a network namespace."""
+    plan = msgspec.convert(plan_, CostPlan)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _ip("link", "set", "lo", "up")
     found: list[Block] = []
     with contextlib.ExitStack() as stack:
@@ -161,81 +151,52 @@ def inside(transport: str, plan: CostPlan) -> list[Block]:
         plant = stack.enter_context(Plant(_where(transport), folder, apart=apart))
         node = plant.nodes[NODE].pid
         for number, tapped in rounds((False, True), plan.rounds, plan.seed):
-            with _tapped(plant) if tapped else contextlib.nullcontext():
+            with contextlib.ExitStack() as turn:
+                taps = listeners(turn, plant.where, [*plant.names, "policy"], int(tapped))
                 plant.run(Order(5, 10.0, 0, rest=True))
-                idle = _Account(node)
+                before = _account(node)
                 threading.Event().wait(plan.idle_s)
-                idle_processor, idle_sent, idle_packets = idle.read()
+                idle = _used(node, before)
                 for rate_hz in plan.rates:
-                    account = _Account(node)
+                    before = _account(node)
                     taken = plant.run(Order(plan.ticks, rate_hz, 0, rest=True))
-                    _settle()
-                    processor, sent, packets = account.read()
-                    share = account.seconds / idle.seconds
+                    # events leave after the call (3.5 to 12 ms), acknowledgements after that
+                    threading.Event().wait(0.25)
+                    used = _used(node, before)
+                    # what an idle node does in the same time
+                    seconds = used["seconds"]
+                    own = {
+                        name: used[name] - idle[name] / idle["seconds"] * seconds for name in used
+                    }
                     values = {
-                        "processor": (processor - idle_processor * share) / plan.ticks * 1e6,
-                        "sent": (sent - idle_sent * share) / plan.ticks,
-                        "packets": (packets - idle_packets * share) / plan.ticks,
+                        "processor": own["processor"] / plan.ticks * 1e6,
+                        "sent": own["sent"] / plan.ticks,
+                        "packets": own["packets"] / plan.ticks,
                         "policy": taken.processor_s / plan.ticks * 1e6,
-                        "idle processor": idle_processor / idle.seconds * 1e6,
-                        "idle sent": idle_sent / idle.seconds,
+                        "idle processor": idle["processor"] / idle["seconds"] * 1e6,
+                        "idle sent": idle["sent"] / idle["seconds"],
                     }
                     place = (COST, transport, rate_hz, 0.0, "tap" if tapped else NOBODY)
-                    failures = dict.fromkeys(values, taken.failures[ROOT])
+                    failures = dict.fromkeys(values, taken.failures[WHOLE])
                     each = {name: [value] for name, value in values.items()}
                     found.append(Block(*place, number, each, failures))
-    return found
+                if not all(tap.ask({})["heard"] for tap in taps):
+                    raise ChildError("the tap heard nothing: what it costs cannot be told")
+    say({"blocks": found})
 
 
-class _Account:
-    """What the node has used and sent since this was made."""
-
-    def __init__(self, pid: int) -> None:
-        self._pid = pid
-        self._before = self._now()
-        self.seconds = 0.0
-
-    def _now(self) -> tuple[float, float, float, float]:
-        sent, packets = bytes_sent(self._pid, OTHER_END)
-        return time.monotonic(), processor_s(self._pid), sent, packets
-
-    def read(self) -> tuple[float, float, float]:
-        """Processor time in seconds, bytes, packets."""
-        now = self._now()
-        self.seconds = now[0] - self._before[0]
-        processor, sent, packets = (now[place] - self._before[place] for place in (1, 2, 3))
-        return processor, sent, packets
+def _account(pid: int) -> dict[str, float]:
+    """What the node has used and sent since it began: seconds, bytes, packets."""
+    sent, packets = bytes_sent(pid, OTHER_END)
+    now, processor = time.monotonic(), processor_s(pid)
+    return {"seconds": now, "processor": processor, "sent": sent, "packets": packets}
 
 
-def _settle() -> None:
-    """Events leave after the call (3.5 to 12 ms), acknowledgements after that: they belong to the ticks."""
-    threading.Event().wait(0.25)
-
-
-@contextlib.contextmanager
-def _tapped(plant: Plant) -> Iterator[None]:
-    with listener(plant.where, [*plant.names, "policy"]) as tap:
-        tap.answer()
-        yield
-        heard = tap.ask({})["heard"]
-    if not heard:
-        raise ChildError("the tap heard nothing: what it costs cannot be told")
+def _used(pid: int, before: Mapping[str, float]) -> dict[str, float]:
+    return {name: value - before[name] for name, value in _account(pid).items()}
 
 
 def _end_with_parent() -> None:
     """A change of user namespaces forgets the death signal; the end of standard input does not."""
     sys.stdin.read()
     os.kill(os.getpid(), signal.SIGTERM)
-
-
-def main() -> int:
-    """Measure inside, as told by the arguments: a transport and a plan."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    blocks = inside(sys.argv[1], msgspec.json.decode(sys.argv[2], type=CostPlan))
-    print(msgspec.json.encode({"blocks": blocks}).decode(), flush=True)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -3,54 +3,42 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
-from enum import StrEnum
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgspec
 
 from benchmarks.processes import Child, ChildError
+from examples.overhead.middle import judge_over_websocket, stand
 from examples.overhead.plant import PROPERTIES, SYSTEM, Plant
 from examples.overhead.routes import MONITORED
 
 
-class Observation(StrEnum):
-    """How the models are monitored."""
-
-    NONE = "none"
-    PASSIVE = "passive"
-    WEBSOCKET = "in the middle, WebSocket"
-    IN_PROCESS = "in the middle, in-process"
-
-    @property
-    def is_in_the_middle(self) -> bool:
-        """Whether calls go through the monitor."""
-        return self in (Observation.WEBSOCKET, Observation.IN_PROCESS)
-
-
 class Configuration(msgspec.Struct, frozen=True):
-    """Who monitors what. Properties are always monitored passively, as in the paper."""
+    """Who monitors what. Properties are always monitored passively, as in the paper.
+
+    Attributes:
+        middle: how the models are monitored: "" passively, else by a monitor in the middle whose oracle is
+            behind a "WebSocket" or "in-process".
+    """
 
     name: str
     label: str
-    observation: Observation
     models: bool = False
     properties: bool = False
+    middle: str = ""
 
 
 # The control is what chance does: its ratio to no monitor is 1, and how far from it measured.
 CONFIGURATIONS = (
-    Configuration("none", "no monitor", Observation.NONE),
-    Configuration("control", "no monitor, again", Observation.NONE),
-    Configuration("properties", "properties", Observation.PASSIVE, properties=True),
-    Configuration("models", "models, passive", Observation.PASSIVE, models=True),
-    Configuration("both", "both, passive", Observation.PASSIVE, models=True, properties=True),
+    Configuration("none", "no monitor"),
+    Configuration("control", "no monitor, again"),
+    Configuration("properties", "properties", properties=True),
+    Configuration("models", "models, passive", models=True),
+    Configuration("both", "both, passive", models=True, properties=True),
     *(
-        Configuration(f"{what}-{name}", f"{what}, in the middle ({way})", where, True, both)
-        for name, way, where in (
-            ("websocket", "WebSocket", Observation.WEBSOCKET),
-            ("in-process", "in-process", Observation.IN_PROCESS),
-        )
+        Configuration(f"{what}-{way.lower()}", f"{what}, in the middle ({way})", True, both, way)
+        for way in ("WebSocket", "in-process")
         for what, both in (("models", False), ("both", True))
     ),
 )
@@ -83,10 +71,6 @@ class Observers:
         self.processes: list[Child] = []
         self.heard = Heard()
 
-    def processor_s(self) -> float:
-        """Processor time that all of them have used."""
-        return sum(process.processor_s() for process in self.processes)
-
 
 @contextlib.contextmanager
 def observed(configuration: Configuration, plant: Plant) -> Iterator[Observers]:
@@ -95,67 +79,45 @@ def observed(configuration: Configuration, plant: Plant) -> Iterator[Observers]:
     Raises:
         ChildError: one does not come up.
     """
-    observers = Observers()
-    if configuration.observation.is_in_the_middle:
-        with _in_the_middle(configuration, plant, observers):
+    observers, where = Observers(), plant.where
+    said: dict[str, Any] = {}
+    with contextlib.ExitStack() as stack:
+
+        def begun(name: str, function: Callable[..., object], *arguments: object) -> Child:
+            child = Child.calling(name, function, *arguments, environment=where.environment)
+            stack.callback(lambda: [said.update(line) for line in child.stop()])
+            observers.processes.append(child)
+            return child
+
+        if configuration.middle:
+            oracle, url = None, ""
+            if configuration.middle == "WebSocket":
+                oracle = begun("the oracle", judge_over_websocket)
+                url = oracle.answer()["url"]
+            middle = begun("the man in the middle", stand, where.transport, where.options(), url)
+            middle.answer()
+            plant.settle()
+            (oracle or middle).ask({})
+        models = configuration.models and not configuration.middle
+        if models or configuration.properties:
+            child = _moon(plant, models, configuration.properties)
+            observers.processes.append(child)
+            try:
+                yield observers
+            finally:
+                # while the tree is still ticked: where nobody rings the alarm any more, P2 is false 2 s later
+                observers.heard = told(child.stop())
+        else:
             yield observers
-        return
-    if configuration.observation is Observation.NONE:
-        yield observers
         plant.rest()
-        return
-    child = _moon(plant, configuration.models, configuration.properties)
-    observers.processes.append(child)
-    try:
-        yield observers
-    finally:
-        # while the tree is still ticked: where nobody rings the alarm any more, P2 is false 2 s later
-        observers.heard = told(child.stop())
-    plant.rest()
-
-
-@contextlib.contextmanager
-def _in_the_middle(
-    configuration: Configuration, plant: Plant, observers: Observers
-) -> Iterator[None]:
-    variables = plant.where.environment
-    heard = Heard()
-    oracle: Child | None = None
-    properties: Child | None = None
-    middle: Child | None = None
-    try:
-        address = "in-process"
-        if configuration.observation is Observation.WEBSOCKET:
-            oracle = Child("the oracle", ["-m", "examples.overhead.websocket_oracle"], variables)
-            observers.processes.append(oracle)
-            address = oracle.answer()["url"]
-        arguments = ["-m", "examples.overhead.middle", "--oracle", address]
-        middle = Child("the man in the middle", [*arguments, *plant.where.arguments()], variables)
-        observers.processes.append(middle)
-        middle.answer()
-        plant.settle()
-        (oracle or middle).ask({})
-        if configuration.properties:
-            properties = _moon(plant, models=False, properties=True)
-            observers.processes.append(properties)
-        yield
-        heard = told(properties.stop()) if properties is not None else Heard()
-        properties = None
-        plant.rest()
-    finally:
-        said: dict[str, Any] = {}
-        if properties is not None:
-            properties.stop()
-        for child in (middle, oracle):
-            for line in child.stop() if child is not None else ():
-                said |= line
-        observers.heard = msgspec.structs.replace(
-            heard,
-            observations=heard.observations + said.get("asked", 0),
-            violations=heard.violations + said.get("violations", 0),
-            conforming=heard.conforming + len(said.get("conforming", ())),
-            problems=(*heard.problems, *said.get("reasons", ())),
-        )
+    heard = observers.heard
+    observers.heard = msgspec.structs.replace(
+        heard,
+        observations=heard.observations + said.get("asked", 0),
+        violations=heard.violations + said.get("violations", 0),
+        conforming=heard.conforming + len(said.get("conforming", ())),
+        problems=(*heard.problems, *said.get("reasons", ())),
+    )
 
 
 def _moon(plant: Plant, models: bool, properties: bool) -> Child:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from benchmarks.page import page_with, put
 from examples.overhead import blocks, tables
@@ -72,31 +73,29 @@ def sections(results: Results) -> dict[str, str]:
     return {"machine": "\n\n".join(said), **parts}
 
 
+def document(results: Results) -> str:
+    """All sections, and what does not count."""
+    parts = [f"## {name}\n\n{text}" for name, text in sections(results).items()]
+    for block in results.blocks:
+        if block.deaf:
+            where = f"round {block.round + 1}, {block.experiment}, {block.configuration}"
+            parts.append(f"{block.transport}, {where}: {block.deaf}")
+    return "\n\n".join(["# Overhead", *parts]) + "\n"
+
+
 def summary(results: Results) -> dict[str, Any]:
     """For machines: every figure, without the single ticks."""
-    shown = {
-        "machine": results.machine,
-        "command": results.command,
-        "began": results.began,
-        "minutes": results.minutes,
-        "problems": results.problems,
-        "paper": blocks.PAPER,
-        "targets": [
-            {**msgspec.to_builtins(item), "met": item.is_met}
-            for item in blocks.targets(results.cells)
-        ],
-        "cells": results.cells,
-    }
-    builtins: dict[str, Any] = msgspec.to_builtins(shown)
-    return builtins
+    shown: dict[str, Any] = msgspec.to_builtins(results)
+    del shown["blocks"]
+    figures = {"targets": blocks.targets(results.cells), "cells": results.cells}
+    return {**shown, "paper": blocks.PAPER, **msgspec.to_builtins(figures)}
 
 
 def save(results: Results, folder: Path) -> None:
     """Write results and their tables in Markdown into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / FILE).write_bytes(msgspec.json.encode(results))
-    text = "\n\n".join(f"## {name}\n\n{text}" for name, text in sections(results).items())
-    (folder / "overhead.md").write_text(f"# Overhead\n\n{text}\n", encoding="utf-8")
+    (folder / "overhead.md").write_text(document(results), encoding="utf-8")
 
 
 class ResultsError(ValueError):
@@ -132,8 +131,7 @@ def joined(runs: Sequence[Results]) -> Results:
     seen: set[tuple[str, str]] = set()
     together: list[blocks.Block] = []
     for run in runs:
-        here = msgspec.structs.replace(run.machine, load=first.machine.load)
-        if here != first.machine:
+        if replace(run.machine, load=first.machine.load) != first.machine:
             raise ResultsError(
                 f"the run of {run.began} UTC is of another machine: {described(run.machine)}; "
                 f"that of {first.began}: {described(first.machine)}"
@@ -142,11 +140,9 @@ def joined(runs: Sequence[Results]) -> Results:
             raise ResultsError(f"the run of {run.began} UTC is there twice")
         seen.add((run.began, run.command))
         before = max((item.round for item in together), default=-1) + 1
-        together += [
-            msgspec.structs.replace(item, round=item.round + before) for item in run.blocks
-        ]
+        together += [replace(item, round=item.round + before) for item in run.blocks]
     return Results(
-        msgspec.structs.replace(first.machine, load=max(run.machine.load for run in runs)),
+        replace(first.machine, load=max(run.machine.load for run in runs)),
         "; ".join(run.command for run in runs),
         ", ".join(run.began for run in runs),
         sum(run.minutes for run in runs),

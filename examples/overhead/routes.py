@@ -6,36 +6,31 @@ name: the policy, and each monitored skill for what it calls. Nothing else of a 
 
 from __future__ import annotations
 
-import msgspec
+from msgspec.structs import replace
 
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.system import System
 
-SUFFIX = "_mon"
 MONITORED = ("AlarmSkill", "BatteryLevelSkill", "IsPoiDone1Skill", "SetPoi1Skill")
 """The skills that the paper monitors."""
 
 
 def rerouted(channel: str) -> str:
     """The monitored name of a service."""
-    return channel + SUFFIX
-
-
-def rerouted_machine(machine: Machine) -> Machine:
-    """The machine, calling its services by way of the monitor."""
-    interfaces = tuple(
-        msgspec.structs.replace(item, channel=rerouted(item.channel))
-        if item.kind is InterfaceKind.CLIENT
-        else item
-        for item in machine.interfaces
-    )
-    return msgspec.structs.replace(machine, interfaces=interfaces)
+    return f"{channel}_mon"
 
 
 def rerouted_system(system: System) -> System:
-    """The system with its monitored skills rerouted."""
-    nodes = tuple(
-        rerouted_machine(machine) if machine.name in MONITORED else machine
-        for machine in system.nodes
-    )
-    return msgspec.structs.replace(system, nodes=nodes)
+    """The system, whose monitored skills call their services by way of the monitor."""
+
+    def through(machine: Machine) -> Machine:
+        interfaces = (
+            replace(item, channel=rerouted(str(item.channel)))
+            if item.kind is InterfaceKind.CLIENT
+            else item
+            for item in machine.interfaces
+        )
+        return replace(machine, interfaces=tuple(interfaces))
+
+    nodes = (through(item) if item.name in MONITORED else item for item in system.nodes)
+    return replace(system, nodes=tuple(nodes))

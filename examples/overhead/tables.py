@@ -1,15 +1,16 @@
-"""What was measured as tables: the same on a terminal and on the page of the documentation."""
+"""What was measured as tables."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 
+from benchmarks.page import markdown_table
 from benchmarks.sampling import Estimate
+from benchmarks.ticking import NAMES, WHOLE, at_rate
 from examples.overhead import blocks
 from examples.overhead.blocks import COST, NOBODY, PAPER, SERIES, TABLE3, Cell
-from examples.overhead.load import ROOT
 from examples.overhead.node_cost import NODE
 from examples.overhead.observers import CONFIGURATIONS
 
@@ -23,44 +24,43 @@ class Table(msgspec.Struct, frozen=True):
     note: str = ""
 
 
+def as_markdown(table: Table) -> str:
+    """The table, with its title where its first column has no name, and its note."""
+    first, *rest = table.header
+    text = markdown_table([(first or table.title, *rest), *table.rows])
+    return f"{text}\n\n{table.note}" if table.note else text
+
+
 # -- figures in words -------------------------------------------------------------------------------
 
 
 def place(cell: Cell | blocks.Target) -> str:
     """A transport and a rate of ticks, as people write them."""
-    return f"{_NAMES[cell.transport]}, {_rate(cell.rate_hz)}"
-
-
-_NAMES = {"zenoh": "Zenoh", "ros2": "ROS 2"}
-
-
-def _rate(rate_hz: float) -> str:
-    return f"{rate_hz:g} tick{'' if rate_hz == 1 else 's'}/s" if rate_hz else "saturated"
+    return f"{NAMES[cell.transport]}, {at_rate(cell.rate_hz)}"
 
 
 def _ratio(found: Estimate | None) -> str:
     return "–" if found is None else f"{found.value:.2f} ({found.low:.2f}–{found.high:.2f})"
 
 
-def _spread(found: Estimate) -> str:
-    return f"{found.value:,.0f} ({found.low:,.0f}–{found.high:,.0f})"
+def _spread(cell: Cell) -> str:
+    p50 = cell.found.p50
+    return f"{p50.value:,.0f} ({p50.low:,.0f}–{p50.high:,.0f})"
 
 
-def _lag(p50: float | None, p99: float | None) -> str:
-    if p50 is None:
-        return "–"
-    return f"{p50:.1f}" if p99 is None else f"{p50:.1f} / {p99:.1f}"
+def _lag(cell: Cell) -> str:
+    lags = [f"{lag:.1f}" for lag in (cell.lag_ms, cell.lag_p99_ms) if lag is not None]
+    return " / ".join(lags) or "–"
 
 
 def _amount(cell: Cell) -> str:
     """The place of a point in its growth, with its unit."""
     if cell.experiment == "rate":
-        return _rate(cell.rate_hz)
+        return at_rate(cell.rate_hz)
     if cell.experiment == "payload":
-        for size, unit in ((1 << 20, "MB"), (1 << 10, "KB")):
-            if cell.x >= size:
-                return f"{cell.x / size:g} {unit}"
-        return f"{cell.x:g} B"
+        units = (("MB", 1 << 20), ("KB", 1 << 10), ("B", 1))
+        unit, size = next(item for item in units if cell.x >= item[1])
+        return f"{cell.x / size:g} {unit}"
     return f"{cell.x:g}"
 
 
@@ -70,13 +70,8 @@ def _amount(cell: Cell) -> str:
 def targets(found: Sequence[Cell]) -> Table:
     """What passive monitoring of everything may cost, and costs."""
     rows = tuple(
-        (
-            place(target),
-            _ratio(target.found),
-            f"≤ {target.most:.2f}",
-            "yes" if target.is_met else "**no**",
-        )
-        for target in blocks.targets(found)
+        (place(item), _ratio(item.found), f"≤ {item.most:.2f}", "yes" if item.is_met else "**no**")
+        for item in blocks.targets(found)
     )
     title = "Targets: everything monitored passively, ROOT"
     return Table(title, ("", "ratio", "target", "met"), rows)
@@ -92,43 +87,40 @@ def paper() -> Table:
     return Table("The paper's table III: averages in µs (ratio)", ("", *SERIES), rows)
 
 
+Columns = dict[str, Callable[[Cell], str]]
+
+_TABLE3: Columns = {
+    "p99 / worst": lambda cell: f"{cell.found.p99:,.0f} / {cell.found.worst:,.0f}",
+    "ticks": lambda cell: f"{cell.found.count:,}",
+    "failed": lambda cell: str(cell.failures),
+    "monitors [cores]": lambda cell: f"{cell.processor:.2f}",
+    "lag [ms]": _lag,
+}
+"""Of the whole tick."""
+
+
 def table3(found: Sequence[Cell]) -> list[Table]:
     """Table III by transport and rate, a row for each way to monitor."""
     own = [cell for cell in found if cell.experiment == TABLE3]
     made = []
     for where in dict.fromkeys(map(place, own)):
         by_name = {(c.configuration, c.series): c for c in own if place(c) == where}
-        rows = tuple(
-            _row(item.label, [by_name[item.name, series] for series in SERIES])
-            for item in CONFIGURATIONS
-            if (item.name, ROOT) in by_name
-        )
-        header = ("", *SERIES, "p99 / worst", "ticks", "failed", "monitors [cores]", "lag [ms]")
+        rows = []
+        for item in CONFIGURATIONS:
+            if root := by_name.get((item.name, WHOLE)):
+                ticks = (_tick(by_name[item.name, series]) for series in SERIES)
+                rows.append((item.label, *ticks, *(show(root) for show in _TABLE3.values())))
         deaf = [f"{c.configuration}: {c.deaf} of {c.rounds}" for c in by_name.values() if c.deaf]
         note = f"Blocks not monitored: {', '.join(dict.fromkeys(deaf))}." if deaf else ""
-        made.append(Table(where, header, rows, note))
+        made.append(Table(where, ("", *SERIES, *_TABLE3), tuple(rows), note))
     return made
 
 
-def _row(label: str, own: Sequence[Cell]) -> tuple[str, ...]:
-    *_, root = own
-    name = root.configuration
-    # what chance does is told by the whole tick
-    shown = [_cell(cell) if name != "control" or cell is root else "" for cell in own]
-    return (
-        label,
-        *shown,
-        f"{root.found.p99:,.0f} / {root.found.worst:,.0f}",
-        f"{root.found.count:,}",
-        str(root.failures),
-        f"{root.processor:.2f}",
-        _lag(root.lag_ms, None),
-    )
-
-
-def _cell(cell: Cell) -> str:
+def _tick(cell: Cell) -> str:
+    if cell.configuration == "control" and cell.series != WHOLE:
+        return ""  # what chance does is told by the whole tick
     if cell.configuration == NOBODY:
-        return _spread(cell.found.p50)
+        return _spread(cell)
     return f"{cell.found.p50.value:,.0f} · {_ratio(cell.ratio)}"
 
 
@@ -139,46 +131,47 @@ _TITLES = {
     "payload": "bytes of an answer, one tap",
 }
 
+_GROWTH: Columns = {
+    "to": _amount,
+    "alone [µs]": lambda cell: f"{cell.alone:,.0f}",
+    "watched [µs]": lambda cell: f"{cell.found.p50.value:,.0f}",
+    "p99 [µs]": lambda cell: f"{cell.found.p99:,.0f}",
+    "ratio": lambda cell: _ratio(cell.ratio),
+    "lag p50 / p99 [ms]": _lag,
+    "watchers [cores]": lambda cell: f"{cell.processor:.2f}",
+    "machine busy": lambda cell: f"{cell.busy:.0%}",
+    "ticks/s": lambda cell: f"{cell.ticks_per_s:,.0f}",
+    "failed": lambda cell: str(cell.failures),
+}
+
 
 def growth(found: Sequence[Cell]) -> Table:
     """How the cost grows; below it where the knees are."""
     rows, knees = [], []
     for line in blocks.lines(found):
         first = line[0]
-        where = _NAMES[first.transport] if first.experiment == "rate" else place(first)
+        where = NAMES[first.transport] if first.experiment == "rate" else place(first)
         title = f"{_TITLES[first.experiment]}; {where}"
-        rows += [(title if point is first else "", *_point(point)) for point in line]
+        for point in line:
+            shown = (show(point) for show in _GROWTH.values())
+            rows.append((title if point is first else "", *shown))
         if bend := blocks.knee(line):
             knees.append(f"{title}, at {_amount(bend[0])}: {bend[1]}")
-    header = (
-        "what grows; where",
-        "to",
-        "alone [µs]",
-        "watched [µs]",
-        "p99 [µs]",
-        "ratio",
-        "lag p50 / p99 [ms]",
-        "watchers [cores]",
-        "machine busy",
-        "ticks/s",
-        "failed",
-    )
+    header = ("what grows; where", *_GROWTH)
     return Table("Growth", header, tuple(rows), f"Knees: {'. '.join(knees) or 'none'}.")
 
 
-def _point(point: Cell) -> tuple[str, ...]:
-    return (
-        _amount(point),
-        f"{point.alone:,.0f}",
-        f"{point.found.p50.value:,.0f}",
-        f"{point.found.p99:,.0f}",
-        _ratio(point.ratio),
-        _lag(point.lag_ms, point.lag_p99_ms),
-        f"{point.processor:.2f}",
-        f"{point.busy:.0%}",
-        f"{point.ticks_per_s:,.0f}",
-        str(point.failures),
-    )
+_COST: dict[str, tuple[str, Callable[[Cell], str]]] = {
+    "processor [µs/tick]": ("processor", _spread),
+    "sent [bytes/tick]": ("sent", _spread),
+    "packets/tick": ("packets", lambda cell: f"{cell.found.p50.value:.1f}"),
+    "policy, processor [µs/tick]": ("policy", _spread),
+    "idle [µs/s]": ("idle processor", lambda cell: f"{cell.found.p50.value:,.0f}"),
+    "idle, sent [bytes/s]": ("idle sent", lambda cell: f"{cell.found.p50.value:,.0f}"),
+    "rounds": ("processor", lambda cell: str(cell.rounds)),
+    "failed": ("processor", lambda cell: str(cell.failures)),
+}
+"""By column: the account that it shows, and how."""
 
 
 def cost(found: Sequence[Cell]) -> Table:
@@ -187,57 +180,6 @@ def cost(found: Sequence[Cell]) -> Table:
     rows = []
     for where, name in dict.fromkeys((place(cell), cell.configuration) for cell in own):
         by = {c.series: c for c in own if (place(c), c.configuration) == (where, name)}
-        processor = by["processor"]
-        rows.append(
-            (
-                where,
-                "untapped" if name == NOBODY else "tapped",
-                _spread(processor.found.p50),
-                _spread(by["sent"].found.p50),
-                f"{by['packets'].found.p50.value:.1f}",
-                _spread(by["policy"].found.p50),
-                f"{by['idle processor'].found.p50.value:,.0f}",
-                f"{by['idle sent'].found.p50.value:,.0f}",
-                str(processor.rounds),
-                str(processor.failures),
-            )
-        )
-    header = (
-        NODE,
-        "",
-        "processor [µs/tick]",
-        "sent [bytes/tick]",
-        "packets/tick",
-        "policy, processor [µs/tick]",
-        "idle [µs/s]",
-        "idle, sent [bytes/s]",
-        "rounds",
-        "failed",
-    )
-    return Table("Cost on the node itself", header, tuple(rows))
-
-
-def as_markdown(table: Table) -> str:
-    """The table, with its title where its first column has no name, and its note."""
-    first, *rest = table.header
-    lines = [f"| {' | '.join(row)} |" for row in ((first or table.title, *rest), *table.rows)]
-    lines.insert(1, "|" + "---|" * len(table.header))
-    return "\n".join([*lines, "", table.note] if table.note else lines)
-
-
-def print_table(table: Table) -> None:
-    """The table on a terminal."""
-    import sys
-
-    from rich.console import Console
-    from rich.table import Table as Drawn
-
-    drawn = Drawn(title=table.title, title_style="bold", title_justify="left")
-    for number, name in enumerate(table.header):
-        drawn.add_column(name, justify="right" if number else "left")
-    for row in table.rows:
-        drawn.add_row(*(cell.replace("**", "") for cell in row))
-    console = Console(width=None if sys.stdout.isatty() else 200)
-    console.print(drawn)
-    if table.note:
-        console.print(table.note, markup=False, highlight=False)
+        shown = (show(by[account]) for account, show in _COST.values())
+        rows.append((where, "untapped" if name == NOBODY else "tapped", *shown))
+    return Table("Cost on the node itself", (NODE, "", *_COST), tuple(rows))

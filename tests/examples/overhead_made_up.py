@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 
+from benchmarks.ticking import WHOLE
 from examples.overhead import results
 from examples.overhead.blocks import SERIES, Block
-from examples.overhead.load import ROOT
 from examples.overhead.machine import this_machine
 
 ACCOUNTS = {
@@ -25,7 +25,7 @@ ACCOUNTS = {
 def run(x: float, micros: float, number: int = 0, **fields: Any) -> Block:
     """A block of growth against the number of taps."""
     who = "tap" if x else "none"
-    made = Block("taps", "zenoh", 10.0, x, who, number, {ROOT: [micros] * 20}, {ROOT: 0})
+    made = Block("taps", "zenoh", 10.0, x, who, number, {WHOLE: [micros] * 20}, {WHOLE: 0})
     return msgspec.structs.replace(
         made, **{"processor": 0.1, "busy": 0.3, "ticks_per_s": 10.0, **fields}
     )

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from examples.overhead.load import Order
+from benchmarks.ticking import Order, middleware
 from examples.overhead.observers import CONFIGURATIONS, observed
-from examples.overhead.plant import Plant, generate, middleware
+from examples.overhead.plant import Plant, generate
 
 JOINS = 3
 TICKS = 25

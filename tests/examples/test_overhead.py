@@ -15,19 +15,13 @@ import pytest
 
 from benchmarks.processes import ROOT as REPOSITORY
 from benchmarks.processes import Child, ChildError
+from benchmarks.ticking import WHOLE, MiddlewareMissingError, Order, middleware
 from examples.overhead import __main__ as command
 from examples.overhead import blocks, brief, measuring, node_cost
 from examples.overhead.blocks import SERIES
-from examples.overhead.load import ROOT, Order
 from examples.overhead.middle import LocalOracle, ManInTheMiddle, monitored
 from examples.overhead.observers import CONFIGURATIONS
-from examples.overhead.plant import (
-    MiddlewareMissingError,
-    Plant,
-    generate,
-    middleware,
-    read_system,
-)
+from examples.overhead.plant import Plant, generate, read_system
 from examples.overhead.routes import MONITORED, rerouted
 from m2c.model.machine import InterfaceKind
 from m2c.runtime.messages import message_class
@@ -146,9 +140,9 @@ def test_ticks_that_fail_are_counted_and_keep_their_time(plant: Plant) -> None:
     plant.nodes["BlackboardComponent"].stop()
     bad = plant.run(Order(3, 0.0, 0, rest=True))
     assert bad.failures["IsPoiDone1"] == 3
-    assert bad.failures[ROOT] == 3
+    assert bad.failures[WHOLE] == 3
     assert bad.failures["BatteryLevel"] == 0
-    assert len(bad.micros["IsPoiDone1"]) == len(bad.micros[ROOT]) == 3
+    assert len(bad.micros["IsPoiDone1"]) == len(bad.micros[WHOLE]) == 3
     assert bad.reasons[0].startswith("IsPoiDone1: ")
 
 
