@@ -1,11 +1,7 @@
-"""What the commands cost: wall time of each as a process, beside a bare ``import click``.
-
-Usage: ``python -m benchmarks.commands [--runs N]``. Prints medians, their targets and ratios.
-"""
+"""What the commands cost: wall time of each as a process, beside a bare ``import click``."""
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import subprocess
 import sys
@@ -13,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.page import Row, publish, slower
+from benchmarks.page import Row, command, slower
 from benchmarks.processes import ROOT
 
 SYSTEM = ROOT / "examples/lab_tour/system.xml"
@@ -54,45 +50,37 @@ def per_model(rounds: int) -> Row:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=5)
-    runs = parser.parse_args().runs
-    m2c, moon = str(BIN / "m2c"), str(BIN / "moon")
-    bare = 'python -c "import click"'
+TARGETS = {
+    "m2c generate system.xml": 1.5,
+    "m2c check system.xml": 0.7,
+    "m2c --help": 0.2,
+    "moon --help": 0.2,
+}
+"""Seconds, by command."""
+
+
+def rows(runs: int = 5) -> list[Row]:
+    """What is shown: medians of so many runs."""
+    bare = "import click"
+    taken: dict[str, list[float]] = {name: [] for name in (bare, *TARGETS)}
     with tempfile.TemporaryDirectory() as scratch:
-        commands: dict[str, tuple[list[str], float | None]] = {
-            bare: ([sys.executable, "-c", "import click"], None),
-            "m2c generate system.xml": ([m2c, "generate", str(SYSTEM), "-o"], 1.5),
-            "m2c check system.xml": ([m2c, "check", str(SYSTEM)], 0.7),
-            "m2c --help": ([m2c, "--help"], 0.2),
-            "moon --help": ([moon, "--help"], 0.2),
-        }
-        taken: dict[str, list[float]] = {name: [] for name in commands}
         for run in range(runs + 1):  # in turns, so that a busy moment hits all of them alike
-            for name, (command, _) in commands.items():
-                # into a new folder each time: writing the files is part of the cost
-                folder = [str(Path(scratch) / str(run))] if command[-1] == "-o" else []
-                elapsed = seconds([*command, *folder])
+            for name, times in taken.items():
+                words = name.replace("system.xml", str(SYSTEM)).split()
+                if "generate" in words:  # into a new folder: writing the files is part of the cost
+                    words += ["-o", str(Path(scratch) / str(run))]
+                ours = [str(BIN / words[0]), *words[1:]]
+                elapsed = seconds([sys.executable, "-c", bare] if name == bare else ours)
                 if run:  # the first run only warms the file cache
-                    taken[name].append(elapsed)
-    medians = {name: statistics.median(values) for name, values in taken.items()}
-    rows = [
-        Row(
-            f"`{name}`",
-            medians[name],
-            "s",
-            "`import click`",
-            medians[bare],
-            medians[name] / medians[bare],
-            most=target,
-            is_of_value=True,
-        )
-        for name, (_, target) in commands.items()
-        if name != bare
+                    times.append(elapsed)
+    theirs, *medians = map(statistics.median, taken.values())
+    peer = f"`{bare}`"
+    found = [
+        Row(f"`{name}`", own, "s", peer, theirs, own / theirs, most=most, is_of_value=True)
+        for (name, most), own in zip(TARGETS.items(), medians, strict=True)
     ]
-    publish([*rows, per_model(runs)])
+    return [*found, per_model(runs)]
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)

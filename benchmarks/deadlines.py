@@ -1,6 +1,6 @@
 """How soon after its deadline a response that never comes is reported, on Zenoh with default bounds.
 
-Usage: ``python -m benchmarks.deadlines [--count N] [--busy N]``. A process asks again and again; every
+A process asks again and again; every
 other answer comes in the last moments before its deadline, the rest not in time. Prints how late the
 monitor said so, and how often it accused an answer that was in time. ``--busy`` keeps so many
 processors busy meanwhile.
@@ -8,16 +8,15 @@ processors busy meanwhile.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import random
 import statistics
-from collections.abc import Sequence
 
 import msgspec
 
-from benchmarks.page import Row, publish
-from benchmarks.processes import Child, busy, free_endpoint
+from benchmarks.page import Row, command
+from benchmarks.processes import Child, free_endpoint
+from benchmarks.processes import busy as kept_busy
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import no_system
 from moon.monitor.watch import SystemWatch
@@ -87,7 +86,8 @@ class Judge:
         self.said.append((self.connection.now_ns(), verdict))
 
 
-def run(count: int, burning: int) -> None:
+def rows(count: int = 40, busy: int = 0) -> list[Row]:
+    """What is shown, of so many questions; ``busy`` processes keep processors busy meanwhile."""
     endpoint = free_endpoint()
     connection = connect("monitor", {"listen": endpoint})
     judge = Judge(connection)
@@ -96,16 +96,15 @@ def run(count: int, burning: int) -> None:
     watch = PropertyWatch([Property("answers", parse_formula(FORMULA), ports)], bounds.latency)
     system = no_system()
     monitor = SystemWatch(connection, system, (), bounds, [judge], print, watch)
-    command = ["-m", "benchmarks.deadlines", "--ask", endpoint, "--count", str(count)]
-    with contextlib.closing(connection), Child("the asker", command) as asker:
+    with contextlib.closing(connection), Child.calling("the asker", ask, endpoint, count) as asker:
         monitor.start()
         connection.tap(["/asked", "/answered"], judge.hear)
-        with busy(burning):
+        with kept_busy(busy):
             connection.spin(until=lambda: asker.exit_code is not None)
-    report(judge, burning)
+    return report(judge, busy)
 
 
-def report(judge: Judge, busy: int) -> None:
+def report(judge: Judge, busy: int) -> list[Row]:
     late = [
         asked
         for asked in judge.asked
@@ -127,33 +126,15 @@ def report(judge: Judge, busy: int) -> None:
         + f"; {len(delays)} said; answers in time down to {tightest:.1f} ms before the deadline"
     )
     where = f", {busy} processes busy" if busy else ""
-    publish(
-        [
-            Row(
-                f"a missing answer, from its deadline to the verdict, median{where}",
-                statistics.median(delays),
-                "ms",
-                "longest lag of a message",
-                max(judge.lags) / MS,
-                most=None if busy else 50.0,
-            ),
-            Row(f"the same, longest{where}", max(delays), "ms"),
-            Row(f"answers in time that were accused{where}", len(wrong), "", most=0.0),
-        ]
-    )
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=40)
-    parser.add_argument("--busy", type=int, default=0)
-    parser.add_argument("--ask", metavar="ENDPOINT", help=argparse.SUPPRESS)
-    options = parser.parse_args(arguments)
-    if options.ask:
-        ask(options.ask, options.count)
-    else:
-        run(options.count, options.busy)
+    what = f"a missing answer, from its deadline to the verdict, median{where}"
+    most, lag_ms = None if busy else 50.0, max(judge.lags) / MS
+    peer = "longest lag of a message"
+    return [
+        Row(what, statistics.median(delays), "ms", peer, lag_ms, most=most),
+        Row(f"the same, longest{where}", max(delays), "ms"),
+        Row(f"answers in time that were accused{where}", len(wrong), "", most=0.0),
+    ]
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)

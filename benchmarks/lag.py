@@ -4,21 +4,20 @@ From the stamp of each input and output, where it was taken or made, to the mome
 judged it; default bounds. Machines that take no topics are judged as soon as all was heard (decision
 13); where a message of somebody else may still come in between, one latency bound later. What is judged
 as time passes is seen up to 2 ms late.
-
-Usage: ``python -m benchmarks.lag [--ticks N] [--busy N]``.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import heapq
 import statistics
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-from benchmarks.page import Row, publish
-from benchmarks.processes import ROOT, Child, busy, free_endpoint
+from benchmarks.page import Row, command
+from benchmarks.processes import ROOT, Child, free_endpoint
+from benchmarks.processes import busy as kept_busy
+from benchmarks.sampling import quantile
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
 from moon.monitor.watch import SystemWatch
@@ -107,10 +106,10 @@ def measured(ticks: int) -> tuple[list[Looker], int]:
     assert system is not None
     endpoint = free_endpoint()
     lookers = Lookers()
-    command = ["-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
-    command += ["--quiet", "--ticks", str(ticks), "--rate", str(RATE_HZ)]
+    words = ["-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
+    words += ["--quiet", "--ticks", str(ticks), "--rate", str(RATE_HZ)]
     with (
-        Child("the tour", command) as tour,
+        Child("the tour", words) as tour,
         contextlib.closing(connect("monitor", {"endpoint": endpoint})) as connection,
     ):
         violations = watched(connection, system, lookers, lambda: tour.exit_code is not None)
@@ -137,27 +136,24 @@ def watched(
     return watch.violations
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--ticks", type=int, default=300)
-    parser.add_argument("--busy", type=int, default=0, help="processes that keep processors busy")
-    options = parser.parse_args()
-    with busy(options.busy):
-        lookers, violations = measured(options.ticks)
+def rows(ticks: int = 300, busy: int = 0) -> list[Row]:
+    """What is shown, of so many ticks; ``busy`` processes keep processors busy meanwhile."""
+    with kept_busy(busy):
+        lookers, violations = measured(ticks)
     bound_ms = Bounds().latency / MS
-    where = f", {options.busy} processes busy" if options.busy else ""
-    rows = []
+    where = f", {busy} processes busy" if busy else ""
+    found = []
     for alone, what, most in (
         (True, "no concurrent input open", 5.0),
         (False, "topics of others taken", bound_ms + 10),
     ):
-        lags = sorted(lag for looker in lookers if looker.alone is alone for lag in looker.lags_ms)
-        median, p99 = statistics.median(lags), lags[int(len(lags) * 0.99)]
-        rows.append(Row(f"from event to verdict, {what}, median{where}", median, "ms", most=most))
-        rows.append(Row(f"the same, p99{where}", p99, "ms"))
+        lags = [lag for looker in lookers if looker.alone is alone for lag in looker.lags_ms]
+        what = f"from event to verdict, {what}, median{where}"
+        found.append(Row(what, statistics.median(lags), "ms", most=most))
+        found.append(Row(f"the same, p99{where}", quantile(lags, 0.99), "ms"))
     print(f"latency bound {bound_ms:g} ms; {violations} violations (a nominal run)")
-    publish(rows)
+    return found
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)

@@ -1,13 +1,9 @@
-"""A compiled machine against python-statemachine on the same chart, in one run.
-
-Usage: python -m benchmarks.machine [--events N]
-"""
+"""A compiled machine against python-statemachine on the same chart, in one run."""
 
 from __future__ import annotations
 
-import argparse
 import importlib
-import subprocess
+import os
 import sys
 import tempfile
 import time
@@ -16,8 +12,8 @@ from pathlib import Path
 
 from statemachine import State, StateMachine
 
-from benchmarks.page import faster, publish
-from benchmarks.processes import ROOT
+from benchmarks.page import Row, command, faster
+from benchmarks.processes import ROOT, Child, say
 from m2c.codegen.package import node_modules
 from m2c.model import DiagnosticLog, load
 
@@ -124,19 +120,12 @@ def qt() -> float:
     In a process of its own: PySide6 6.12 counts a reference to None too few at each submitEvent, and an
     interpreter that ends after thousands of them aborts.
     """
-    code = "import os; from benchmarks import machine; print(machine.qt_here(), flush=True); os._exit(0)"
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return float(done.stdout)
+    with Child.calling("Qt", qt_here) as child:
+        return float(child.answer()["seconds"])
 
 
-def qt_here() -> float:
-    """The same in this process."""
+def qt_here() -> None:
+    """The same in this process, which it ends."""
     from PySide6 import QtCore, QtScxml
 
     application = QtCore.QCoreApplication.instance() or QtCore.QCoreApplication([])
@@ -154,27 +143,27 @@ def qt_here() -> float:
         application.processEvents()
     taken = time.perf_counter() - began
     assert int(chart.dataModel().scxmlProperty("count")) == QT_PAIRS
-    return taken
+    say({"seconds": taken})
+    os._exit(0)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--events", type=int, default=400_000)
-    pairs = parser.parse_args().events // 2
+def rows(events: int = 400_000) -> list[Row]:
+    """What is shown, of so many events."""
+    pairs = events // 2
     with tempfile.TemporaryDirectory() as scratch:
         run = compiled(Path(scratch))
         run(pairs // 10)
         ours = 2 * pairs / run(pairs)
     few = max(pairs // 50, 1)
-    theirs = 2 * few / peer(few)
-    by_qt = 2 * QT_PAIRS / qt()
-    publish(
-        [
-            faster("compiled machine", ours, "events/s", "python-statemachine", theirs, 10.0),
-            faster("compiled machine", ours, "events/s", "Qt SCXML", by_qt),
-        ]
-    )
+    peers = {
+        "python-statemachine": (2 * few / peer(few), 10.0),
+        "Qt SCXML": (2 * QT_PAIRS / qt(), None),
+    }
+    return [
+        faster("compiled machine", ours, "events/s", name, theirs, least)
+        for name, (theirs, least) in peers.items()
+    ]
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)

@@ -1,14 +1,12 @@
 """Property monitors against Reelay 25 and rtamt, in one run on the same observations.
 
-Usage: ``python -m benchmarks.properties [--updates N]``. Prints updates per second (of processor time)
-and ratios: the paper's P1 to P3, Reelay's own dense benchmark formulas (timescales) with three sizes
-of bounds, what a monitor keeps in memory, and a thousand properties at once against a thousand
-monitors.
+Updates per second (of processor time) and ratios: the paper's P1 to P3, Reelay's own dense benchmark formulas
+(timescales) with three sizes of bounds, what a monitor keeps in memory, and a thousand properties at once
+against a thousand monitors.
 """
 
 from __future__ import annotations
 
-import argparse
 import gc
 import itertools
 import random
@@ -21,7 +19,7 @@ from typing import Any
 import reelay
 import rtamt
 
-from benchmarks.page import Row, faster, publish
+from benchmarks.page import Row, command, faster
 from moon.properties.formula import Formula
 from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.property import REQUESTS, RESPONSES, Port, Property
@@ -277,15 +275,11 @@ def thousand(count: int) -> Row:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--updates", type=int, default=50_000)
-    arguments = parser.parse_args()
-    rows = paper(arguments.updates)
-    rows += timescales(arguments.updates // 4)
-    rows += memory()
-    publish([*rows, thousand(min(arguments.updates // 50, 1000))])
+def rows(updates: int = 50_000) -> list[Row]:
+    """What is shown."""
+    found = [*paper(updates), *timescales(updates // 4), *memory()]
+    return [*found, thousand(min(updates // 50, 1000))]
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)

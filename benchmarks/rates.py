@@ -1,14 +1,11 @@
 """How fast a machine is judged that takes a topic at a high rate, and what a flood costs.
 
-Usage: python -m benchmarks.rates [--seconds S]
-
 Each machine gets messages at some rate, with values that change, and is asked ten times a second; all are
 taken a millisecond after they were sent. "times real time" is the time of the trace by the processor's.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import resource
 import tempfile
@@ -16,7 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.page import Row, publish
+from benchmarks.page import Row, command
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
 from moon.oracle.oracle import Oracle
@@ -148,12 +145,9 @@ def judge(name: str, rate: int, sources: int, seconds: float) -> tuple[float, st
     return seconds / taken, f"{oracle.outcome} {oracle.verdict().reason}".strip(), most
 
 
-def main() -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=5.0)
-    seconds = parser.parse_args().seconds
-    rows = []
+def rows(seconds: float = 5.0) -> list[Row]:
+    """What is shown; ``seconds`` of each trace."""
+    found = []
     for rate, sources in ((100, 1), (1000, 1), (100, 3), (300, 2), (1000, 2), (20_000, 1)):
         slowest = (float("inf"), "")
         for name in MACHINES:
@@ -163,9 +157,9 @@ def main() -> None:
             what = f"a machine that {name}, {sources} × {rate} messages/s"
             print(f"{what}: {speed:.1f} times real time; {how}; {most} hypotheses; {peak} MB")
         what = f"{sources} × {rate} messages/s, the slowest: a machine that {slowest[1]}"
-        rows.append(Row(what, slowest[0], "x", least=TARGET))
-    publish(rows)
+        found.append(Row(what, slowest[0], "x", least=TARGET))
+    return found
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)

@@ -9,13 +9,10 @@ less. Memory: the growth of this process from a third of the check to its end.
 With ``--gigabytes``, only memory: beside the tour what a camera would send is recorded, a message of a
 megabyte which no model names, until the file is so large; ``moon check`` reads it in a process of its own,
 whose resident memory is looked at twice a second.
-
-Usage: ``python -m benchmarks.record [--seconds N] [--messages N] [--rate HZ] | [--gigabytes N]``.
 """
 
 from __future__ import annotations
 
-import argparse
 import base64
 import logging
 import os
@@ -30,10 +27,9 @@ from typing import ClassVar
 
 import msgspec
 
-from benchmarks.page import Row, publish
-from benchmarks.processes import ROOT, Child, free_endpoint, read_so_far, resident_mb
+from benchmarks.page import Row, command
+from benchmarks.processes import ROOT, Child, free_endpoint, read_so_far, resident_mb, say
 from m2c.launch.in_process import SimulatedRun, compile_system
-from m2c.model.datatypes import Primitive, Structure
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.engine import check_recording
@@ -66,9 +62,6 @@ class Level(msgspec.Struct):
 
     __type_name__: ClassVar[str] = "std_msgs/msg/Int32"
     data: int = 0
-
-
-LEVEL = Structure("std_msgs/msg/Int32", (("data", Primitive("int32")),))
 
 
 def message(channel: str, type_name: str, data: object, stamp_ns: int, number: int) -> Observation:
@@ -116,7 +109,7 @@ def send(endpoint: str, rate_hz: float, count: int) -> None:
             publisher.publish(Level(sent))
             sent += 1
         pace.wait(GROUP_S)
-    print(msgspec.json.encode({"rate": count / (time.monotonic() - start)}).decode(), flush=True)
+    say({"rate": count / (time.monotonic() - start)})
     sys.stdin.readline()
     node.close()
 
@@ -126,9 +119,7 @@ def over_zenoh(folder: Path, rate_hz: float, count: int) -> list[Row]:
     endpoint = free_endpoint()
     path = folder / "heard.mcap"
     here = connect("recorder", {"listen": endpoint})
-    arguments = ["-m", "benchmarks.record", "--send", endpoint]
-    arguments += ["--rate", str(rate_hz), "--messages", str(count)]
-    with Child("the publisher", arguments) as other:
+    with Child.calling("the publisher", send, endpoint, rate_hz, count) as other:
         writer = RecordingWriter(path, Definitions())
         recorder = Recorder(here, "zenoh", writer, ["/level"], print)
         recorder.start()
@@ -237,27 +228,30 @@ def large(folder: Path, gigabytes: float) -> list[Row]:
     return [*rows, Row("at the most", max(memory for _, memory in found), "MB")]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=600.0, help="length of the tour")
-    parser.add_argument("--messages", type=int, default=500_000)
-    parser.add_argument("--rate", type=float, default=RECORD_TARGET, help="of the publisher")
-    parser.add_argument("--gigabytes", type=float, help="memory of so large a recording, only")
-    parser.add_argument("--folder", type=Path, help="where there is room for the file")
-    parser.add_argument("--send", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.send:
-        send(arguments.send, arguments.rate, arguments.messages)
-        return
+def rows(
+    seconds: float = 600.0,
+    messages: int = 500_000,
+    rate: float = RECORD_TARGET,
+    gigabytes: float = 0.0,
+    folder: str = "",
+) -> list[Row]:
+    """What is shown.
+
+    Args:
+        seconds: length of the tour.
+        messages: recorded.
+        rate: of the publisher, a second.
+        gigabytes: memory of so large a recording, only.
+        folder: where there is room for the file.
+    """
     logging.disable(logging.ERROR)
-    with tempfile.TemporaryDirectory(dir=arguments.folder) as name:
-        folder = Path(name)
-        if arguments.gigabytes:
-            publish(large(folder, arguments.gigabytes))
-            return
-        rows = over_zenoh(folder, arguments.rate, arguments.messages)
-        publish([*checked(folder, arguments.seconds), *rows, written(folder, arguments.messages)])
+    with tempfile.TemporaryDirectory(dir=folder or None) as name:
+        here = Path(name)
+        if gigabytes:
+            return large(here, gigabytes)
+        heard = over_zenoh(here, rate, messages)
+        return [*checked(here, seconds), *heard, written(here, messages)]
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)

@@ -1,15 +1,14 @@
 """How fast virtual time passes: simulated seconds per second, for the whole lab tour.
 
-Usage: ``python -m benchmarks.simulated [--seconds S]``. Nodes and policy are the generated code; the
+Nodes and policy are the generated code; the
 tree is ticked five times a simulated second. Beside it, the same without a policy, and bare messages.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 
-from benchmarks.page import Row, publish
+from benchmarks.page import Row, command, faster
 from benchmarks.processes import ROOT
 from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
@@ -39,15 +38,13 @@ def messages(count: int) -> float:
     return count / (time.process_time() - began)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=300.0)
-    seconds = parser.parse_args().seconds
+def rows(seconds: float = 300.0) -> list[Row]:
+    """What is shown; ``seconds`` of the tour."""
     system = load([SYSTEM], DiagnosticLog())
     assert system is not None
     program = compile_system(system)
-    rows: list[Row] = []
-    for name, tapped in (("untapped", False), ("tapped", True)):
+    speeds = []
+    for tapped in (False, True):
         world = SimulatedWorld(1, Conditions(delay_s=(0.0, 0.002)))
         heard: list[object] = []
         if tapped:
@@ -55,21 +52,14 @@ def main() -> None:
         run = SimulatedRun(program, world)
         began = time.process_time()
         run.run(seconds)
-        spent = time.process_time() - began
-        base = rows[0].value if rows else None
-        rows.append(
-            Row(
-                f"lab tour, {name}",
-                seconds / spent,
-                "simulated s/s",
-                "untapped" if rows else "",
-                base,
-                None if base is None else seconds / spent / base,
-            )
-        )
-    bare = messages(100_000)
-    publish([*rows, Row("bare messages", bare, "messages/s")])
+        speeds.append(seconds / (time.process_time() - began))
+    untapped, with_tap = speeds
+    return [
+        Row("lab tour, untapped", untapped, "simulated s/s"),
+        faster("lab tour, tapped", with_tap, "simulated s/s", "untapped", untapped),
+        Row("bare messages", messages(100_000), "messages/s"),
+    ]
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)

@@ -3,13 +3,10 @@
 One process publishes at a fixed rate on several channels. A bare Zenoh subscriber (counting only), a
 transport's tap (decoding, each observation a line of JSON in a file) and the command ``moon tap --json``
 hear it in turns of one run.
-
-Usage: ``python -m benchmarks.tap [--rate N] [--seconds S]``.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import signal
 import subprocess
@@ -22,8 +19,8 @@ from pathlib import Path
 
 import msgspec
 
-from benchmarks.page import Row, publish, slower
-from benchmarks.processes import Child, free_endpoint, processor_s, spinning
+from benchmarks.page import Row, command, slower
+from benchmarks.processes import Child, free_endpoint, processor_s, ready, say, spinning
 from transports.interface import Observation, Topic, Transport
 from transports.zenoh import connect
 from transports.zenoh.session import open_session
@@ -52,21 +49,14 @@ class Job(msgspec.Struct):
     rate: int
 
 
-class Sent(msgspec.Struct):
-    """How long that took."""
-
-    seconds: float
-
-
 def run_robot(endpoint: str) -> None:
     """Carry out a job a line of standard input, once who listens is there."""
     transport = connect("robot", {"endpoint": endpoint})
     publishers = [transport.publisher(topic) for topic in TOPICS]
     transport.announce()
     pace = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with contextlib.closing(transport):
-        print('{"ready": true}', flush=True)
+        ready()
         for line in sys.stdin:
             job = msgspec.json.decode(line, type=Job)
             while not all(item.declared.matching_status.matching for item in publishers):
@@ -81,7 +71,7 @@ def run_robot(endpoint: str) -> None:
                     )
                 sent = max(sent, due)
                 pace.wait(0.001)
-            print(msgspec.json.encode(Sent(time.monotonic() - start)).decode(), flush=True)
+            say({"seconds": time.monotonic() - start})
 
 
 def settled(count: Callable[[], int]) -> int:
@@ -100,7 +90,7 @@ def compare(transport: Transport, endpoint: str, robot: Child, job: Job) -> list
 
     def sent_s() -> float:
         expected = job.count / job.rate
-        return msgspec.convert(robot.ask(msgspec.to_builtins(job), expected + 60), Sent).seconds
+        return float(robot.ask(msgspec.to_builtins(job), expected + 60)["seconds"])
 
     count = [0]
 
@@ -140,8 +130,8 @@ def compare(transport: Transport, endpoint: str, robot: Child, job: Job) -> list
         rows = report("transport's tap", job, took, path, used, bare_s)
 
         path = Path(folder) / "command.jsonl"
-        command = [sys.executable, "-m", "moon.cli", "tap", "--json", "--endpoint", endpoint]
-        with path.open("wb") as file, subprocess.Popen(command, stdout=file) as moon:
+        words = [sys.executable, "-m", "moon.cli", "tap", "--json", "--endpoint", endpoint]
+        with path.open("wb") as file, subprocess.Popen(words, stdout=file) as moon:
             took = sent_s()
             settled(lambda: path.stat().st_size)
             used = processor_s(moon.pid)
@@ -160,25 +150,14 @@ def report(name: str, job: Job, took: float, path: Path, used_s: float, bare_s: 
     ]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rate", type=int, default=60_000, help="messages per second")
-    parser.add_argument("--seconds", type=float, default=5.0)
-    parser.add_argument("--robot", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.robot:
-        run_robot(arguments.robot)
-        return
-    job = Job(int(arguments.rate * arguments.seconds), arguments.rate)
+def rows(rate: int = 60_000, seconds: float = 5.0) -> list[Row]:
+    """What is shown; ``rate`` messages a second."""
     endpoint = free_endpoint()
     transport = connect("monitor", {"listen": endpoint})
-    with (
-        spinning(transport),
-        Child("the robot", ["-m", "benchmarks.tap", "--robot", endpoint]) as robot,
-    ):
+    with spinning(transport), Child.calling("the robot", run_robot, endpoint) as robot:
         robot.answer()
-        publish(compare(transport, endpoint, robot, job))
+        return compare(transport, endpoint, robot, Job(int(rate * seconds), rate))
 
 
 if __name__ == "__main__":
-    main()
+    command(rows)
