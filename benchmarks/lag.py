@@ -9,6 +9,7 @@ as time passes is seen up to 2 ms late.
 from __future__ import annotations
 
 import contextlib
+import functools
 import heapq
 import statistics
 from collections.abc import Callable, Sequence
@@ -43,11 +44,11 @@ class Looker:
         self.stamps: list[int] = []
         """Of what waits for its verdict: a heap."""
 
-    def concerns(self, seen: Observation) -> bool:
+    def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
         """Whether it is the machine's own doing, or a message that it gets."""
-        if not self.oracle.concerns(seen.channel, seen.source, seen.kind):
+        if not self.oracle.concerns(channel, source, kind):
             return False
-        return seen.source == self.oracle.node or seen.kind is ObservationKind.MESSAGE
+        return source == self.oracle.node or kind is ObservationKind.MESSAGE
 
     def look(self, now_ns: int) -> None:
         """What has been judged by now?"""
@@ -56,28 +57,6 @@ class Looker:
             stamps.clear()
         while stamps and stamps[0] <= oracle.judged_until:
             self.lags_ms.append((now_ns - heapq.heappop(stamps)) / MS)
-
-
-class Lookers:
-    """Looks at those oracles only that have something to judge: looking is not to hold up the monitor."""
-
-    def __init__(self) -> None:
-        self.all: list[Looker] = []
-        self._concerned: dict[tuple[str, str, ObservationKind], list[Looker]] = {}
-
-    def look(self, now_ns: int, seen: Observation | None = None) -> None:
-        """After ``seen``, or after a turn."""
-        if seen is not None:
-            key = (seen.channel, seen.source, seen.kind)
-            if (concerned := self._concerned.get(key)) is None:
-                concerned = [looker for looker in self.all if looker.concerns(seen)]
-                if self.all:
-                    self._concerned[key] = concerned
-            for looker in concerned:
-                heapq.heappush(looker.stamps, seen.stamp_ns)
-        for looker in self.all:
-            if looker.stamps:
-                looker.look(now_ns)
 
 
 class Looked:
@@ -105,35 +84,44 @@ def measured(ticks: int) -> tuple[list[Looker], int]:
     system = load([SYSTEM], DiagnosticLog())
     assert system is not None
     endpoint = free_endpoint()
-    lookers = Lookers()
     words = ["-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
     words += ["--quiet", "--ticks", str(ticks), "--rate", str(RATE_HZ)]
     with (
         Child("the tour", words) as tour,
         contextlib.closing(connect("monitor", {"endpoint": endpoint})) as connection,
     ):
-        violations = watched(connection, system, lookers, lambda: tour.exit_code is not None)
+        found = watched(connection, system, lambda: tour.exit_code is not None)
         assert tour.exit_code == 0, tour.last_lines
-    return lookers.all, violations
+    return found
 
 
 def watched(
-    connection: Transport, system: System, lookers: Lookers, is_over: Callable[[], bool]
-) -> int:
-    """Monitor ``system`` until ``is_over``, with ``lookers`` for its oracles; the violations."""
+    connection: Transport, system: System, is_over: Callable[[], bool]
+) -> tuple[list[Looker], int]:
+    """Monitor ``system`` until ``is_over``, with lookers at its oracles; these, and the violations."""
+    lookers: list[Looker] = []
+
+    @functools.cache  # looking is not to hold up the monitor
+    def concerned(channel: str, source: str, kind: ObservationKind) -> list[Looker]:
+        return [looker for looker in lookers if looker.concerns(channel, source, kind)]
 
     def look(seen: Observation | None = None) -> None:
-        lookers.look(connection.now_ns(), seen)
+        if seen is not None:
+            for looker in concerned(seen.channel, seen.source, seen.kind):
+                heapq.heappush(looker.stamps, seen.stamp_ns)
+        for looker in lookers:
+            if looker.stamps:
+                looker.look(connection.now_ns())
 
-    watch = SystemWatch(
-        cast(Transport, Looked(connection, look)), system, system.nodes, Bounds(), [], print
-    )
+    looked = cast(Transport, Looked(connection, look))
+    watch = SystemWatch(looked, system, system.nodes, Bounds(), [], print)
     watch.start()
     oracles = watch.oracles().values()
-    lookers.all += [Looker(item) for item in oracles if isinstance(item, Oracle)]
+    lookers += [Looker(item) for item in oracles if isinstance(item, Oracle)]
+    concerned.cache_clear()
     connection.every(PERIOD_S, look)
     connection.spin(until=is_over)
-    return watch.violations
+    return lookers, watch.violations
 
 
 def rows(ticks: int = 300, busy: int = 0) -> list[Row]:
@@ -148,8 +136,8 @@ def rows(ticks: int = 300, busy: int = 0) -> list[Row]:
         (False, "topics of others taken", bound_ms + 10),
     ):
         lags = [lag for looker in lookers if looker.alone is alone for lag in looker.lags_ms]
-        what = f"from event to verdict, {what}, median{where}"
-        found.append(Row(what, statistics.median(lags), "ms", most=most))
+        name = f"from event to verdict, {what}, median{where}"
+        found.append(Row(name, statistics.median(lags), "ms", most=most))
         found.append(Row(f"the same, p99{where}", quantile(lags, 0.99), "ms"))
     print(f"latency bound {bound_ms:g} ms; {violations} violations (a nominal run)")
     return found

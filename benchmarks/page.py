@@ -9,6 +9,7 @@ import argparse
 import inspect
 import os
 import sys
+import typing
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -74,14 +75,19 @@ def publish(rows: Sequence[Row]) -> None:
 
 
 def command(rows: Callable[..., Sequence[Row]]) -> None:
-    """A benchmark's command: ``rows`` makes its figures, and each of its arguments is an option."""
+    """A benchmark's command: ``rows`` makes its figures, and each of its arguments is an option.
+
+    Each has a default, which says its type; one that is a ``Literal`` has only these values.
+    """
     about = inspect.getdoc(sys.modules[rows.__module__]) or ""
     parser = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    for name, option in inspect.signature(rows).parameters.items():
-        default = option.default
-        parser.add_argument(f"--{name}", type=type(default), default=default, help=f"[{default}]")
+    for name, option in inspect.signature(rows, eval_str=True).parameters.items():
+        default, choices = option.default, typing.get_args(option.annotation) or None
+        parser.add_argument(
+            f"--{name}", type=type(default), default=default, choices=choices, help=f"[{default}]"
+        )
     publish(rows(**vars(parser.parse_args())))
 
 

@@ -17,18 +17,17 @@ import base64
 import logging
 import os
 import resource
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import ClassVar
 
 import msgspec
 
 from benchmarks.page import Row, command
-from benchmarks.processes import ROOT, Child, free_endpoint, read_so_far, resident_mb, say
+from benchmarks.processes import ROOT, Child, free_endpoint, read_so_far, resident_mb
+from benchmarks.tap import TOPICS, Job, run_robot
 from m2c.launch.in_process import SimulatedRun, compile_system
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch
@@ -41,27 +40,18 @@ from moon.recording.reader import open_recording
 from moon.recording.recorded import RecordedConnection
 from moon.recording.recorder import Recorder
 from moon.recording.writer import FLUSH_S, RecordingWriter
-from transports.interface import Observation, ObservationKind, Topic
+from transports.interface import Observation, ObservationKind
 from transports.simulated import SimulatedTransport, SimulatedWorld
 from transports.zenoh import connect
 
 EXAMPLE = ROOT / "examples" / "lab_tour"
 SYSTEM = EXAMPLE / "system.xml"
 RECORD_TARGET = 50_000
-GROUP_S = 0.001
-"""The publisher sends what is due by then, again and again: a pause for each message would be too long."""
 FRAME_BYTES, FRAME_S = 1 << 20, 1 / 30
 """Of the camera's messages, and between two of them."""
 LOOK_S = 0.5
 PARTS = 8
 """So often the memory is told."""
-
-
-class Level(msgspec.Struct):
-    """The message that is recorded."""
-
-    __type_name__: ClassVar[str] = "std_msgs/msg/Int32"
-    data: int = 0
 
 
 def message(channel: str, type_name: str, data: object, stamp_ns: int, number: int) -> Observation:
@@ -84,7 +74,7 @@ def message(channel: str, type_name: str, data: object, stamp_ns: int, number: i
 
 def written(folder: Path, count: int) -> Row:
     """Messages a second of processor time that the writer takes, without a network."""
-    seen = [message("/level", Level.__type_name__, n, 10**18 + n, n) for n in range(count)]
+    seen = [message("/level", "std_msgs/msg/Int32", n, 10**18 + n, n) for n in range(count)]
     writer = RecordingWriter(folder / "written.mcap", Definitions())
     start = time.process_time()
     for item in seen:
@@ -94,37 +84,18 @@ def written(folder: Path, count: int) -> Row:
     return Row("the writer alone, of processor time", count / taken, "messages/s")
 
 
-def send(endpoint: str, rate_hz: float, count: int) -> None:
-    """The other process: ``count`` messages at ``rate_hz``, in groups of a millisecond."""
-    node = connect("publisher", {"endpoint": endpoint})
-    publisher = node.publisher(Topic("/level", Level.__type_name__, Level))
-    node.announce()
-    sys.stdin.readline()
-    pace = threading.Event()
-    start = time.monotonic()
-    sent = 0
-    while sent < count:
-        due = min(count, int((time.monotonic() - start) * rate_hz))
-        while sent < due:
-            publisher.publish(Level(sent))
-            sent += 1
-        pace.wait(GROUP_S)
-    say({"rate": count / (time.monotonic() - start)})
-    sys.stdin.readline()
-    node.close()
-
-
 def over_zenoh(folder: Path, rate_hz: float, count: int) -> list[Row]:
     """The rate at which was sent, and how many of ``count`` are not in the recording."""
     endpoint = free_endpoint()
     path = folder / "heard.mcap"
     here = connect("recorder", {"listen": endpoint})
-    with Child.calling("the publisher", send, endpoint, rate_hz, count) as other:
+    with Child.calling("the robot", run_robot, endpoint) as robot:
+        robot.answer()
         writer = RecordingWriter(path, Definitions())
-        recorder = Recorder(here, "zenoh", writer, ["/level"], print)
+        recorder = Recorder(here, "zenoh", writer, [topic.name for topic in TOPICS], print)
         recorder.start()
         here.every(FLUSH_S, recorder.look_around)
-        here.wait_for_nodes(["publisher"], 10)
+        here.wait_for_nodes(["robot"], 10)
         quiet = [0, 0]
 
         def is_over() -> bool:
@@ -135,12 +106,11 @@ def over_zenoh(folder: Path, rate_hz: float, count: int) -> list[Row]:
             quiet[0] = writer.observations
 
         here.every(LOOK_S, look)
-        other.tell("go")
+        robot.tell(msgspec.json.encode(Job(count, round(rate_hz))).decode())
         here.spin(until=is_over)
         recorder.finish()
         here.close()
-        rate = other.answer()["rate"]
-        other.tell("end")
+        rate = count / robot.answer()["seconds"]
     stored = sum(isinstance(entry, Observation) for entry in open_recording(path).entries())
     return [
         Row("recorded over Zenoh", rate, "messages/s", least=RECORD_TARGET),

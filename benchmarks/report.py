@@ -1,4 +1,4 @@
-"""How soon a report's page is there, by how much was observed: python -m benchmarks.report [observations …]
+"""How soon a report's page is there, by how much was observed.
 
 From the start of navigation to the browser's first contentful paint, and to the timeline's first
 paint; the median of five loads in headless Chromium. A page ought to be there within two seconds.
@@ -7,12 +7,11 @@ paint; the median of five loads in headless Chromium. A page ought to be there w
 from __future__ import annotations
 
 import statistics
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.page import Row, publish
+from benchmarks.page import Row, command
 from moon.report import write_report
 from tests.report.browser import browser, opened, painted_ms
 from tests.report.samples import machines, result, violation, write_log
@@ -21,22 +20,14 @@ LOADS = 5
 MOST_MS = 2_000
 """The page is there so soon, with its timeline."""
 SIZES = (1_000, 100_000, 1_000_000)
-FRAMES = (
-    "const [canvas, done] = [document.getElementById('canvas'), arguments[0]];"
-    "const times = []; let last = performance.now();"
-    "const step = () => { const now = performance.now(); times.push(now - last); last = now;"
-    "if (times.length > 60) return done(times.slice(1).sort((a, b) => a - b)[Math.floor(59 / 2)]);"
-    "canvas.dispatchEvent(new KeyboardEvent('keydown', {key: times.length % 2 ? '+' : '-'}));"
-    "requestAnimationFrame(step); }; requestAnimationFrame(step)"
-)
-"""The median time from one frame to the next while zooming: 16.7 ms is as fast as the screen."""
 
 
-def main(sizes: list[int]) -> None:
+def rows() -> list[Row]:
+    """What is shown."""
     said = tuple(violation(machine, 5 + 3 * n, n) for n, machine in enumerate(machines()))
-    rows: list[Row] = []
+    found: list[Row] = []
     with tempfile.TemporaryDirectory() as folder, browser() as driver:
-        for size in sizes:
+        for size in SIZES:
             log = write_log(Path(folder) / "run.jsonl", size)
             page = Path(folder) / f"report{size}.html"
             begin = time.perf_counter()
@@ -48,14 +39,13 @@ def main(sizes: list[int]) -> None:
                 loads.append(painted_ms(driver))
             first, timeline = (statistics.median(column) for column in zip(*loads, strict=True))
             what = f"report of {size:,} observations, painted"
-            rows.append(Row(what, max(first, timeline), "ms", most=MOST_MS))
-            frame = driver.execute_async_script(FRAMES)
+            found.append(Row(what, max(first, timeline), "ms", most=MOST_MS))
             print(
                 f"{size:>9,} observations: {page.stat().st_size / 1e6:.1f} MB, written in {written:.1f} s; "
-                f"first paint {first:.0f} ms, timeline {timeline:.0f} ms, {frame:.1f} ms a frame zooming"
+                f"first paint {first:.0f} ms, timeline {timeline:.0f} ms"
             )
-    publish(rows)
+    return found
 
 
 if __name__ == "__main__":
-    main([int(argument) for argument in sys.argv[1:]] or list(SIZES))
+    command(rows)

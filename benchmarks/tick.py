@@ -14,7 +14,7 @@ import contextlib
 import itertools
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -202,7 +202,9 @@ def measure(transport: str, seconds: float, count: int) -> list[Row]:
     return rows
 
 
-def rows(transport: str = "both", seconds: float = 5.0, rounds: int = 5) -> list[Row]:
+def rows(
+    transport: Literal["both", "zenoh", "ros2"] = "both", seconds: float = 5.0, rounds: int = 5
+) -> list[Row]:
     """What is shown; ``seconds`` of each mode and rate."""
     wanted = PEERS if transport == "both" else (transport,)
     return [row for name in wanted for row in measure(name, seconds, rounds)]

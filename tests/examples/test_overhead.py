@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.processes import ROOT as REPOSITORY
-from benchmarks.processes import Child, ChildError
+from benchmarks.processes import Child, ChildError, say
 from benchmarks.ticking import WHOLE, MiddlewareMissingError, Order, middleware
 from examples.overhead import __main__ as command
 from examples.overhead import blocks, brief, measuring, node_cost
@@ -305,6 +305,16 @@ def test_a_child_answers_questions_and_says_its_last_word() -> None:
     finally:
         said = child.stop()
     assert said == [{"last": 1}]
+
+
+def answer_twice(number: int, words: list[str]) -> None:
+    """What a child of the next test calls."""
+    say({"twice": number * 2, "words": words})
+
+
+def test_a_function_is_called_in_a_child_with_arguments_of_json() -> None:
+    with Child.calling("the child", answer_twice, 21, ["a 'word'"]) as child:
+        assert child.answer() == {"twice": 42, "words": ["a 'word'"]}
 
 
 def test_kinds_of_observations_are_the_machines_own_ends() -> None:

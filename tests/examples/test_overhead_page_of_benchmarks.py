@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from pathlib import Path
+from typing import Literal
 
 import pytest
+
+from benchmarks.page import Row, command
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
@@ -88,3 +92,20 @@ def test_every_benchmark_that_tells_figures_has_its_place_on_a_page() -> None:
     ]
     assert len(telling) >= 10
     assert [name for name in telling if f"<!-- begin {name} -->" not in text] == []
+
+
+def a_benchmark(rate: int = 3, transport: Literal["zenoh", "ros2"] = "zenoh") -> list[Row]:
+    return [Row(transport, rate, "messages/s")]
+
+
+def test_arguments_of_what_measures_are_the_options_of_its_command(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(sys, "argv", ["benchmark", "--rate", "5", "--transport", "ros2"])
+    command(a_benchmark)
+    assert capsys.readouterr().out == "ros2: 5 messages/s\n"
+
+
+def test_an_option_that_is_none_is_exit_code_2(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(sys, "argv", ["benchmark", "--transport", "carrier pigeon"])
+    with pytest.raises(SystemExit, match="2"):
+        command(a_benchmark)
+    assert "invalid choice: 'carrier pigeon'" in capsys.readouterr().err
