@@ -28,8 +28,6 @@ TAKEN_NS = MS
 ASKED_NS = S // 10
 TURN_NS = 10 * MS
 TARGET = 5.0
-TYPICAL = 1000
-"""Messages a second up to which a machine has to be judged much faster than real time."""
 
 TYPES = {"t/srv/Tick.srv": "---\nint32 status\n", "t/msg/Level.msg": "int32 data\n"}
 MODEL = """\
