@@ -26,6 +26,7 @@ from moon.oracle.readers import (
     served,
     strange,
     taking,
+    took,
 )
 from moon.oracle.trace_events import Role, TraceEvent
 from transports.interface import Observation, ObservationKind
@@ -116,14 +117,27 @@ class Channels:
         ports.append(port)
 
     @property
-    def hears_others(self) -> bool:
-        """Whether the machine takes what others publish: only its own node stamps all the rest."""
+    def has_topics(self) -> bool:
+        """Whether the machine takes messages of topics: only its own node stamps all the rest."""
+        return any(p.kind is InterfaceKind.SUBSCRIBER for ports in self.ports.values() for p in ports)
+
+    @property
+    def has_feedback(self) -> bool:
+        """Whether the machine takes feedback of goals: its node does not report when."""
         return any(
-            port.kind is InterfaceKind.SUBSCRIBER or port.part == "feedback"
+            port.kind is InterfaceKind.ACTION_CLIENT and port.part == "feedback"
             for ports in self.ports.values()
             for port in ports
-            if port.kind in (InterfaceKind.SUBSCRIBER, InterfaceKind.ACTION_CLIENT)
         )
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether each topic that the machine takes is one interface: a message is one input then."""
+        counts = (
+            sum(port.kind is InterfaceKind.SUBSCRIBER for port in ports)
+            for ports in self.ports.values()
+        )
+        return max(counts, default=0) <= 1
 
     def name_of(self, kind: InterfaceKind, interface: str) -> str:
         """The name under which the channel of ``interface`` is known: one per channel and kind."""
@@ -156,6 +170,8 @@ class Channels:
         match port.kind:
             case InterfaceKind.SUBSCRIBER if kind is ObservationKind.MESSAGE:
                 return taking(Role.MESSAGE, name, EventKind.MESSAGE, template)
+            case InterfaceKind.SUBSCRIBER if own and kind is ObservationKind.MESSAGE_TAKEN:
+                return took(name)
             case InterfaceKind.PUBLISHER if own and kind is ObservationKind.MESSAGE:
                 return giving(name, OutputKind.PUBLISH, template)
             case InterfaceKind.SERVER:

@@ -7,6 +7,7 @@ from moon.oracle.hypothesis import Hypothesis
 from moon.oracle.progress import Progress
 from moon.oracle.search import Search
 from moon.oracle.source_streams import Count, Lanes, Place
+from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.unconfirmed import NOT_NEEDED, Losses, OtherEnds, Publishers, Waiting
 from moon.verdict import Verdict
 
@@ -34,6 +35,7 @@ class Confirmation:
         other_ends: what others report of the node's calls.
         publishers: who may publish without having been heard.
         losses: what is known of the tap.
+        takes: whether the node reports which messages it takes; then those of others tell nothing more.
     """
 
     def __init__(
@@ -45,6 +47,7 @@ class Confirmation:
         other_ends: OtherEnds,
         publishers: Publishers,
         losses: Losses,
+        takes: TakenMessages,
     ) -> None:
         self._node = node
         self._search = search
@@ -55,6 +58,7 @@ class Confirmation:
         self._other_ends = other_ends
         self._publishers = publishers
         self._losses = losses
+        self._takes = takes
 
     def needed(
         self, verdict: Verdict, after: int, since: int, is_silence: bool, expected: list[Place]
@@ -71,12 +75,12 @@ class Confirmation:
         if not self._losses.possible:
             return Waiting(verdict)
         places: dict[Place, int] = {}
-        known = self._wait_for_others(places, after, since)
+        known = self._takes.reported or self._wait_for_others(places, after, since)
         counted = self._progress.heard
         if counted:  # its node numbers all that it reports
             known = known and self._progress.gap <= since
-            by = after + is_silence
-            reported = NOT_NEEDED if counted >= by else by
+            # what comes with the very stamp may be what did not come
+            reported = NOT_NEEDED if counted >= after else after + is_silence
         else:
             reported = NOT_NEEDED
             known = known and not self._other_ends.are_missing(since, after + self._skew)

@@ -39,6 +39,8 @@ class Inputs(Running):
                 yield from self._cancel_input(hypothesis, fact)
             case EventKind.RESPONSE | EventKind.CALL_ERROR:
                 yield from self.run(hypothesis, 0, event, fact.data, {}, stamp, stamp)
+            case EventKind.MESSAGE:
+                yield from self.run(hypothesis, 0, event, fact.data, {}, stamp, stamp)
             case _:
                 yield from self._goal_event(hypothesis, fact)
 

@@ -26,6 +26,7 @@ from moon.oracle.resynchronisation import Resynchronisation
 from moon.oracle.search import Search
 from moon.oracle.source_streams import Lanes
 from moon.oracle.steps import TooOpenError
+from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.oracle.unconfirmed import (
     UNCONFIRMED,
@@ -75,6 +76,7 @@ class Judging:
         self._streams = Lanes(self.channels, self.node)
         self._latency = self.bounds.latency
         self._progress = Progress()
+        self._takes = TakenMessages(self.bounds.deadline + self.bounds.skew)
         self._confirmation = Confirmation(
             self.node,
             self.search,
@@ -83,9 +85,12 @@ class Judging:
             self._other_ends,
             self._publishers,
             self.losses,
+            self._takes,
         )
-        self._alone = not self.channels.hears_others
-        """Everything that concerns the machine is told by its own node: it is known how far that is."""
+        self._has_topics = self.channels.has_topics
+        self._is_ordered = self._may_be_ordered = not (self._has_topics or self.channels.has_feedback)
+        """All that the machine takes and sends is reported by its own node, in order: it is known how far
+        that is."""
         self._certain_since = 0
         """Since when (ns) what the machine does is known; what was lost before does not matter."""
         self._anchoring = Resynchronisation(self._latency)
@@ -130,6 +135,17 @@ class Judging:
         return until
 
     @property
+    def silent_ns(self) -> int:
+        """From then on (ns) it decides something if the node did nothing more, and the node can say so.
+
+        FOREVER: nothing is due, or the node's word would not be enough.
+        """
+        if not self._is_ordered or self._base is None or not self._progress.heard:
+            return FOREVER
+        due = min(self._next_due, self._uptake.due, self._takes.due)
+        return due if due > self._finished else FOREVER
+
+    @property
     def is_synchronised(self) -> bool:
         """Whether it is known what the machine may be doing."""
         return self._base is not None
@@ -142,6 +158,8 @@ class Judging:
             self._finished = settled
             return []
         verdicts: list[Verdict] = []
+        if self._takes.awaited_ns <= settled:
+            verdicts += self.lose(settled, "the contents of a message that it took were not received")
         if self._progress.ahead:
             self._progress.settle(settled)
         if self._unconfirmed.kept:
@@ -152,7 +170,9 @@ class Judging:
         if self._base is not None and self._next_due <= settled:
             verdicts += self._time_passed(settled)
         if self._uptake.due <= settled:
-            verdicts += self._not_taken_up(settled)
+            verdicts += self._not_received(settled)
+        if self._takes.due <= settled:
+            verdicts += self._not_taken(settled)
         if self._is_to_be_found and settled >= self._next_try:
             verdicts += self._try_to_anchor(settled)
         self._wake_at(self._next_time())
@@ -175,6 +195,8 @@ class Judging:
         if self._base is None:
             return self._next_try if self._is_to_be_found else FOREVER
         wake = self._next_due if self._next_due < self._uptake.due else self._uptake.due
+        if self._takes.due < wake:
+            wake = self._takes.due
         if self._window and self._window[0].stamp < wake:
             wake = self._window[0].stamp
         return wake
@@ -268,23 +290,35 @@ class Judging:
         owed = hypothesis.owed
         return bool(owed) and not owed[0].optional and owed[0].high + self.bounds.deadline <= now
 
-    def _not_taken_up(self, settled: int) -> list[Verdict]:
+    def _not_received(self, settled: int) -> list[Verdict]:
         """Requests that others sent and the machine's node never received."""
         verdicts = []
         for fact in self._uptake.overdue(settled):
-            if self._base is None or not (self.inputs or self._from_start):
-                continue  # perhaps its end is not instrumented
-            observed = "nothing: the request was not taken up"
-            expected = (f"request {fact.call[1]} of {fact.call[0]} to be received",)
-            evidence = tuple(Evidence(f.stamp, told(f, self.search.wording)) for f in self._history)
-            explanation = Explanation(expected, observed, (), evidence)
-            verdict = self._verdict_of(fact.stamp, explanation, "unresponsive: ")
-            place = (self.node, fact.observation.channel, False)
-            verdicts += self._convict(
-                verdict,
-                self._confirmation.needed(verdict, settled, self._certain_since, True, [place]),
-            )
+            if self.inputs or self._from_start:  # else perhaps its end is not instrumented
+                request = f"request {fact.call[1]} of {fact.call[0]} to be received"
+                verdicts += self._missing(fact, request, "the request was not taken up", settled)
         return verdicts
+
+    def _not_taken(self, settled: int) -> list[Verdict]:
+        """Messages on the machine's topics that its node, which reports what it takes, never took."""
+        verdicts = []
+        for fact in self._takes.overdue(settled):
+            source, channel = fact.stream
+            message = f"message {fact.observation.sequence} of {source} on {channel} to be taken"
+            verdicts += self._missing(fact, message, "the message was not taken", settled)
+        return verdicts
+
+    def _missing(self, fact: TraceEvent, expected: str, why: str, settled: int) -> list[Verdict]:
+        """``fact``, which another node sent, did not reach the machine."""
+        if self._base is None:
+            return []
+        evidence = tuple(Evidence(f.stamp, told(f, self.search.wording)) for f in self._history)
+        explanation = Explanation((expected,), f"nothing: {why}", (), evidence)
+        verdict = self._verdict_of(fact.stamp, explanation, "unresponsive: ")
+        place = (self.node, fact.observation.channel, False)
+        since = self._certain_since
+        needed = self._confirmation.needed(verdict, settled, since, True, [place])
+        return self._convict(verdict, needed)
 
     # --- verdicts ---------------------------------------------------------------------------------
 
@@ -434,6 +468,7 @@ class Judging:
         self._wake_at(0)
         self._window.clear()
         self._uptake.clear()
+        self._takes.forget()
         self._lost_until = stamp + self._latency
         self._listening_since = stamp
         self._anchoring.begin(max(stamp, newest))

@@ -13,6 +13,7 @@ from moon.oracle.hypothesis import Hypothesis
 from moon.oracle.judging import Judging
 from moon.oracle.source_streams import Count
 from moon.oracle.steps import TooOpenError
+from moon.oracle.taken_messages import reference_of
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
@@ -22,6 +23,7 @@ _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 # looked up for every observation
 _ASKED, _OUTPUT, _STRANGE, _INPUT = Role.ASKED, Role.OUTPUT, Role.UNDECLARED, Role.INPUT
 _ANSWERED = Role.ANSWERED
+_TOPIC, _TAKEN = Role.MESSAGE, Role.TAKEN
 _INCONCLUSIVE = Outcome.INCONCLUSIVE
 _MESSAGE = ObservationKind.MESSAGE
 
@@ -56,6 +58,8 @@ class Oracle(Judging):
         self._unconfirmed.restart()
         self._streams.restart()
         self._progress.restart()
+        self._takes.restart()
+        self._is_ordered = self._may_be_ordered
         self._begin(stamp_ns, whole)
         self._may_be_lost_until = 0 if whole else stamp_ns + self.bounds.latency
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
@@ -111,6 +115,14 @@ class Oracle(Judging):
             self.late += 1
             text = f"an observation on {observation.channel} cannot be read"
             verdicts += self.lose(observation.stamp_ns, text)
+        is_filled = False
+        if self._has_topics:
+            awaited_ns = self._takes.awaited_ns
+            if more:
+                more = [each for item in more if (each := self._of_topic(item)) is not None]
+            if fact is not None:
+                fact = self._of_topic(fact)
+            is_filled = self._takes.awaited_ns > awaited_ns
         received_ns = observation.received_ns
         if self._clock.settled > self._finished:
             self._finished = self._clock.settled
@@ -123,16 +135,14 @@ class Oracle(Judging):
             if self._unconfirmed.kept and not self._progress.heard:
                 verdicts += self._confirm(self._unconfirmed.counts_per_channel())
         if stream.own and order >= 0:
-            if order == progress.next and not progress.ahead:
+            if order == progress.next and not progress.ahead and progress.answer is None:
                 progress.next, progress.heard = order + 1, observation.stamp_ns
             else:
                 progress.take(order, observation.stamp_ns, settled)
             if self._unconfirmed.kept:
                 verdicts += self._look_at_reports()
-            if self._alone and settled >= self._may_be_lost_until:  # before, not all was told
-                heard = progress.heard
-                if heard > settled:
-                    settled = heard if heard < received_ns else received_ns
+            if self._is_ordered:
+                settled = self._known(settled, received_ns)
             if (
                 fact is not None
                 and not more
@@ -145,11 +155,99 @@ class Oracle(Judging):
         if more:
             for fact in more:
                 self._take(fact, verdicts)
+        if is_filled and self._is_ordered:
+            settled = self._known(settled, received_ns)
         if settled < self.wake:
             if settled > self._finished:
                 self._finished = settled
             return verdicts
         return verdicts + self._settle(settled)
+
+    def reported(self, number: int, stamp_ns: int, now_ns: int) -> list[Verdict]:
+        """The node was asked how far it is: what it did not report, it did not do.
+
+        Args:
+            number: all that it did until then has a number (``Observation.order``) below this one.
+            stamp_ns: until when (ns since the epoch).
+            now_ns: on the clock of ``Observation.received_ns``.
+        """
+        self._progress.answered(number, stamp_ns)
+        settled = now_ns - self._latency
+        if self._is_ordered:
+            settled = self._known(settled, now_ns)
+        verdicts = self._look_at_reports() if self._unconfirmed.kept else []
+        return verdicts + self._settle(settled) if settled >= self.wake else verdicts
+
+    def _known(self, settled: int, received_ns: int) -> int:
+        """Until when (ns) all has been heard, by the numbers of the node's reports; at least ``settled``."""
+        if settled < self._may_be_lost_until:
+            return settled  # not all was reported
+        known = self._progress.heard
+        if known >= self._takes.awaited_ns:
+            known = self._takes.awaited_ns - 1
+        if known <= settled:
+            return settled
+        return known if known < received_ns else received_ns
+
+    def _of_topic(self, fact: TraceEvent) -> TraceEvent | None:
+        """What is left to be judged of ``fact``, if it is about a message of a topic."""
+        if fact.role is _TOPIC:
+            return self._published(fact)
+        if fact.role is _TAKEN:
+            return self._taken(fact)
+        return fact
+
+    def _published(self, fact: TraceEvent) -> TraceEvent | None:
+        """A message on a topic that the machine takes; None where its node reports what it takes."""
+        if not self._takes.reported or not self.search.changes_something(fact.event):
+            return fact
+        if fact.observation.sequence < 0:  # of such a message it is not reported when it is taken
+            self._is_ordered = False
+            return fact
+        self._note_message(fact)
+        return None
+
+    def _note_message(self, message: TraceEvent) -> None:
+        self._takes.publish(message, self._base is not None and self._is_to_be_taken(message))
+        if self._takes.due < self.wake:
+            self._wake_at(self._takes.due)
+
+    def _is_to_be_taken(self, message: TraceEvent) -> bool:
+        """Whether the node has to take ``message``: it was there, and whoever published it is known."""
+        since = max(self._may_be_lost_until, self._lost_until + 1)
+        return message.stamp >= since and self._publishers.is_caller(message.stream[0])
+
+    def _taken(self, fact: TraceEvent) -> TraceEvent | None:
+        """The node took a message: an input, whose contents may still have to be received."""
+        if not self.search.changes_something(fact.event):
+            return None
+        if not self._takes.reported and not self._begin_to_follow(fact):
+            return None
+        fact.role = _INPUT
+        self._takes.take(fact)
+        return fact
+
+    def _begin_to_follow(self, fact: TraceEvent) -> bool:
+        """The node's first report of what it takes: whether its reports are what counts from here on.
+
+        They are not, while the message has been judged already by when it was published.
+        """
+        if not self.channels.is_plain:
+            return False
+        client, number = fact.call
+        channel = fact.observation.channel
+        kept = self._anchoring.recent if self._base is None else self._window
+        messages = [f for f in kept if f.role is _TOPIC and f.observation.sequence >= 0]
+        if (client, channel, number) not in map(reference_of, messages):
+            count = self._streams.counts.get((client, channel, True))
+            if count is not None and number < count.next:
+                return False
+        self._takes.reported = True
+        self._is_ordered = not self.channels.has_feedback
+        for message in messages:
+            kept.remove(message)
+            self._note_message(message)
+        return True
 
     def _at_once(self, fact: TraceEvent, settled: int) -> bool:
         """Whether ``fact``, the next thing that happened, is judged here and now.
@@ -233,6 +331,8 @@ class Oracle(Judging):
                 # a number above 0 comes first where a tap joins later, or where the first was lost
                 text = f"what came first on {observation.channel} was not received"
                 verdicts += self.lose(stamp, text)
+            case Sequel.AFTER_A_GAP if self._takes.reported and observation.source != self.node:
+                self.losses.happen = True  # what is missing matters when it has been taken
             case Sequel.AFTER_A_GAP:
                 self.losses.happen = True
                 text = f"observations on {observation.channel} from {observation.source} were lost"
@@ -241,11 +341,15 @@ class Oracle(Judging):
                 self._progress.restart()
                 self._other_ends.clear()
                 self._unconfirmed.restart()
+                self._takes.restart()
+                self._is_ordered = self._may_be_ordered
                 verdicts += self.lose(stamp, f"{self.node} was restarted")
         return True
 
     def _is_expected(self, observation: Observation) -> bool:
         """Whether its channel's first observation should have been heard by now."""
+        if self._takes.reported and observation.source != self.node:
+            return False
         if self.losses.happen:
             return self._base is not None
         return self._from_start and observation.source == self.node

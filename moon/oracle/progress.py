@@ -14,21 +14,36 @@ class Progress:
         next: the number that follows.
         ahead: number and stamp of what came after a gap.
         gap: what is missing and not waited for any more happened before this stamp (ns).
+        answer: the number that followed when the node was asked how far it is, and when that was (ns);
+            None where all until then has been heard, or it was not asked.
     """
 
-    __slots__ = ("ahead", "gap", "heard", "next")
+    __slots__ = ("ahead", "answer", "gap", "heard", "next")
 
     def __init__(self) -> None:
         self.ahead: dict[int, int] = {}
         self.next = 0
         self.heard = 0
         self.gap = 0
+        self.answer: tuple[int, int] | None = None
 
     def restart(self) -> None:
         """The node counts anew, or nothing is known any more."""
         self.ahead.clear()
         self.next = 0
         self.heard = 0
+        self.answer = None
+
+    def answered(self, number: int, stamp: int) -> None:
+        """The node says that all that it did until ``stamp`` (ns) has a number below ``number``."""
+        self.answer = (number, stamp)
+        self._look_at_answer()
+
+    def _look_at_answer(self) -> None:
+        if self.answer is not None and self.next >= self.answer[0]:
+            if self.next == self.answer[0]:
+                self.heard = max(self.heard, self.answer[1])
+            self.answer = None
 
     def take(self, order: int, stamp: int, settled: int) -> None:
         """The node did something.
@@ -65,3 +80,5 @@ class Progress:
         while ahead and self.next in ahead:
             self.heard = ahead.pop(self.next)
             self.next += 1
+        if self.answer is not None:
+            self._look_at_answer()

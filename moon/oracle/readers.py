@@ -71,6 +71,12 @@ def taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
     return lambda seen: TraceEvent(seen, role, name, event, None, complete(seen.data, template))
 
 
+def took(name: str) -> Reader:
+    """Reports of the machine's node that it took a message of a topic; who published it has the contents."""
+    event = (EventKind.MESSAGE, name)
+    return lambda seen: TraceEvent(seen, Role.TAKEN, name, event)
+
+
 def giving(name: str, kind: OutputKind, template: Any) -> Reader:
     """Outputs; ``template``: zero values of all fields."""
     return lambda seen: TraceEvent(

@@ -22,7 +22,8 @@ class Resynchronisation:
 
     def __init__(self, latency: int) -> None:
         self._latency = latency
-        self._recent: deque[TraceEvent] = deque()
+        self.recent: deque[TraceEvent] = deque()
+        """What is remembered, as it was received."""
         self._since = 0
         self._last_step = 0
         """When it last took or sent something."""
@@ -31,14 +32,14 @@ class Resynchronisation:
         """Listen from ``stamp`` (ns) on; what came before is forgotten, and what is newer is not known to
         be all that there was: nothing is concluded from before the newest that was forgotten.
         """
-        stamps = (min(fact.stamp, fact.observation.received_ns) for fact in self._recent)
+        stamps = (min(fact.stamp, fact.observation.received_ns) for fact in self.recent)
         newest = max(stamps, default=0)
-        self._recent.clear()
+        self.recent.clear()
         self._since = self._last_step = max(stamp, newest)
 
     def remember(self, fact: TraceEvent, finished: int) -> None:
         """Keep ``fact``; nothing that came ``finished`` (ns) or earlier is waited for."""
-        recent = self._recent
+        recent = self.recent
         recent.append(fact)
         oldest = finished - 4 * self._latency
         while recent[0].stamp < oldest:
@@ -57,7 +58,7 @@ class Resynchronisation:
             The moment (ns), the messages that may be under way then, and the facts after it; or None.
         """
         earliest = self._since + self._latency
-        facts = sorted((f for f in self._recent if f.stamp <= settled), key=lambda f: f.stamp)
+        facts = sorted((f for f in self.recent if f.stamp <= settled), key=lambda f: f.stamp)
         anchor = None
         quiet_since = self._last_step
         for fact in facts:
@@ -79,8 +80,8 @@ class Resynchronisation:
         for fact in pending:
             fact.may_be_lost = True
         later = [f for f in facts if f.stamp > anchor]
-        return anchor, pending, later + [f for f in self._recent if f.stamp > settled]
+        return anchor, pending, later + [f for f in self.recent if f.stamp > settled]
 
     def found(self) -> None:
         """What was kept is not needed any more."""
-        self._recent.clear()
+        self.recent.clear()

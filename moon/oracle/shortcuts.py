@@ -11,7 +11,7 @@ from moon.oracle.outputs import Outputs
 from moon.oracle.step import Step
 from moon.oracle.trace_events import Role, TraceEvent
 
-_CALLS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR)
+_INPUTS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR, EventKind.MESSAGE)
 _PLAIN = (OutputKind.PUBLISH, OutputKind.REQUEST, OutputKind.RESPONSE)
 _OUTPUT, _INPUT, _REQUEST, _RESPONSE = (  # looked up for every observation
     Role.OUTPUT,
@@ -66,7 +66,7 @@ class Shortcuts(Outputs):
             hypothesis.forget_key()
             return hypothesis
         event = fact.event
-        if owed or fact.role is not _INPUT or event is None or event[0] not in _CALLS:
+        if owed or fact.role is not _INPUT or event is None or event[0] not in _INPUTS:
             return None
         stamp = fact.stamp
         if hypothesis.alarms:

@@ -34,6 +34,8 @@ class Role(IntEnum):
     """Who sent such a request has waited for the answer in vain, as it tells."""
     OTHER_END = 9
     """What the server of a call that the machine made tells of it."""
+    TAKEN = 10
+    """The machine's node took a message of a topic, as it reports; it becomes an INPUT."""
 
 
 class TraceEvent:

@@ -195,6 +195,7 @@ class PolicyOracle:
         if observation.source == self.node:
             if observation.order >= 0:
                 self._progress.take(observation.order, observation.stamp_ns, settled)
+                settled = max(settled, min(self._progress.heard, observation.received_ns))
             if self._unconfirmed.kept:
                 verdicts = self._look_at_reports()
             if kind in _OWN and _PARTS not in channel:

@@ -248,14 +248,18 @@ def test_a_tick_that_is_left_out_is_noticed_at_the_next_one(tmp_path: Path) -> N
 
 
 def test_a_call_before_the_answer_to_the_last_one_is_a_violation() -> None:
-    """The answer to one tick is stamped as if it had come after the next tick."""
+    """The answer to one tick is stamped and numbered as if it had come after the next tick."""
     late: list[Observation] = []
 
     def answered_late(seen: Observation) -> Observation:
         answer = seen.kind is ObservationKind.RESPONSE_RECEIVED
         if seen.channel == "/BatteryLevelSkill/tick" and answer and seen.call > 100 and not late:
             late.append(seen)
-            return msgspec.structs.replace(seen, stamp_ns=seen.stamp_ns + 1_000_000)
+            return msgspec.structs.replace(
+                seen, stamp_ns=seen.stamp_ns + 1_000_000, order=seen.order + 1
+            )
+        if late and seen.source == "policy" and seen.order == late[0].order + 1:
+            return msgspec.structs.replace(seen, order=seen.order - 1)
         return seen
 
     heard = tour(1, 20.0, Conditions(), change=answered_late)

@@ -1,0 +1,116 @@
+"""Messages of topics, where the machine's node reports which of them it took, and when.
+
+A node that reports that (``ObservationKind.MESSAGE_TAKEN``) orders all that its machine does: a message is an
+input at the moment at which it was taken, as a request is. Its contents come from its publisher. Until the
+node's first such report, and for publishers that do not number their messages, a message was taken at some
+time within the latency bound.
+"""
+
+from __future__ import annotations
+
+from moon.oracle.bounds import FOREVER
+from moon.oracle.trace_events import TraceEvent
+
+KEPT_MESSAGES = 1024
+"""Messages that were not taken yet, and others that are remembered."""
+
+Reference = tuple[str, str, int]
+"""Source and channel of a message, and its number there."""
+
+
+class TakenMessages:
+    """The messages on the topics of one machine.
+
+    Args:
+        deadline: a message is taken within this time of its stamp (ns).
+
+    Attributes:
+        reported: whether the machine's node reports what it takes.
+        due: when a message that is known will be overdue (ns), or earlier.
+        awaited_ns: the first that was taken and whose contents were not received yet, was taken then (ns).
+    """
+
+    __slots__ = ("_awaited", "_contents", "_deadline", "_expected", "awaited_ns", "due", "reported")
+
+    def __init__(self, deadline: int) -> None:
+        self._deadline = deadline
+        self.reported = False
+        self.due = FOREVER
+        self.awaited_ns = FOREVER
+        self._contents: dict[Reference, TraceEvent] = {}
+        self._awaited: dict[Reference, TraceEvent] = {}
+        self._expected: dict[Reference, TraceEvent] = {}
+
+    def publish(self, message: TraceEvent, is_expected: bool) -> bool:
+        """A message was published; whether it had been taken already, and its contents were awaited.
+
+        Args:
+            message: as its publisher reports it.
+            is_expected: whether the machine has to take it.
+        """
+        reference = reference_of(message)
+        taken = self._awaited.pop(reference, None)
+        if taken is not None:
+            _fill(taken, message)
+            self._note_awaited()
+            return True
+        contents = self._contents
+        contents[reference] = message
+        if len(contents) > KEPT_MESSAGES:
+            oldest = next(iter(contents))
+            del contents[oldest]
+            self._expected.pop(oldest, None)
+        if is_expected:
+            self._expected[reference] = message
+            self.due = min(self.due, message.stamp + self._deadline)
+        return False
+
+    def take(self, taken: TraceEvent) -> None:
+        """The node took a message: ``taken`` has its contents, now or once they are received."""
+        client, number = taken.call
+        reference = (client, taken.observation.channel, number)
+        message = self._contents.pop(reference, None)
+        if message is None:
+            self._awaited[reference] = taken
+            self.awaited_ns = min(self.awaited_ns, taken.stamp)
+            return
+        if self._expected.pop(reference, None) is not None and not self._expected:
+            self.due = FOREVER
+        _fill(taken, message)
+
+    def overdue(self, settled: int) -> list[TraceEvent]:
+        """Those that should have been taken by ``settled`` (ns); they are expected no more."""
+        limit = settled - self._deadline
+        found = {place: each for place, each in self._expected.items() if each.stamp <= limit}
+        for place in found:
+            del self._expected[place]
+        stamps = (message.stamp for message in self._expected.values())
+        self.due = min(stamps, default=FOREVER - self._deadline) + self._deadline
+        return list(found.values())
+
+    def forget(self) -> None:
+        """It is not known any more what the node takes; what it will have taken may still come."""
+        self._expected.clear()
+        self._awaited.clear()
+        self.due = self.awaited_ns = FOREVER
+
+    def restart(self) -> None:
+        """Another life of the node begins: whether it reports what it takes is not known yet."""
+        self.forget()
+        self._contents.clear()
+        self.reported = False
+
+    def _note_awaited(self) -> None:
+        self.awaited_ns = min((each.stamp for each in self._awaited.values()), default=FOREVER)
+
+
+def reference_of(message: TraceEvent) -> Reference:
+    """By what a report of the node that took it names a message."""
+    source, channel = message.stream
+    return source, channel, message.observation.sequence
+
+
+def _fill(taken: TraceEvent, message: TraceEvent) -> None:
+    taken.data = message.data
+    taken.observation = message.observation
+    taken.stream = message.stream
