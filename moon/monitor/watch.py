@@ -17,6 +17,7 @@ from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception
+from moon.monitor.silence import Silence
 from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
 from moon.monitor.turns import Turns
 from moon.oracle.bounds import FOREVER, Bounds
@@ -24,7 +25,7 @@ from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
-from transports.interface import Observation, ObservationKind, Tap
+from transports.interface import Answer, Observation, ObservationKind, Tap
 
 _LINKED_NS = 5 * NS
 """So long after a node was found in the middle of its run, this monitor is linked to it, and subscribed to
@@ -100,6 +101,7 @@ class SystemWatch:
         """What is stamped before is not judged."""
         self._pace = EventTimeClock(transport.now_ns(), bounds.latency)
         self._turns = Turns(transport, self._turn, bounds.latency)
+        self._silence = Silence(self._answered, bounds.latency / NS)
         self._read_monotonic = monotonic_ns
         self._monotonic_ns = monotonic_ns()
         self._began_ns = 0
@@ -232,8 +234,18 @@ class SystemWatch:
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
                 self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
         self._tell_changes(now_ns)
+        silent_ns = FOREVER
+        if self.listener is not None:
+            silent_ns = self._silence.look(self.listener, self._models.watched, clock_ns)
         is_behind = clock_ns < now_ns
-        self._turns.plan(0 if is_behind else min(self._models.turn_ns, self._properties.turn_ns))
+        wanted_ns = min(self._models.turn_ns, self._properties.turn_ns, silent_ns)
+        self._turns.plan(0 if is_behind else wanted_ns)
+
+    def _answered(self, node: str, answer: Answer) -> None:
+        """``node`` says up to where it has reported everything."""
+        reach_ns = self._pace.reach_ns(self._transport.now_ns())
+        oracle = self._models.watched[node]
+        self._take(oracle.reported(answer.next_order, answer.stamp_ns, reach_ns))
 
     def _look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is said."""

@@ -119,7 +119,9 @@ class Channels:
     @property
     def has_topics(self) -> bool:
         """Whether the machine takes messages of topics: only its own node stamps all the rest."""
-        return any(p.kind is InterfaceKind.SUBSCRIBER for ports in self.ports.values() for p in ports)
+        return any(
+            p.kind is InterfaceKind.SUBSCRIBER for ports in self.ports.values() for p in ports
+        )
 
     @property
     def has_feedback(self) -> bool:

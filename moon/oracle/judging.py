@@ -88,7 +88,9 @@ class Judging:
             self._takes,
         )
         self._has_topics = self.channels.has_topics
-        self._is_ordered = self._may_be_ordered = not (self._has_topics or self.channels.has_feedback)
+        self._is_ordered = self._may_be_ordered = not (
+            self._has_topics or self.channels.has_feedback
+        )
         """All that the machine takes and sends is reported by its own node, in order: it is known how far
         that is."""
         self._certain_since = 0
@@ -159,7 +161,9 @@ class Judging:
             return []
         verdicts: list[Verdict] = []
         if self._takes.awaited_ns <= settled:
-            verdicts += self.lose(settled, "the contents of a message that it took were not received")
+            verdicts += self.lose(
+                settled, "the contents of a message that it took were not received"
+            )
         if self._progress.ahead:
             self._progress.settle(settled)
         if self._unconfirmed.kept:

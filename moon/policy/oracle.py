@@ -235,6 +235,24 @@ class PolicyOracle:
         return min(wake, self._last_ns + self.bounds.deadline + 1) if self._owed else wake
 
     @property
+    def silent_ns(self) -> int:
+        """From then on (ns) it decides something if the node did nothing more, and the node can say so.
+
+        FOREVER: nothing is due, or the node's word would not be enough.
+        """
+        if not self._owed or not self._progress.heard:
+            return FOREVER
+        due = self._last_ns + self.bounds.deadline + 1
+        return due if due > self._finished else FOREVER
+
+    def reported(self, number: int, stamp_ns: int, now_ns: int) -> list[Verdict]:
+        """The node was asked how far it is; see ``Oracle.reported``."""
+        self._progress.answered(number, stamp_ns)
+        verdicts = self._look_at_reports() if self._unconfirmed.kept else []
+        settled = max(now_ns - self.bounds.latency, min(self._progress.heard, now_ns))
+        return verdicts if settled <= self._finished else verdicts + self._settle(settled)
+
+    @property
     def hypotheses(self) -> Sequence[object]:
         """What the policy may be doing, as far as is known."""
         return self._follower.runs
@@ -450,7 +468,8 @@ class PolicyOracle:
     def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
         """Say ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
         progress, by = self._progress, verdict.stamp_ns + is_silence
-        if not progress.heard or (progress.heard >= by and progress.gap <= self._since):
+        is_reported = progress.heard >= verdict.stamp_ns and progress.gap <= self._since
+        if is_reported or not progress.heard:
             return self._confirm([verdict])
         lost = "observations were lost; "
         if progress.gap <= self._since:

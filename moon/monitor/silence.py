@@ -1,0 +1,62 @@
+"""Where something is due and has not come: the node is asked whether it did anything more.
+
+A node that numbers its reports answers up to which number it has reported everything, and until when
+(``Tap.ask``). Once all of that was received its silence is known, and is not waited for any longer. A node
+that does not answer is judged by the latency bound.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from moon.oracle.bounds import FOREVER
+from transports.interface import Answer, Tap
+
+
+class Silent(Protocol):
+    """What is asked of a judge."""
+
+    @property
+    def silent_ns(self) -> int:
+        """From then on (ns) it decides something if its node did nothing more; FOREVER: it does not."""
+        ...
+
+
+class Silence:
+    """Asks nodes how far they have reported, once for each thing that is due.
+
+    Args:
+        answered: gets the node and its answer.
+        within_s: a node that does not answer by then does not.
+    """
+
+    def __init__(self, answered: Callable[[str, Answer], None], within_s: float) -> None:
+        self._answered = answered
+        self._within_s = within_s
+        self._asked: dict[str, int] = {}
+
+    def look(self, tap: Tap, judges: Mapping[str, Silent], now_ns: int) -> int:
+        """Ask where it is time; when to look next (ns), if nothing is received meanwhile.
+
+        Args:
+            tap: of the monitor.
+            judges: by the node that each is about.
+            now_ns: on the clock of the judges.
+        """
+        next_ns = FOREVER
+        for node, judge in judges.items():
+            due_ns = judge.silent_ns
+            if due_ns == FOREVER or self._asked.get(node) == due_ns:
+                continue
+            if due_ns >= now_ns:
+                next_ns = min(next_ns, due_ns + 1)
+                continue
+            self._asked[node] = due_ns
+            tap.ask(node, functools.partial(self._take, node), self._within_s)
+        return next_ns
+
+    def _take(self, node: str, answer: Answer | None) -> None:
+        if answer is not None:
+            self._answered(node, answer)
