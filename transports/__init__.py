@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from transports.interface import (
         Action,
         ActionClient,
+        Answer,
         CallOutcome,
         CallResult,
         Client,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Action",
     "ActionClient",
+    "Answer",
     "CallOutcome",
     "CallResult",
     "Client",

@@ -226,6 +226,8 @@ class ObservationKind(StrEnum):
     """What a tap can hear (service_msgs/msg/ServiceEventInfo has the four of services)."""
 
     MESSAGE = "message"
+    MESSAGE_TAKEN = "message_taken"
+    """A node begins to handle a message. Only numbered messages, and what is taken while a tap listens."""
     REQUEST_SENT = "request_sent"
     REQUEST_RECEIVED = "request_received"
     RESPONSE_SENT = "response_sent"
@@ -246,13 +248,15 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         channel: the topic or service.
         kind: what happened.
         type_name: of the message, e.g. ``std_msgs/msg/Int32`` or ``pkg/srv/Name_Request``.
-        data: the message as plain maps, lists and scalars; None if contents are not known.
-        source: the node that published this observation.
-        sequence: counts from 0 per source and channel: a gap shows loss; -1 where not known.
+        data: the message as plain maps, lists and scalars; None if contents are not known, or taken.
+        source: the node that published this observation: of a message taken, the one that took it.
+        sequence: counts from 0 per source and channel: a gap shows loss; -1 where not known. Messages taken
+            are counted apart from messages.
         order: counts all that the source tells, on whatever channel, in the order in which it
             happened; -1 where not known. Without a gap, nothing older is still to come.
         client, call: for services, who calls and the number of its call. The client begins with ``NAMELESS``
             where only its endpoint is known: another end of the same call may know its name.
+            For a message taken, the node that published it and the ``sequence`` that it has.
         error: for RESPONSE_* of a call that ended otherwise: ``remote_error: …``, ``timeout: …``.
     """
 
@@ -270,8 +274,31 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     error: str = ""
 
 
+class Answer(msgspec.Struct, frozen=True):
+    """Up to where a node has reported everything.
+
+    All that it did until ``stamp_ns`` (its clock, ns since the epoch) has an ``order`` below ``next_order``,
+    and was sent to taps before this answer.
+    """
+
+    stamp_ns: int
+    next_order: int
+
+
 class Tap(Protocol):
     """A passive listener. Observations arrive on the tap's executor in order of reception."""
+
+    def ask(
+        self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
+    ) -> None:
+        """Ask ``node`` up to where it has reported everything; from any thread.
+
+        ``answered`` is called once, on the tap's executor: with None if the node is not there or its name
+        is contested, if no answer comes in ``within_s`` seconds, or if the transport cannot ask. What came
+        before the answer has been handed to the tap's handler by then, unless it was dropped. No answer may
+        come at all once the tap is closed.
+        """
+        ...
 
     @property
     def is_complete(self) -> bool:
@@ -320,6 +347,11 @@ class Transport(Protocol):
 
         0 where all that was not heard by then is lost, or comes late and in its order.
         """
+        ...
+
+    @property
+    def reports_takes(self) -> bool:
+        """Whether nodes report which messages they take, and can be asked how far they have reported."""
         ...
 
     def now_ns(self) -> int:

@@ -47,6 +47,7 @@ class OnExecutor(Transport):
     """
 
     repair_s: float = 0.0
+    reports_takes: bool = False
 
     def __init__(self, node: str, executor: Executor) -> None:
         self._node = node

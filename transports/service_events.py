@@ -1,8 +1,9 @@
-"""What both ends of a service publish about a call, for whoever listens.
+"""What nodes publish for whoever listens: about a call, both ends of a service; of a message, who takes it.
 
 The wire form of ``<service>/_service_event`` on transports whose middleware has no service
 introspection of its own. It carries what ROS 2's ``service_msgs/msg/ServiceEventInfo`` carries,
-plus the contents: the request with REQUEST_*, the response with RESPONSE_*.
+plus the contents: the request with REQUEST_*, the response with RESPONSE_*. The same form without contents,
+on ``<topic>/_message_taken``, says that a node begins to handle a message.
 """
 
 from __future__ import annotations
@@ -19,10 +20,15 @@ EVENT_SUFFIX = "/_service_event"
 TYPE_SUFFIX = "_Event"
 """Appended to a service's type name (``pkg/srv/Name_Event``), as ROS 2 does."""
 
+TAKEN_SUFFIX = "/_message_taken"
+"""Appended to a topic's channel name."""
+
 REQUEST_SENT = 0
 REQUEST_RECEIVED = 1
 RESPONSE_SENT = 2
 RESPONSE_RECEIVED = 3
+MESSAGE_TAKEN = 4
+"""None of ROS 2's: on ``<topic>/_message_taken`` only."""
 
 KIND_OF_EVENT = (
     ObservationKind.REQUEST_SENT,
@@ -41,11 +47,11 @@ class ServiceEventInfo(msgspec.Struct, frozen=True):
     """``service_msgs/msg/ServiceEventInfo``, with the client named instead of numbered.
 
     Attributes:
-        event_type: REQUEST_SENT, REQUEST_RECEIVED, RESPONSE_SENT or RESPONSE_RECEIVED.
+        event_type: REQUEST_SENT, REQUEST_RECEIVED, RESPONSE_SENT, RESPONSE_RECEIVED or MESSAGE_TAKEN.
         stamp_ns: when it happened, ns since the epoch, on the clock of the publishing end.
-        client: the calling node.
+        client: the calling node; of a message taken, the one that published it.
         sequence_number: the number of the client's call: the same in all four events of a call; -1 if the
-            client does not number its calls.
+            client does not number its calls. Of a message taken, the message's number.
     """
 
     event_type: int
@@ -55,7 +61,7 @@ class ServiceEventInfo(msgspec.Struct, frozen=True):
 
 
 class ServiceEvent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One of the four things that happen in a call.
+    """One of the four things that happen in a call, or a message taken.
 
     Attributes:
         info: which, when, whose.

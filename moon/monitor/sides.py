@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
-from transports.interface import Observation, Tap, Timer, Transport
+from transports.interface import Answer, Observation, Tap, Timer, Transport
 
 NodeHandler = Callable[[str, bool], None]
 
@@ -95,7 +95,7 @@ class AllSides:
             if seen.source not in self._bridges:
                 handler(seen)
 
-        return _Taps([side.tap(channels, hear) for side in self._sides])
+        return _Taps([side.tap(channels, hear) for side in self._sides], self.post)
 
     def watch_nodes(self, handler: NodeHandler) -> None:
         """Nodes of all sides; bridges are not of the system."""
@@ -121,10 +121,25 @@ class AllSides:
 
 
 class _Taps:
-    """The taps on all sides as one."""
+    """The taps on all sides as one; ``post`` hands on to the home transport's executor."""
 
-    def __init__(self, taps: Sequence[Tap]) -> None:
+    def __init__(self, taps: Sequence[Tap], post: Callable[[Callable[[], None]], None]) -> None:
         self._taps = tuple(taps)
+        self._post = post
+
+    def ask(
+        self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
+    ) -> None:
+        open_taps = [len(self._taps)]
+
+        def take(answer: Answer | None) -> None:
+            open_taps[0] -= 1
+            if open_taps[0] >= 0 and (answer is not None or not open_taps[0]):
+                open_taps[0] = 0
+                answered(answer)
+
+        for tap in self._taps:
+            tap.ask(node, lambda answer: self._post(partial(take, answer)), within_s)
 
     @property
     def is_complete(self) -> bool:

@@ -23,7 +23,7 @@ from moon.recording.entries import (
     set_by_ns,
 )
 from moon.recording.stored import plural
-from transports.interface import Observation, Publisher, Tap, Timer, Topic, TransportError
+from transports.interface import Answer, Observation, Publisher, Tap, Timer, Topic, TransportError
 
 QUIET_AT_FIRST_NS = 3600 * NS
 """Time passes step by step, which takes time itself: some seconds for an hour in which nothing comes."""
@@ -113,6 +113,12 @@ class Player:
     def is_complete(self) -> bool:
         """The watch is told of nothing before that."""
         return True
+
+    def ask(
+        self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
+    ) -> None:
+        """Nobody is there to be asked: None."""
+        self.post(lambda: answered(None))
 
     def is_contested(self, name: str) -> bool:
         """Who sent is as the recorder had it."""

@@ -16,11 +16,18 @@ from hypothesis import strategies as st
 
 from tests.transports.zenoh_network import peer
 from transports import ros_forms
-from transports.interface import CallOutcome, CallResult, Observation, Topic
+from transports.interface import CallOutcome, CallResult, Observation, ObservationKind, Topic
 from transports.payloads import MOST_DEPTH, PayloadError, TypedCodec, decode_with, plain
 from transports.refusals import MOST_PLACES, Refusals, shown
-from transports.service_events import ServiceEvent, ServiceEventInfo
+from transports.service_events import (
+    EVENT_SUFFIX,
+    MESSAGE_TAKEN,
+    TAKEN_SUFFIX,
+    ServiceEvent,
+    ServiceEventInfo,
+)
 from transports.simulated import SimulatedWorld
+from transports.simulated.routes import Sent
 from transports.simulated.transport import SimulatedTransport
 from transports.zenoh import presence, services, tap, tokens, wire
 from transports.zenoh.executor import Executor
@@ -175,9 +182,9 @@ def test_a_payload_is_a_message_or_refused(payload: bytes, encoding: str | None)
 
 
 def arrived(
-    payload: bytes, encoding: str = "", sent: wire.Sent = wire.UNKNOWN, is_event: bool = False
+    payload: bytes, encoding: str = "", sent: wire.Sent = wire.UNKNOWN, suffix: str = ""
 ) -> Any:
-    return tap._Arrived("/x", is_event, sent, encoding, payload, 1, 2)
+    return tap.Arrived("/x", suffix, sent, encoding, payload, 1, 2)
 
 
 def a_tap() -> Any:
@@ -201,13 +208,34 @@ def test_an_event_of_a_service_fits_in_what_is_recorded_or_is_counted(
     payload: bytes, encoding: str
 ) -> None:
     listener = a_tap()
-    seen = listener._observe(arrived(payload, encoding, wire.Sent(1, 1, "node"), is_event=True))
+    seen = listener._observe(
+        arrived(payload, encoding, wire.Sent(1, 1, "node"), suffix=EVENT_SUFFIX)
+    )
     if seen is None:
         assert "could not decode 1 message" in str(listener._losses.sentences())
     else:
         assert 0 <= seen.stamp_ns < 2**63
         assert -1 <= seen.call < 2**63
         assert len(seen.client) <= 255
+
+
+@given(EVENT, TEXT)
+@example(msgspec.msgpack.encode(ServiceEvent(ServiceEventInfo(MESSAGE_TAKEN, 1, "c", 1))), "x")
+@example(msgspec.msgpack.encode(ServiceEvent(ServiceEventInfo(MESSAGE_TAKEN, 1, "", 1))), "x")
+@example(msgspec.msgpack.encode(ServiceEvent(ServiceEventInfo(MESSAGE_TAKEN, 1, "c", -1))), "x")
+def test_a_message_taken_says_which_or_is_counted(payload: bytes, encoding: str) -> None:
+    listener = a_tap()
+    seen = listener._observe(
+        arrived(payload, encoding, wire.Sent(1, 1, "node"), suffix=TAKEN_SUFFIX)
+    )
+    if seen is None:
+        assert "could not decode 1 message" in str(listener._losses.sentences())
+    else:
+        assert seen.kind is ObservationKind.MESSAGE_TAKEN
+        assert seen.data is None
+        assert 0 <= seen.stamp_ns < 2**63
+        assert 0 <= seen.call < 2**63
+        assert 0 < len(seen.client) <= 255
 
 
 class Query:
@@ -342,12 +370,14 @@ def test_a_simulated_node_and_tap_take_anything(payload: bytes, type_name: str) 
     topic = Topic("/x", "std_msgs/msg/Int32", peer.Number)
     node.subscribe(topic, got.append)
     for subscription in node.routes.subscriptions("/x"):
-        subscription.send("evil", type_name, payload)
-        subscription.send("evil", topic.type_name, payload)
-    node.routes.message("evil", "/x", type_name, payload)
+        subscription.send(Sent("evil", 0, type_name, payload))
+        subscription.send(Sent("evil", 1, topic.type_name, payload))
+    node.routes.message(Sent("evil", 0, type_name, payload), "/x")
     world.run_for(1.0)
     assert len(got) + node.refusals.total == 2
-    assert len(heard) + len(listener.problems()) == 1
+    taken = [seen for seen in heard if seen.kind is ObservationKind.MESSAGE_TAKEN]
+    assert len(taken) == len(got)
+    assert len(heard) - len(taken) + len(listener.problems()) == 1
 
 
 @given(MESSAGE)
@@ -442,5 +472,5 @@ def test_a_name_from_the_wire_commands_no_terminal() -> None:
 def test_an_event_needs_a_sender() -> None:
     listener = a_tap()
     event = msgspec.msgpack.encode(ServiceEvent(ServiceEventInfo(2, 1, "c", 1)))
-    assert listener._observe(arrived(event, is_event=True)) is None
+    assert listener._observe(arrived(event, suffix=EVENT_SUFFIX)) is None
     assert "does not say which node it is from" in listener._losses.sentences()[0]

@@ -14,6 +14,7 @@ from tests.transports.zenoh_network import Inbox, Network, eventually, linked, p
 from transports.interface import CallOutcome
 from transports.service_events import ServiceEvent, ServiceEventInfo
 from transports.zenoh import tap as tap_module
+from transports.zenoh import waiting as waiting_module
 from transports.zenoh import wire
 
 pytestmark = pytest.mark.zenoh
@@ -232,7 +233,7 @@ def test_a_flood_of_requests_and_of_replies_is_bounded(
 def test_what_waits_for_a_slow_tap_is_bounded_in_bytes_and_what_is_dropped_is_said(
     network: Network, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tap_module, "MOST_WAITING_BYTES", 8 * 1024 * 1024)
+    monkeypatch.setattr(waiting_module, "MOST_WAITING_BYTES", 8 * 1024 * 1024)
     waits, gate, heard = Inbox(), Inbox(), Inbox()
 
     def slow(seen: Any) -> None:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import inspect
 from types import ModuleType
 
-from transports.conformance import actions, life, observation, services, topics
+from transports.conformance import actions, life, observation, services, takes, topics
 from transports.conformance.actions import (
     a_cancel_request_reaches_the_goal_it_names,
     a_goal_can_be_rejected_or_aborted,
@@ -63,6 +63,11 @@ from transports.conformance.stage import (
     ready,
     refused,
 )
+from transports.conformance.takes import (
+    a_tap_hears_which_messages_a_node_takes,
+    an_answer_comes_behind_what_it_speaks_of,
+    who_is_not_there_does_not_answer,
+)
 from transports.conformance.topics import (
     a_latched_topic_gives_the_last_message_to_who_comes_late,
     a_message_of_another_type_is_refused_by_its_publisher,
@@ -82,7 +87,9 @@ def _checks_of(theme: ModuleType) -> list[Check]:
 
 
 CHECKS: list[Check] = [
-    check for theme in (topics, services, actions, life, observation) for check in _checks_of(theme)
+    check
+    for theme in (topics, services, actions, life, observation, takes)
+    for check in _checks_of(theme)
 ]
 """Every check: a transport conforms if it passes them all."""
 
@@ -117,8 +124,10 @@ __all__ = [
     "a_tap_hears_how_a_call_failed",
     "a_tap_hears_only_what_its_globs_name",
     "a_tap_hears_the_four_events_of_every_call",
+    "a_tap_hears_which_messages_a_node_takes",
     "a_tap_knows_in_what_order_a_source_did_things",
     "a_tap_that_is_closed_hears_no_more",
+    "an_answer_comes_behind_what_it_speaks_of",
     "callbacks_run_one_at_a_time",
     "calls",
     "closing_while_busy_ends_everything",
@@ -127,4 +136,5 @@ __all__ = [
     "ready",
     "refused",
     "timers_fire_no_earlier_than_asked_and_stop_when_cancelled",
+    "who_is_not_there_does_not_answer",
 ]

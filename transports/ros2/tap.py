@@ -18,7 +18,7 @@ import msgspec
 from transports import ros_forms
 from transports.cdr import CdrError
 from transports.channel_filter import matches
-from transports.interface import Observation, TransportError
+from transports.interface import Answer, Observation, TransportError
 from transports.ros2 import native, qos
 from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph
@@ -152,6 +152,12 @@ class Tap:
 
     def _not_complete_before(self, instant_s: float) -> None:
         self._complete_at_s = max(self._complete_at_s, instant_s)
+
+    def ask(
+        self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
+    ) -> None:
+        """Nodes cannot be asked: None at once."""
+        self._executor.post(lambda: answered(None))
 
     def is_contested(self, name: str) -> bool:
         """See ``transports.interface.Tap``."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from transports.channel_filter import channel_filter
-from transports.interface import Observation, ObservationKind, Service
+from transports.interface import Answer, Observation, ObservationKind, Service
 from transports.losses import Losses
 from transports.payloads import PayloadError, plain
-from transports.service_events import EVENT_SUFFIX
+from transports.service_events import EVENT_SUFFIX, TAKEN_SUFFIX
 
 if TYPE_CHECKING:
     from transports.simulated.services import Server
@@ -17,6 +17,19 @@ if TYPE_CHECKING:
     from transports.simulated.world import SimulatedWorld
 
 _REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+_SUFFIXES = {ObservationKind.MESSAGE: "", ObservationKind.MESSAGE_TAKEN: TAKEN_SUFFIX}
+"""What is appended to a channel for each kind that is no event of a service."""
+_ASKING = "asked"
+"""Stands for a channel where a link is named on which questions and answers go."""
+
+
+class Sent(NamedTuple):
+    """A message of a topic: who published it, its number on its channel, and what it is."""
+
+    source: str
+    number: int
+    type_name: str
+    payload: bytes
 
 
 class Routes:
@@ -26,8 +39,8 @@ class Routes:
         self._world = world
         self._subscriptions: dict[str, list[Subscription]] = {}
         self._servers: dict[str, list[Server]] = {}
-        self.latched: dict[str, dict[str, tuple[str, bytes]]] = {}
-        """Channel → source → its last message (type, payload)."""
+        self.latched: dict[str, dict[str, Sent]] = {}
+        """Channel → source → its last message."""
         self._taps: list[Tap] = []
         self._sequences: dict[tuple[str, str], int] = {}
         """Last numbers per source and channel; of all channels together under \"\"."""
@@ -49,10 +62,10 @@ class Routes:
         if tap in self._taps:
             self._taps.remove(tap)
 
-    def message(self, source: str, channel: str, type_name: str, payload: bytes) -> None:
-        """Tell taps of a message."""
-        sequence = self._next(source, channel)
-        order = self._next(source, "")
+    def message(self, message: Sent, channel: str) -> None:
+        """Tell taps of a message, which has its number."""
+        source = message.source
+        order = self.number(source, "")
         if self._taps:
             self._tell(
                 channel,
@@ -61,13 +74,37 @@ class Routes:
                     "stamp_ns": self._world.stamp(),
                     "channel": channel,
                     "kind": ObservationKind.MESSAGE,
-                    "type_name": type_name,
+                    "type_name": message.type_name,
                     "source": source,
-                    "sequence": sequence,
+                    "sequence": message.number,
                     "order": order,
                 },
-                payload,
+                message.payload,
             )
+
+    def taken(self, node: str, message: Sent, channel: str) -> None:
+        """Tell taps that ``node`` begins to handle a message; without a tap, nothing is recorded."""
+        if self._taps:
+            self._tell(
+                channel,
+                node,
+                {
+                    "stamp_ns": self._world.stamp(),
+                    "channel": channel,
+                    "kind": ObservationKind.MESSAGE_TAKEN,
+                    "type_name": message.type_name,
+                    "source": node,
+                    "sequence": self.number(node, channel + TAKEN_SUFFIX),
+                    "order": self.number(node, ""),
+                    "client": message.source,
+                    "call": message.number,
+                },
+                None,
+            )
+
+    def reported(self, node: str) -> Answer:
+        """Up to where ``node`` has reported everything: here all is sent when it happens."""
+        return Answer(self._world.stamp(), self._sequences.get((node, ""), 0))
 
     def service_event(
         self,
@@ -92,8 +129,8 @@ class Routes:
                 "kind": kind,
                 "type_name": service.type_name + suffix,
                 "source": source,
-                "sequence": self._next(source, service.name + EVENT_SUFFIX),
-                "order": self._next(source, ""),
+                "sequence": self.number(source, service.name + EVENT_SUFFIX),
+                "order": self.number(source, ""),
                 "client": client,
                 "call": call,
                 "error": error,
@@ -101,7 +138,8 @@ class Routes:
             payload,
         )
 
-    def _next(self, source: str, channel: str) -> int:
+    def number(self, source: str, channel: str) -> int:
+        """The next number of ``source`` on ``channel``."""
         place = (source, channel)
         sequence = self._sequences.get(place, 0)
         self._sequences[place] = sequence + 1
@@ -112,7 +150,8 @@ class Routes:
     ) -> None:
         for tap in self._taps:
             if tap.wants(channel):
-                link = (source, fields["kind"] is ObservationKind.MESSAGE, channel, tap)
+                link = (source, _SUFFIXES.get(fields["kind"], EVENT_SUFFIX), channel, tap)
+                tap.links.setdefault(source, {})[link] = None
                 self._world.send_to_tap(link, tap.arrive, (fields, payload))
 
 
@@ -130,12 +169,43 @@ class Tap:
         self._handler = handler
         self._losses = Losses()
         self._closed = False
+        self.links: dict[str, dict[object, None]] = {}
+        """Of each source, the links on which it has reported to this tap."""
         node.routes.add(self)
 
     @property
     def is_complete(self) -> bool:
         """It hears everything at once."""
         return True
+
+    def ask(
+        self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
+    ) -> None:
+        """See ``transports.interface.Tap``: question and answer take as long as any message."""
+        here, world = self._node, self._node.world
+        open_ = [answered]
+
+        def end(answer: Answer | None) -> None:
+            if open_ and not self._closed:
+                open_.pop()(answer)
+
+        def asked(_: object) -> None:
+            asked_node = world.nodes.get(node)
+            if asked_node is None or not asked_node.is_announced:
+                return  # it has gone
+            answer = here.routes.reported(node)
+            came = self.links.get(node, ())
+            world.send((node, _ASKING, here.node), arrived, answer, behind=came)
+
+        def arrived(answer: Answer) -> None:
+            here.work(end, answer)
+
+        there = world.nodes.get(node)
+        if there is None or not there.is_announced:
+            world.schedule(0, lambda _: here.work(end, None), None)
+            return
+        world.schedule(max(0, round(within_s * 1e9)), lambda _: here.work(end, None), None)
+        world.send((here.node, _ASKING, node), asked, None)
 
     def is_contested(self, name: str) -> bool:
         """A world has one node of each name."""
@@ -167,7 +237,7 @@ class Tap:
             return
         fields, payload = told
         channel, source = fields["channel"], fields["source"]
-        events = "" if fields["kind"] is ObservationKind.MESSAGE else EVENT_SUFFIX
+        events = _SUFFIXES.get(fields["kind"], EVENT_SUFFIX)
         self._losses.number(channel + events, source, fields["sequence"], fields["stamp_ns"])
         try:
             data = None if payload is None else plain(payload)

@@ -22,7 +22,7 @@ from transports.interface import (
 )
 from transports.payloads import PayloadError, TypedCodec
 from transports.refusals import Refusals
-from transports.simulated.routes import Tap
+from transports.simulated.routes import Sent, Tap
 from transports.simulated.services import Client, Request, Server
 from transports.simulated.world import Completion, SimulatedWorld, world_called
 from transports.timers import period_ns
@@ -85,13 +85,14 @@ class Publisher:
         if not node.alive:
             raise TransportError(f"cannot publish on {topic.name}: {node.node} is closed")
         world = node.world
+        sent = Sent(node.node, node.routes.number(node.node, topic.name), topic.type_name, payload)
         for subscription in node.routes.subscriptions(topic.name):
             copies = world.copies(world.conditions.loss) if self._lossy else 1
             for _ in range(copies):
-                subscription.send(node.node, topic.type_name, payload)
+                subscription.send(sent)
         if topic.latched:
-            node.routes.latched.setdefault(topic.name, {})[node.node] = (topic.type_name, payload)
-        node.routes.message(node.node, topic.name, topic.type_name, payload)
+            node.routes.latched.setdefault(topic.name, {})[node.node] = sent
+        node.routes.message(sent, topic.name)
 
 
 class Subscription:
@@ -105,22 +106,22 @@ class Subscription:
         self._codec = TypedCodec(topic.type_name, topic.message)
         self._handler = handler
 
-    def send(self, source: str, type_name: str, payload: bytes) -> None:
-        """Let a message of ``source`` be under way to here."""
-        link = (source, self._topic.name, self._node.node)
-        self._node.world.send(link, self._arrive, (source, type_name, payload))
+    def send(self, message: Sent) -> None:
+        """Let a message be under way to here."""
+        link = (message.source, self._topic.name, self._node.node)
+        self._node.world.send(link, self._arrive, message)
 
-    def _arrive(self, message: tuple[str, str, bytes]) -> None:
+    def _arrive(self, message: Sent) -> None:
         self._node.work(self._hear, message)
 
-    def _hear(self, message: tuple[str, str, bytes]) -> None:
-        source, type_name, payload = message
+    def _hear(self, message: Sent) -> None:
         try:
-            self._codec.require(type_name)
-            decoded = self._codec.decode_bytes(payload)
+            self._codec.require(message.type_name)
+            decoded = self._codec.decode_bytes(message.payload)
         except PayloadError as error:
-            self._node.refusals.refuse(self._topic.name, source, error)
+            self._node.refusals.refuse(self._topic.name, message.source, error)
             return
+        self._node.routes.taken(self._node.node, message, self._topic.name)
         self._handler(decoded)
 
 
@@ -131,6 +132,7 @@ class SimulatedTransport:
     """
 
     repair_s: float = 0.0
+    reports_takes: bool = True
 
     def __init__(self, world: SimulatedWorld, node: str) -> None:
         if not node:
@@ -194,8 +196,8 @@ class SimulatedTransport:
         self._subscriptions.append((topic.name, subscription))
         self.routes.subscriptions(topic.name).append(subscription)
         if topic.latched:
-            for source, (type_name, payload) in self.routes.latched.get(topic.name, {}).items():
-                subscription.send(source, type_name, payload)
+            for message in self.routes.latched.get(topic.name, {}).values():
+                subscription.send(message)
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
         """Serve ``service``; a second server of it, here or in another node, is reported."""

@@ -10,7 +10,7 @@ import heapq
 import random
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -172,9 +172,14 @@ class SimulatedWorld:
             self._entered.append((event, argument))
             self._wake.set()
 
-    def send(self, link: Any, event: Event, argument: Any) -> None:
-        """Let ``event(argument)`` happen when a message sent now on ``link`` arrives."""
-        self._arrive(link, self._delay.draw(), event, argument)
+    def send(self, link: Any, event: Event, argument: Any, behind: Iterable[Any] = ()) -> None:
+        """Let ``event(argument)`` happen when a message sent now on ``link`` arrives.
+
+        ``behind`` are links whose messages that are under way arrive before it.
+        """
+        arrivals = self._arrivals
+        least_ns = max((arrivals.get(other, 0) for other in behind), default=0) - self.now_ns
+        self._arrive(link, max(self._delay.draw(), least_ns), event, argument)
 
     def send_to_tap(self, link: Any, event: Event, argument: Any) -> None:
         """The same for what a tap hears, which may be lost or doubled."""

@@ -1,4 +1,4 @@
-"""Service events: what both ends of a service tell a tap, and only while one listens.
+"""Events: what both ends of a service tell a tap, and who takes a message; only while one listens.
 
 An event is recorded when it happens (with its stamp) and published a few milliseconds later, with all
 others of its node (``outbox``). Publishing at once would wake the tap while the caller waits for its
@@ -11,32 +11,31 @@ at all.
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import msgspec
 import zenoh
 
-from transports.interface import Service
+from transports.interface import Service, Topic
 from transports.outbox import Outbox
-from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX, ServiceEvent, ServiceEventInfo
+from transports.service_events import (
+    EVENT_SUFFIX,
+    TAKEN_SUFFIX,
+    TYPE_SUFFIX,
+    ServiceEvent,
+    ServiceEventInfo,
+)
 from transports.zenoh.names import key_of
+from transports.zenoh.orders import Moment, Orders
 from transports.zenoh.wire import MEDIA_TYPE, attachment
 
 _encode = msgspec.msgpack.Encoder().encode
 
 
-Moment = tuple[zenoh.Timestamp, int]
-"""When something happened, on the session's hybrid logical clock, and its place in all that the node tells.
-
-This and ``Recorded`` are plain tuples, as they are made while somebody waits for the node: at ten ticks a
-second nothing of what runs then is in the processor's caches, and each Python call takes some µs.
-"""
-
-Recorded = tuple["ServiceEvents", int, Moment, str, int, bytes | None, bytes | None, str]
-"""An event that is still to be published; it is made of this then, when nobody waits for the node: of which
-service it is, what happened and when, the client, its call's number, the encoded request and response, and
-the error (see ``ServiceEvent``)."""
+Recorded = tuple["Events", int, Moment, str, int, bytes | None, bytes | None, str]
+"""An event that is still to be published, a plain tuple as ``Moment`` is; it is made of this then, when
+nobody waits for the node: of which channel it is, what happened and when, the client, its call's number, the
+encoded request and response, and the error (see ``ServiceEvent``)."""
 
 
 def publish(recorded: Recorded) -> None:
@@ -48,26 +47,28 @@ def _raw(contents: bytes | None) -> msgspec.Raw | None:
     return None if contents is None else msgspec.Raw(contents)
 
 
-class ServiceEvents:
-    """The events of one service as one node sees them (as its server, its client, or both).
+class Events:
+    """The events of one channel as one node sees them: of a service (as its server, its client, or both), or
+    of a topic that it takes messages of.
 
     Args:
         session: the node's.
         outbox: what the node has yet to tell.
-        service: whose events.
+        channel: whose events.
         node: the node's name in UTF-8.
-        order: counts all that the node tells.
+        orders: numbers all that the node tells.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
         outbox: Outbox[Recorded],
-        service: Service,
+        channel: Service | Topic,
         node: bytes,
-        order: itertools.count[int],
+        orders: Orders,
     ) -> None:
-        self._session = session
+        is_service = isinstance(channel, Service)
+        suffix, type_suffix = (EVENT_SUFFIX, TYPE_SUFFIX) if is_service else (TAKEN_SUFFIX, "")
         self._keep = outbox.add
         self.flush_later = outbox.flush_later
         """Publish what is recorded, a little later; from any thread, best when nobody waits for the node."""
@@ -76,10 +77,12 @@ class ServiceEvents:
         self._node = node
         self.published = 0
         """How many events were published: the number of the next one."""
-        self._order = order
+        self.moment = orders.begin
+        """Now: to be asked when something happens. ``record`` or ``forget`` must follow."""
+        self._end = orders.end
         self._publisher = session.declare_publisher(
-            key_of(service.name) + EVENT_SUFFIX,
-            encoding=zenoh.Encoding(f"{MEDIA_TYPE};{service.type_name}{TYPE_SUFFIX}"),
+            key_of(channel.name) + suffix,
+            encoding=zenoh.Encoding(f"{MEDIA_TYPE};{channel.type_name}{type_suffix}"),
             # A listener that does not keep up loses events, and sees it by their numbers.
             congestion_control=zenoh.CongestionControl.DROP,
         )
@@ -95,10 +98,6 @@ class ServiceEvents:
     def _matching(self, status: zenoh.MatchingStatus) -> None:
         self.heard = bool(status.matching)
 
-    def moment(self) -> Moment:
-        """Now: to be asked when something happens, on the node's executor."""
-        return self._session.new_timestamp(), next(self._order)
-
     def record(
         self,
         event_type: int,
@@ -111,6 +110,12 @@ class ServiceEvents:
     ) -> None:
         """Keep an event until the outbox is flushed; the contents are encoded messages."""
         self._keep((self, event_type, moment, client, call, request, response, error))
+        self._end(moment[1])
+
+    def forget(self, moment: Moment | None) -> None:
+        """What was to happen at ``moment``, if anything, did not: there is no event of it."""
+        if moment is not None:
+            self._end(moment[1])
 
     def publish(self, recorded: Recorded) -> None:
         """Publish an event; one thread at a time."""

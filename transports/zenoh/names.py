@@ -25,6 +25,10 @@ SERVER_KEYS = "@m2c/server"
 LINK_KEYS = "@m2c/links"
 """``@m2c/links/<zid>/<name>,<name>…``: the nodes that a node hears."""
 
+ANSWER_KEYS = "@m2c/answer"
+"""``@m2c/answer/<zid>/<name>``: a node says here, when it is asked, up to where it has reported
+everything."""
+
 ROUND_KEY = "@m2c/round"
 """Something here: a node has ended a round of calls (``Transport.tick_complete``)."""
 

@@ -29,7 +29,7 @@ from transports.payloads import PayloadError
 from transports.refusals import Refusals
 from transports.timers import Timer
 from transports.zenoh.executor import Executor
-from transports.zenoh.introspection import ServiceEvents
+from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
 from transports.zenoh.wire import Codec, attachment, contents, read_attachment
 
@@ -85,6 +85,7 @@ class Request:
             query.reply(server.key, payload, encoding=server.codec.response.encoding)
             query.drop()
         except zenoh.ZError as error:
+            events.forget(moment)
             raise TransportError(f"cannot answer {server.name}: {error}") from error
         if moment is not None:
             events.record(event.RESPONSE_SENT, moment, self.client, self._call, None, payload)
@@ -100,6 +101,7 @@ class Request:
             query.reply_err(error.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
             query.drop()
         except zenoh.ZError as cause:
+            events.forget(moment)
             raise TransportError(f"cannot answer {server.name}: {cause}") from cause
         if moment is not None:
             text = f"{CallOutcome.REMOTE_ERROR}: {error}"
@@ -125,7 +127,7 @@ class Server:
         session: zenoh.Session,
         executor: Executor,
         service: Service,
-        events: ServiceEvents,
+        events: Events,
         handler: Callable[[Request], None],
         refusals: Refusals,
     ) -> None:
@@ -239,7 +241,7 @@ class Client:
         session: zenoh.Session,
         executor: Executor,
         service: Service,
-        events: ServiceEvents,
+        events: Events,
         node: str,
         numbers: itertools.count[int],
         refusals: Refusals,
@@ -346,6 +348,7 @@ class Client:
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as error:
+            events.forget(moment)
             raise TransportError(f"cannot call {self._name}: {error}") from error
         if moment is not None:
             events.record(event.REQUEST_SENT, moment, self._node, number, payload)

@@ -10,35 +10,38 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter, deque
 from collections.abc import Callable, Collection, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import zenoh
 
 from transports.channel_filter import channel_filter
 from transports.gathering import Gathering
-from transports.interface import Observation, ObservationKind
+from transports.interface import Answer, Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import PayloadError, decode_with, plain, shallow
-from transports.refusals import Refusals, shown
-from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX, ServiceEvent
+from transports.refusals import Refusals
+from transports.service_events import (
+    EVENT_SUFFIX,
+    KIND_OF_EVENT,
+    MESSAGE_TAKEN,
+    TAKEN_SUFFIX,
+    TYPE_SUFFIX,
+    ServiceEvent,
+)
 from transports.zenoh import tokens
+from transports.zenoh.answers import MARK, Questions
 from transports.zenoh.claims import Claims
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import LINK_KEYS, NODE_KEYS, channel_of, subscriptions
 from transports.zenoh.presence import MOST_TOKENS, Nodes, is_up, watch
 from transports.zenoh.tokens import TokenError
+from transports.zenoh.waiting import Arrived, Waiting, size_of
 from transports.zenoh.wire import UNKNOWN, Sent, read_attachment, type_of
 
 RING_CAPACITY = 65_536
 """Messages that Zenoh keeps until they are taken (more than a second at the fastest rates measured)."""
-
-MOST_WAITING_BYTES = 64 * 1024 * 1024
-"""What waits for a slow reader, as much as in a node's own subscription (``executor.INBOX_BYTES``)."""
-_OVERHEAD_BYTES = 512
-"""What a message takes beside its payload, in Python: so at most twice ``RING_CAPACITY`` wait."""
 
 _BATCH = 512
 _BATCH_BYTES = 1024 * 1024
@@ -51,106 +54,6 @@ _JOINING_S = 0.5
 """Publishers hear of a subscriber one by one, within ms; longer where processors are busy."""
 
 _decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
-
-
-class _Arrived(NamedTuple):
-    """A message as it came, none of it Zenoh's any more (which would keep the 64 KB that it came in)."""
-
-    channel: str
-    is_event: bool
-    sent: Sent
-    encoding: str
-    payload: bytes
-    stamp_ns: int
-    received_ns: int
-
-
-class _Waiting:
-    """Batches of messages that wait for the executor, bounded in bytes; from any thread.
-
-    When there is no room the oldest go. But one channel has half of the room at most, and what comes on it
-    beyond that is dropped: a flood on it costs what is on it, and not what the others have said.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._batches: deque[list[_Arrived]] = deque()
-        self._bytes: Counter[str] = Counter()
-        """What waits, by channel; only those of which something does."""
-        self._total = 0
-        self._is_taking = False
-        self._dropped: Counter[str] = Counter()
-        self._dropped_bytes = 0
-        self._to_tell: set[tuple[str, str]] = set()
-
-    def offer(self, batch: list[_Arrived]) -> bool:
-        """Keep ``batch``; whether somebody must be told to take it."""
-        kept: list[_Arrived] = []
-        with self._lock:
-            for arrived in batch:
-                size = _size_of(arrived)
-                if self._bytes[arrived.channel] + size > MOST_WAITING_BYTES // 2 and self._total:
-                    self._count(arrived, size)
-                    continue
-                while self._batches and self._total + size > MOST_WAITING_BYTES:
-                    for oldest in self._batches.popleft():
-                        self._count(oldest, self._release(oldest))
-                self._bytes[arrived.channel] += size
-                self._total += size
-                kept.append(arrived)
-            if not kept:
-                return False
-            self._batches.append(kept)
-            is_new, self._is_taking = not self._is_taking, True
-            return is_new
-
-    def take(self) -> tuple[list[_Arrived], bool]:
-        """The oldest batch, and whether there are more."""
-        with self._lock:
-            batch = self._batches.popleft()
-            for arrived in batch:
-                self._release(arrived)
-            self._is_taking = bool(self._batches)
-            return batch, self._is_taking
-
-    def _release(self, arrived: _Arrived) -> int:
-        size = _size_of(arrived)
-        self._total -= size
-        left = self._bytes[arrived.channel] - size
-        if left:
-            self._bytes[arrived.channel] = left
-        else:
-            del self._bytes[arrived.channel]
-        return size
-
-    def _count(self, arrived: _Arrived, size: int) -> None:
-        self._dropped[arrived.channel] += 1
-        self._dropped_bytes += size
-        self._to_tell.add((arrived.channel, arrived.sent.node))
-
-    def take_dropped(self) -> Collection[tuple[str, str]]:
-        """Channel and source of what was dropped since this was last asked."""
-        if not self._to_tell:
-            return ()
-        with self._lock:
-            dropped, self._to_tell = self._to_tell, set()
-        return dropped
-
-    def sentences(self) -> list[str]:
-        """What was dropped."""
-        with self._lock:
-            if not self._dropped:
-                return []
-            channel, most = self._dropped.most_common(1)[0]
-            total = sum(self._dropped.values())
-            return [
-                f"dropped {total} message{'s' * (total != 1)} ({self._dropped_bytes / 1e6:.1f} MB): they "
-                f"come faster than they are handled, {most} of them on {shown(channel)}"
-            ]
-
-
-def _size_of(arrived: _Arrived) -> int:
-    return len(arrived.payload) + _OVERHEAD_BYTES
 
 
 class Tap:
@@ -180,12 +83,16 @@ class Tap:
         # opening a session waits for those who are there: who knows nobody is alone
         is_alone = not (session.info.peers_zid() or session.info.routers_zid())
         self._complete_at_s = time.monotonic() + (0.0 if is_alone else _JOINING_S)
-        self._channels: dict[str, tuple[str, bool] | None] = {}
-        self._waiting = _Waiting()
+        self._channels: dict[str, tuple[str, str] | None] = {}
+        self._waiting = Waiting()
         self._ending = threading.Event()
+        keys = subscriptions(globs)
+        self._questions = Questions(
+            session, executor, keys, self._claims.is_right, lambda: self._waiting.gone, refusals
+        )
         self._subscribers = [
             session.declare_subscriber(key, zenoh.handlers.RingChannel(RING_CAPACITY))
-            for key in subscriptions(globs)
+            for key in keys
         ]
         self._threads = [
             threading.Thread(
@@ -200,6 +107,15 @@ class Tap:
     def is_complete(self) -> bool:
         """Whether those that were there have had the time to hear of it."""
         return time.monotonic() >= self._complete_at_s
+
+    def ask(
+        self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
+    ) -> None:
+        """See ``transports.interface.Tap``."""
+        with self._tokens_lock:
+            zids = [token.zid for token in self._nodes.announced.get(node, ())]
+            zid = "" if len(zids) != 1 or self._nodes.is_contested(node) else zids[0]
+        self._questions.ask(node, zid, answered, within_s)
 
     def is_contested(self, name: str) -> bool:
         """See ``transports.interface.Tap``."""
@@ -234,6 +150,7 @@ class Tap:
         if self._ending.is_set():
             return
         self._ending.set()
+        self._questions.close()
         for declared in (*self._subscribers, *self._watches):
             declared.undeclare()
         # one that came back from Zenoh while the interpreter ends would abort the process
@@ -294,34 +211,39 @@ class Tap:
                 sample = receive()
                 if wait_s := gathering.wait_s():
                     self._ending.wait(wait_s)
-                batch: list[_Arrived] = []
+                batch: list[Arrived] = []
+                marks: list[bytes] = []
                 size = 0
                 while sample is not None:
-                    arrived = self._read(sample, time.time_ns())
+                    arrived = self._read(sample, time.time_ns(), marks)
                     if arrived is not None:
                         batch.append(arrived)
-                        size += _size_of(arrived)
+                        size += size_of(arrived)
                     if len(batch) >= _BATCH or size >= _BATCH_BYTES:
-                        self._offer(batch)
-                        batch, size = [], 0
+                        self._offer(batch, marks)
+                        batch, marks, size = [], [], 0
                     sample = take()
             except zenoh.ZError:  # the subscriber is undeclared: nothing more will come
                 return
-            if batch:
-                self._offer(batch)
+            if batch or marks:
+                self._offer(batch, marks)
 
-    def _offer(self, batch: list[_Arrived]) -> None:
+    def _offer(self, batch: list[Arrived], marks: list[bytes]) -> None:
         if self._waiting.offer(batch):
             self._executor.put((self._deliver, None))
+        for token in marks:
+            self._questions.note_mark(token, self._waiting.offered)
 
-    def _read(self, sample: zenoh.Sample, received_ns: int) -> _Arrived | None:
-        """What of ``sample`` is needed; None if it is on no channel that is heard."""
+    def _read(self, sample: zenoh.Sample, received_ns: int, marks: list[bytes]) -> Arrived | None:
+        """What of ``sample`` is needed; None if it is on no channel that is heard, or goes to ``marks``."""
         key = str(sample.key_expr)
         try:
             place = self._channels[key]
         except KeyError:
             place = self._place_of(key)
         if place is None:
+            if key.endswith(MARK) and sample.attachment is not None:
+                marks.append(sample.attachment.to_bytes())
             return None
         sent = read_attachment(sample.attachment)
         stamp = sample.timestamp
@@ -329,21 +251,21 @@ class Tap:
         session = None if stamp is None else stamp.get_id()
         if sent.node and not self._claims.is_right(sent.node, session):
             sent = UNKNOWN
-        return _Arrived(
+        return Arrived(
             *place, sent, str(sample.encoding), sample.payload.to_bytes(), stamp_ns, received_ns
         )
 
-    def _place_of(self, key: str) -> tuple[str, bool] | None:
-        """The channel, and whether it is of a service's events; None if it is not heard."""
-        is_event = key.endswith(EVENT_SUFFIX)
-        channel = channel_of(key.removesuffix(EVENT_SUFFIX) if is_event else key)
-        if not self._wants(channel):
+    def _place_of(self, key: str) -> tuple[str, str] | None:
+        """The channel, and what events of it are, by their suffix; None if it is not heard."""
+        suffix = next((s for s in (EVENT_SUFFIX, TAKEN_SUFFIX) if key.endswith(s)), "")
+        channel = channel_of(key.removesuffix(suffix))
+        if key.endswith(MARK) or not self._wants(channel):
             return None
         if len(self._channels) >= MOST_CHANNELS:
             self._refusals.refuse(channel, "", f"more than {MOST_CHANNELS} channels: not received")
             return None
-        self._channels[key] = channel, is_event
-        return channel, is_event
+        self._channels[key] = channel, suffix
+        return channel, suffix
 
     def _deliver(self, _: object) -> None:
         if self._ending.is_set():
@@ -360,15 +282,18 @@ class Tap:
         finally:
             if is_more:
                 self._executor.put((self._deliver, None))
+            self._questions.give()
 
-    def _observe(self, arrived: _Arrived) -> Observation | None:
-        channel, is_event, sent, encoding, payload, stamp_ns, received_ns = arrived
+    def _observe(self, arrived: Arrived) -> Observation | None:
+        channel, suffix, sent, encoding, payload, stamp_ns, received_ns = arrived
         if sent.number >= 0:
-            self._losses.number(channel, sent.node, sent.number, stamp_ns)
+            self._losses.number(channel + suffix, sent.node, sent.number, stamp_ns)
         type_name = type_of(encoding)
         try:
-            if is_event:
+            if suffix == EVENT_SUFFIX:
                 return _service_observation(received_ns, channel, type_name, payload, sent)
+            if suffix == TAKEN_SUFFIX:
+                return _taken_observation(received_ns, channel, type_name, payload, sent)
             data = plain(payload)
         except PayloadError as error:
             self._losses.undecodable(channel, sent.node, error)
@@ -386,16 +311,42 @@ class Tap:
         )
 
 
+def _event_of(payload: bytes, sent: Sent, event_types: Collection[int]) -> ServiceEvent:
+    event: ServiceEvent = decode_with(_decode_event, payload)
+    shallow([event.request, event.response], len(payload))
+    if event.info.event_type not in event_types:
+        raise PayloadError(f"unknown event type {event.info.event_type} - at `$.info.event_type`")
+    if not sent.node:
+        raise PayloadError("it does not say which node it is from, or says so wrongly")
+    return event
+
+
+def _taken_observation(
+    received_ns: int, channel: str, type_name: str, payload: bytes, sent: Sent
+) -> Observation:
+    info = _event_of(payload, sent, (MESSAGE_TAKEN,)).info
+    if info.sequence_number < 0 or not info.client:
+        raise PayloadError("it does not say which message was taken - at `$.info`")
+    return Observation(
+        stamp_ns=info.stamp_ns,
+        received_ns=received_ns,
+        channel=channel,
+        kind=ObservationKind.MESSAGE_TAKEN,
+        type_name=type_name,
+        data=None,
+        source=sent.node,
+        sequence=sent.number,
+        order=sent.order,
+        client=info.client,
+        call=info.sequence_number,
+    )
+
+
 def _service_observation(
     received_ns: int, channel: str, type_name: str, payload: bytes, sent: Sent
 ) -> Observation:
-    event: ServiceEvent = decode_with(_decode_event, payload)
-    shallow([event.request, event.response], len(payload))
+    event = _event_of(payload, sent, range(len(KIND_OF_EVENT)))
     info = event.info
-    if not 0 <= info.event_type < len(KIND_OF_EVENT):
-        raise PayloadError(f"unknown event type {info.event_type} - at `$.info.event_type`")
-    if not sent.node:
-        raise PayloadError("it does not say which node it is from, or says so wrongly")
     kind = KIND_OF_EVENT[info.event_type]
     is_request = kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
     return Observation(

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 import msgspec
 
 from transports.zenoh.names import (
+    ANSWER_KEYS,
     LINK_KEYS,
     NODE_KEYS,
     SERVER_KEYS,
@@ -100,6 +101,11 @@ def read_server(key: str) -> ServerToken:
 def node_key(zid: str, name: str, since_ns: int) -> str:
     """What ``read_node`` reads."""
     return f"{NODE_KEYS}/{zid}/{node_chunk(name)}/{since_ns}"
+
+
+def answer_key(zid: str, name: str) -> str:
+    """Where a node is asked up to where it has reported everything."""
+    return f"{ANSWER_KEYS}/{zid}/{node_chunk(name)}"
 
 
 def links_key(zid: str, names: Iterable[str]) -> str:

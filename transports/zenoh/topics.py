@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -13,9 +12,12 @@ from zenoh import ext
 from transports.interface import Message, Reliability, Topic, TransportError
 from transports.payloads import PayloadError
 from transports.refusals import Refusals
+from transports.service_events import MESSAGE_TAKEN
 from transports.zenoh.executor import Executor
+from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import Codec, attachment, contents, read_attachment
+from transports.zenoh.orders import Orders
+from transports.zenoh.wire import UNKNOWN, Codec, attachment, contents, read_attachment
 
 
 class _Declared(Protocol):
@@ -49,13 +51,13 @@ class Publisher:
         topic: Topic,
         node: bytes,
         sequence: Sequence,
-        order: itertools.count[int],
+        orders: Orders,
     ) -> None:
         self._topic = topic
         self._codec = Codec(topic.type_name, topic.message)
         self._node = node
         self._sequence = sequence
-        self._order = order
+        self._orders = orders
         self.declared = _declare_publisher(session, topic, self._codec)
 
     def publish(self, message: Message) -> None:
@@ -66,9 +68,11 @@ class Publisher:
             with sequence.lock:
                 number = sequence.next
                 sequence.next = number + 1
-                self.declared.put(
-                    payload, attachment=attachment(number, next(self._order), self._node)
-                )
+                _, order = self._orders.begin()
+                try:
+                    self.declared.put(payload, attachment=attachment(number, order, self._node))
+                finally:
+                    self._orders.end(order)
         except zenoh.ZError as error:
             raise TransportError(f"cannot publish on {self._topic.name}: {error}") from error
 
@@ -101,10 +105,12 @@ def subscribe(
     executor: Executor,
     topic: Topic,
     handler: Callable[[Any], None],
+    events: Events,
     refusals: Refusals,
 ) -> Any:
     """Call ``handler(message)`` on the executor for every message; what does not decode is
-    refused. Returns what must be undeclared.
+    refused. While a tap listens, ``events`` has each that is taken and has a number. Returns what must be
+    undeclared.
     """
     codec = Codec(topic.type_name, topic.message)
 
@@ -114,7 +120,13 @@ def subscribe(
         except PayloadError as error:
             refusals.refuse(topic.name, read_attachment(sample.attachment).node, error)
             return
+        number, _, source = read_attachment(sample.attachment) if events.heard else UNKNOWN
+        if not source:
+            handler(message)
+            return
+        events.record(MESSAGE_TAKEN, events.moment(), source, number, None)
         handler(message)
+        events.flush_later()  # mostly all that comes of it is done by now
 
     offer = executor.inbox(topic.name, receive).offer
     callback: Any = zenoh.handlers.Callback(

@@ -22,9 +22,11 @@ from transports.interface import (
 from transports.on_executor import OnExecutor
 from transports.outbox import Outbox
 from transports.refusals import Refusals
-from transports.zenoh import presence, topics
+from transports.service_events import TAKEN_SUFFIX
+from transports.zenoh import answers, presence, topics
 from transports.zenoh.executor import Executor
-from transports.zenoh.introspection import Recorded, ServiceEvents, publish
+from transports.zenoh.introspection import Events, Recorded, publish
+from transports.zenoh.orders import Orders
 from transports.zenoh.rounds import Rounds
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.session import open_session
@@ -48,6 +50,7 @@ class ZenohTransport(OnExecutor):
     """A node on Zenoh; see ``transports.interface.Transport`` for every method."""
 
     _executor: Executor
+    reports_takes: bool = True
 
     def __init__(self, node: str, session: zenoh.Session, since_ns: int = 0) -> None:
         super().__init__(node, Executor())
@@ -57,16 +60,17 @@ class ZenohTransport(OnExecutor):
         self._session = session
         self._refusals = Refusals(LOG)
         self._calls = itertools.count(1)
-        self._order = itertools.count()
+        self._orders = Orders(session.new_timestamp)
         self._sequences: dict[str, topics.Sequence] = {}
         self._outbox: Outbox[Recorded] = Outbox(self._executor, publish)
-        self._events: dict[str, ServiceEvents] = {}
+        self._events: dict[str, Events] = {}
         self._rounds: Rounds | None = None
         self._servers: set[str] = set()
         self._clients: list[Client] = []
         self._taps: list[Tap] = []
         self._declared: list[Any] = []
         self._announcement: presence.Announcement | None = None
+        self._answering: Any = None
         self._close_at_exit()
 
     def now_ns(self) -> int:
@@ -76,14 +80,21 @@ class ZenohTransport(OnExecutor):
     def publisher(self, topic: Topic) -> topics.Publisher:
         """Declare a publisher."""
         sequence = self._sequences.setdefault(topic.name, topics.Sequence())
-        publisher = topics.Publisher(self._session, topic, self._node_bytes, sequence, self._order)
+        publisher = topics.Publisher(self._session, topic, self._node_bytes, sequence, self._orders)
         self._declared.append(publisher.declared)
         return publisher
 
     def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
         """Call ``handler(message)`` for every message."""
         self._declared.append(
-            topics.subscribe(self._session, self._executor, topic, handler, self._refusals)
+            topics.subscribe(
+                self._session,
+                self._executor,
+                topic,
+                handler,
+                self._events_of(topic),
+                self._refusals,
+            )
         )
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
@@ -132,6 +143,9 @@ class ZenohTransport(OnExecutor):
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
         if self._announcement is None:
+            self._answering = answers.answer(
+                self._session, self._node, self._orders, self._outbox.flush
+            )
             self._announcement = presence.Announcement(
                 self._session, self._executor, self._node, self._since_ns, self._refusals
             )
@@ -154,6 +168,7 @@ class ZenohTransport(OnExecutor):
             tap.close()
         if self._announcement is not None:
             self._announcement.undeclare()
+            self._answering.undeclare()  # what is done from now on is not told
         self._outbox.close()
         for declared in (*self._declared, *self._events.values()):
             # "Already borrowed": another thread publishes with it just now; it goes with the session
@@ -161,14 +176,13 @@ class ZenohTransport(OnExecutor):
                 declared.undeclare()
         self._session.close()
 
-    def _events_of(self, service: Service) -> ServiceEvents:
-        events = self._events.get(service.name)
+    def _events_of(self, channel: Service | Topic) -> Events:
+        place = channel.name + ("" if isinstance(channel, Service) else TAKEN_SUFFIX)
+        events = self._events.get(place)
         if events is None:
             if self._rounds is None:
                 self._rounds = Rounds(self._session, self._executor, self._outbox)
                 self._declared.append(self._rounds)
-            events = ServiceEvents(
-                self._session, self._outbox, service, self._node_bytes, self._order
-            )
-            self._events[service.name] = events
+            events = Events(self._session, self._outbox, channel, self._node_bytes, self._orders)
+            self._events[place] = events
         return events
