@@ -232,7 +232,6 @@ class ObservationKind(StrEnum):
     REQUEST_RECEIVED = "request_received"
     RESPONSE_SENT = "response_sent"
     RESPONSE_RECEIVED = "response_received"
-    MESSAGE_TAKEN = "message_taken"
 
 
 NAMELESS = "gid "
