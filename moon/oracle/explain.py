@@ -28,7 +28,7 @@ def told(fact: TraceEvent, wording: Wording) -> str:
         case Role.MESSAGE:
             return f"message on {channel}:{data}"
         case Role.INPUT if fact.event is not None and fact.event[0] is EventKind.MESSAGE:
-            return f"message on {channel}:{data}"
+            return f"message taken on {channel}:{data}"
         case Role.INPUT:
             assert fact.event is not None
             what = {

@@ -180,8 +180,8 @@ class Oracle(Judging):
 
     def _known(self, settled: int, received_ns: int) -> int:
         """Until when (ns) all has been heard, by the numbers of the node's reports; at least ``settled``."""
-        if settled < self._may_be_lost_until:
-            return settled  # not all was reported
+        if settled < self._may_be_lost_until and not self._progress.is_whole:
+            return settled
         known = self._progress.heard
         if known >= self._takes.awaited_ns:
             known = self._takes.awaited_ns - 1

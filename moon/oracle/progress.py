@@ -16,9 +16,10 @@ class Progress:
         gap: what is missing and not waited for any more happened before this stamp (ns).
         answer: the number that followed when the node was asked how far it is, and when that was (ns);
             None where all until then has been heard, or it was not asked.
+        is_whole: all that the node ever did has been heard, as far as it was: from number 0, without a gap.
     """
 
-    __slots__ = ("ahead", "answer", "gap", "heard", "next")
+    __slots__ = ("ahead", "answer", "gap", "heard", "is_whole", "next")
 
     def __init__(self) -> None:
         self.ahead: dict[int, int] = {}
@@ -26,6 +27,7 @@ class Progress:
         self.heard = 0
         self.gap = 0
         self.answer: tuple[int, int] | None = None
+        self.is_whole = True
 
     def restart(self) -> None:
         """The node counts anew, or nothing is known any more."""
@@ -33,6 +35,7 @@ class Progress:
         self.next = 0
         self.heard = 0
         self.answer = None
+        self.is_whole = True
 
     def answered(self, number: int, stamp: int) -> None:
         """The node says that all that it did until ``stamp`` (ns) has a number below ``number``."""
@@ -71,6 +74,7 @@ class Progress:
             for number in [number for number in ahead if number < self.next]:
                 del ahead[number]
             self.gap = ahead.pop(self.next)
+            self.is_whole = False
             self._go_on(self.gap)
 
     def _go_on(self, stamp: int) -> None:

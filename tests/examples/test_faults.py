@@ -216,7 +216,12 @@ def test_every_fault_is_found_in_virtual_time_and_nobody_else_is_blamed() -> Non
     for row in rows[1:]:
         assert row["violated"] == [row["node"]]
         assert row["detected"], row
-        assert row["first"] if row["id"] > "T2" else 0 <= row["after_deadline_ms"] <= 200
+        if row["id"] > "T2":
+            assert row["first"]
+        elif row["after_deadline_ms"] is None:  # it went on without having answered
+            assert row["latency_ms"] < 1000
+        else:
+            assert 0 <= row["after_deadline_ms"] <= 30
 
 
 def test_a_faulty_node_is_found_on_zenoh(faults_run: Any) -> None:

@@ -79,6 +79,8 @@ class Events:
         """How many events were published: the number of the next one."""
         self.moment = orders.begin
         """Now: to be asked when something happens. ``record`` or ``forget`` must follow."""
+        self.skip = orders.skip
+        """Something happens while nobody listens: to be called instead of ``moment``, as it counts, too."""
         self._end = orders.end
         self._publisher = session.declare_publisher(
             key_of(channel.name) + suffix,

@@ -42,6 +42,11 @@ class Orders:
             self._next = order + 1
         return stamp, order
 
+    def skip(self) -> None:
+        """Something happened that nobody listens to: its number is left out of what is reported."""
+        with self._lock:
+            self._next += 1
+
     def end(self, order: int) -> None:
         """What has this number has left, is in the outbox, or will never leave."""
         with self._lock:

@@ -80,7 +80,7 @@ class Request:
         payload = server.codec.response.encode(response)
         query = self._take()
         events = server.events
-        moment = events.moment() if events.heard else None
+        moment = events.moment() if events.heard else events.skip()
         try:
             query.reply(server.key, payload, encoding=server.codec.response.encoding)
             query.drop()
@@ -96,7 +96,7 @@ class Request:
         server = self._server
         query = self._take()
         events = server.events
-        moment = events.moment() if events.heard else None
+        moment = events.moment() if events.heard else events.skip()
         try:
             query.reply_err(error.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
             query.drop()
@@ -180,6 +180,8 @@ class Server:
         heard = events.heard
         if heard:
             events.record(event.REQUEST_RECEIVED, events.moment(), client, call, request)
+        else:
+            events.skip()
         self._handler(Request(self, query, call, client, data))
         if heard:
             events.flush_later()  # mostly it is answered by now, and nobody waits
@@ -336,7 +338,7 @@ class Client:
         self, number: int, payload: bytes, timeout_s: float, handler: Any, delay_s: float = 0.0
     ) -> None:
         events = self.events
-        moment = events.moment() if events.heard else None
+        moment = events.moment() if events.heard else events.skip()
         try:
             self._session.get(
                 self._key,
@@ -375,6 +377,7 @@ class Client:
         """Record how call ``number`` ended, for those who listen; whether anybody does."""
         events = self.events
         if not events.heard:
+            events.skip()
             return False
         failed = result.outcome is not CallOutcome.RESPONSE
         error = f"{result.outcome}: {result.error}" if failed else ""

@@ -122,6 +122,7 @@ def subscribe(
             return
         number, _, source = read_attachment(sample.attachment) if events.heard else UNKNOWN
         if not source:
+            events.skip()
             handler(message)
             return
         events.record(MESSAGE_TAKEN, events.moment(), source, number, None)

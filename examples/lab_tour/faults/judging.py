@@ -11,6 +11,8 @@ from catalogue import Detected, Fault
 from listener import DEADLINE_NS, LATENCY_NS, Run, Said
 from onset import Onset, onset
 
+from moon.monitor.watch import UNRESPONSIVE
+
 LATE_NS = 200_000_000
 """A missing output should be reported this long after its deadline, at the latest: one latency bound, and
 what is left for the monitor's timer and a busy machine."""
@@ -34,7 +36,8 @@ class Row(msgspec.Struct, frozen=True):
         detected: whether the faulty one was found, as soon as it should be.
         latency_ms: from the first wrong output, or the input that was not answered, to when it was said:
             as *violated*, or as *inconclusive* while it was not certain that no observation is missing.
-        after_deadline_ms: for missing outputs: from the deadline to then.
+        after_deadline_ms: for missing outputs: from the deadline to then; None if the machine took another
+            input before the deadline, and so will not send them any more.
         certain_ms: from the first wrong output or that input to the verdict *violated*.
         first: whether the verdict is about the first wrong output.
         reason: the first line of the explanation.
@@ -91,7 +94,10 @@ def judged(chosen: Fault, run: Run) -> Row:
     if chosen.expected.when is Detected.AT_THE_DEADLINE:
         late_ns = latency_ns - DEADLINE_NS
         row = msgspec.structs.replace(row, after_deadline_ms=late_ns / 1e6)
-        if late_ns < 0:
+        if late_ns < 0 and not said.verdict.reason.startswith(UNRESPONSIVE):
+            # it took another input without having answered: it will not answer any more
+            row = msgspec.structs.replace(row, after_deadline_ms=None)
+        elif late_ns < 0:
             return _failed(row, "said before the deadline was over")
         if late_ns > LATE_NS:
             return _failed(row, f"said {late_ns / 1e6:.0f} ms after the deadline")

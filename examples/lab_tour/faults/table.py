@@ -53,6 +53,8 @@ def found(row: Row) -> str:
         return "NOT DETECTED"
     if row.after_deadline_ms is not None:
         return "detects at the deadline" if row.detected else f"detects, but {row.problem}"
+    if row.first is None:  # nothing wrong was sent
+        return "detects at its next input" if row.detected else f"detects, but {row.problem}"
     return "detects at first occurrence" if row.detected else f"detects, but {row.problem}"
 
 
