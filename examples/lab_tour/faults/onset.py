@@ -92,7 +92,8 @@ def _levels(heard: Sequence[Observation], at_ns: int, latency_ns: int) -> list[i
     """What BatteryLevelSkill can hold for the charge at ``at_ns``."""
     found = [100]
     for seen in heard:
-        if seen.channel == _LEVEL and seen.stamp_ns < at_ns:
+        is_level = seen.channel == _LEVEL and seen.kind is ObservationKind.MESSAGE
+        if is_level and seen.stamp_ns < at_ns:
             if seen.stamp_ns < at_ns - latency_ns:
                 found.clear()
             found.append(seen.data["data"])
