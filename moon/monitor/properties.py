@@ -139,7 +139,9 @@ class PropertyWatch:
 
     def observe(self, seen: Observation) -> None:
         """Take ``seen`` in; it counts when :meth:`advance` says that its latency is over."""
-        if not self.concerns(seen.channel) or self._is_repeated(seen):
+        if seen.kind is ObservationKind.MESSAGE_TAKEN or not self.concerns(seen.channel):
+            return
+        if self._is_repeated(seen):
             return
         for tally in self._tallies.values():
             tally.heard += seen.channel in tally.channels

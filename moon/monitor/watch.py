@@ -176,7 +176,8 @@ class SystemWatch:
         self._late[seen.source] = now_ns
         self._properties.patience.heard(lag_ns, now_ns)
         self.counts.late += 1
-        self._properties.lose(seen.channel, seen.stamp_ns, now_ns)
+        if seen.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
+            self._properties.lose(seen.channel, seen.stamp_ns, now_ns)
         why = f"observations arrive {lag_ns / NS:.1f} s late"
         recent = [source for source, at in self._late.items() if now_ns - at < NS]
         if len(recent) > 1:

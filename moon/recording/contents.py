@@ -67,6 +67,8 @@ class Contents:
         self.count += 1
         self.first_ns = self.first_ns or seen.stamp_ns
         self.last_ns = seen.stamp_ns
+        if seen.kind is ObservationKind.MESSAGE_TAKEN:
+            return  # what it is about has been noted
         found = self.channels.get(seen.channel)
         if found is None:
             if len(self.channels) >= _MAX_CHANNELS:

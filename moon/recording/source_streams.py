@@ -77,6 +77,8 @@ class Lanes:
 
     def stream(self, seen: Observation) -> SourceStream | None:
         """Where ``seen`` belongs; None if it can only be kept whole."""
+        if seen.kind is ObservationKind.MESSAGE_TAKEN:
+            return None  # ROS 2 has no such thing
         numbering = numbering_of(seen)
         if numbering is None:
             return None

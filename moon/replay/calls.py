@@ -10,6 +10,7 @@ import msgspec
 
 from moon.tap.stream import nobody_answered
 from transports.interface import CallOutcome, Observation, ObservationKind
+from transports.service_events import KIND_OF_EVENT
 
 MAX_CALLS = 1_000_000
 """Calls kept of one recording: an answer must be at hand when it is asked for."""
@@ -92,7 +93,7 @@ class CallBook:
         if seen.kind in _SERVER_END and seen.source:
             found.server = seen.source
         while open_calls and (
-            len(open_calls[0].kinds) == len(ObservationKind) - 1
+            len(open_calls[0].kinds) == len(KIND_OF_EVENT)
             or (len(open_calls) > 1 and open_calls[0].answered_ns)
         ):
             open_calls.popleft()

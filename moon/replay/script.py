@@ -105,6 +105,8 @@ def script_of(recording: Recording, selected: Selected) -> Script:
         action = action_of(seen.channel)
         if action:
             actions[action] = None
+        if seen.kind is ObservationKind.MESSAGE_TAKEN:
+            continue  # whoever subscribes now takes it anew
         if seen.kind is not ObservationKind.MESSAGE:
             calls.note(seen)
         elif not action:

@@ -86,7 +86,9 @@ class Shelf:
         self.heard = self.of_other_channels = 0
 
     def take(self, seen: Observation) -> None:
-        """Keep ``seen``, or not."""
+        """Keep ``seen``, or not: which nodes took a message is not shown."""
+        if seen.kind is ObservationKind.MESSAGE_TAKEN:
+            return
         self.heard += 1
         channel = self._channels.get(seen.channel)
         if channel is None:

@@ -82,6 +82,8 @@ class _Kept:
 
     def take(self, seen: Observation, is_near: bool) -> None:
         port = self.port
+        if seen.kind is ObservationKind.MESSAGE_TAKEN:
+            return
         if port.kinds and seen.kind not in port.kinds:
             return
         if port.kinds and port.kinds[0].startswith("response") and seen.error:

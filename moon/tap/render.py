@@ -9,8 +9,8 @@ from moon.tap.action_parts import essence
 from moon.tap.stream import Line, nobody_answered
 from moon.wording import Wording
 
-_ARROWS = {"message": "•", "request": "→", "response": "←", "unanswered": "✗"}
-_COLOURS = {"message": "36", "request": "34", "response": "32", "unanswered": "31"}
+_ARROWS = {"message": "•", "request": "→", "response": "←", "unanswered": "✗", "taken": "▸"}
+_COLOURS = {"message": "36", "request": "34", "response": "32", "unanswered": "31", "taken": "35"}
 MAX_CHANNEL, MAX_NODE = 48, 28
 """Columns grow up to this many characters; longer names push the rest of their line aside."""
 UNKNOWN, NOBODY = "?", "-"
@@ -54,6 +54,8 @@ class Renderer:
         ).rstrip()
 
     def _contents(self, line: Line) -> str:
+        if line.kind == "taken":
+            return f"{printable(line.client)} {line.call}"
         if not line.part:
             return "" if line.data is None else self._wording.message(line.data, line.type_name)
         if line.data is None:

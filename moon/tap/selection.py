@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from moon.tap.stream import Line
 
-KINDS = ("message", "request", "response", "unanswered", "action")
-"""Kinds of lines; ``action`` is every part of an action, whatever its kind."""
+KINDS = ("message", "request", "response", "unanswered", "taken", "action")
+"""Kinds of lines; ``action`` is every part of an action, whatever its kind. ``taken`` is shown if asked for:
+each message is there once already."""
 
 _WILDCARD = re.compile(r"(/\*\*$|\*\*|\*|\?)")
 _PATTERNS = {"/**": "(?:/.*)?", "**": ".*", "*": "[^/]*", "?": "[^/]"}
@@ -42,6 +43,8 @@ class Selection:
     def takes(self, line: Line) -> bool:
         """Whether ``line`` is to be shown."""
         kinds = self._kinds
+        if line.kind == "taken" and "taken" not in kinds:
+            return False
         if kinds and line.kind not in kinds and not (line.action and "action" in kinds):
             return False
         if self._channels and not self._takes_channel(line):

@@ -29,18 +29,22 @@ _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 _NOBODY_ANSWERED = (CallOutcome.TIMEOUT.value, CallOutcome.UNAVAILABLE.value)
 
 
+TAKEN = "taken"
+"""The kind of a line that says that a node took a message."""
+
+
 class Line(msgspec.Struct, frozen=True, omit_defaults=True):
     """One thing that happened, as the tap shows it.
 
     Attributes:
         stamp_ns: when, where it happened (ns since the epoch).
-        kind: ``message``, ``request``, ``response`` or ``unanswered``.
+        kind: ``message``, ``request``, ``response``, ``unanswered`` or ``taken``.
         channel: topic or service.
-        source: who published, asked or answered; empty where that is not known.
+        source: who published, asked, answered or took; empty where that is not known.
         data: the message's fields.
         type_name: its type.
-        client: who asked, for responses.
-        call: number of the call at its client.
+        client: who asked, for responses; whose message was taken.
+        call: number of the call at its client, or of the message that was taken.
         round_trip_us: request to response at the client (or, if only the server is heard, there).
         error: how a call without a response ended.
         action: the action that the channel is a part of.
@@ -129,6 +133,8 @@ class CallMatcher:
         """The line for ``seen``; None if nothing is to be shown (yet)."""
         if seen.kind is ObservationKind.MESSAGE:
             return _line(seen, "message", seen.source)
+        if seen.kind is ObservationKind.MESSAGE_TAKEN:
+            return _line(seen, TAKEN, seen.source, client=seen.client)
         if seen.kind not in _CLIENT_END and seen.source:
             _remember(self._servers, seen.channel, seen.source)
         if not seen.client:  # a tool that numbers no calls: nothing tells one from the next

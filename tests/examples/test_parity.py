@@ -57,14 +57,21 @@ def heard(tmp_path_factory: pytest.TempPathFactory) -> Heard:
 
 
 def of_models(system: System, seen: Iterable[Observation]) -> list[Observation]:
-    """What happened on the models' channels: each middleware has some of its own."""
+    """What happened on the models' channels: each middleware has some of its own, and ROS 2's nodes do not
+    report what they take.
+    """
     channels = {
         interface.channel
         for machine in system.nodes
         for interface in machine.interfaces
         if interface.kind is not InterfaceKind.TIMER
     }
-    return [item for item in seen if item.channel.partition("/_action/")[0] in channels]
+    return [
+        item
+        for item in seen
+        if item.channel.partition("/_action/")[0] in channels
+        and item.kind is not ObservationKind.MESSAGE_TAKEN
+    ]
 
 
 def shape(data: Any) -> Any:

@@ -376,7 +376,7 @@ def test_it_says_that_it_is_linked_to_nobody(hub) -> None:
         (
             ["--kind", "topic"],
             "Invalid value for '--kind': 'topic' is not one of "
-            "'message', 'request', 'response', 'unanswered', 'action'.",
+            "'message', 'request', 'response', 'unanswered', 'taken', 'action'.",
         ),
         (["--zenoh-config", "/no/such.json5"], "File '/no/such.json5' does not exist."),
         (

@@ -67,6 +67,11 @@ def test_an_unknown_answerer_is_a_question_mark_and_none_is_a_dash() -> None:
     assert " ← - " in text(Line(0, "response", "/s", "", client="c", error="timeout: /s: late"))
 
 
+def test_a_message_taken_is_named_by_its_publisher_and_number() -> None:
+    taken = Line(0, "taken", "/level", "Judge", client="Sensor", call=7)
+    assert Renderer(colour=False).text(taken).endswith("▸ Judge         Sensor 7")
+
+
 def test_a_line_has_no_control_characters() -> None:
     line = Line(0, "response", "/a\x1b[2J", "no\nde", {"k\x1b": "v\x07"}, error="remote\nerror")
     assert Renderer(colour=False).text(line).isprintable()

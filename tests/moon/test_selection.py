@@ -99,3 +99,14 @@ def test_a_glob_that_can_match_nothing_is_refused(glob, message) -> None:
     with pytest.raises(GlobError) as error:
         check(glob)
     assert str(error.value) == message
+
+
+def test_messages_taken_are_shown_only_if_asked_for() -> None:
+    taken = line(kind="taken")
+    assert not Selection().takes(taken)
+    assert not Selection(kinds=["message"]).takes(taken)
+    assert Selection(kinds=["taken"]).takes(taken)
+    assert not Selection(kinds=["taken"]).takes(line())
+    of_action = line("/nav/go/_action/feedback", "taken", action="/nav/go")
+    assert not Selection(kinds=["action"]).takes(of_action)
+    assert Selection(kinds=["taken"]).takes(of_action)

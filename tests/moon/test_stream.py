@@ -6,10 +6,11 @@ import importlib.util
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from moon.tap import stream
 from moon.tap.stream import CallMatcher, Line
-from transports.interface import Observation
+from transports.interface import Observation, ObservationKind
 
 _spec = importlib.util.spec_from_file_location("observed", Path(__file__).with_name("observed.py"))
 observed = importlib.util.module_from_spec(_spec)
@@ -226,3 +227,12 @@ def test_what_open_calls_hold_is_bounded_in_bytes(monkeypatch: pytest.MonkeyPatc
     for kind in (RECEIVED, ANSWERED, RETURNED):
         matcher.feed(seen(kind, 60, 50))
     assert (matcher.open_calls, matcher._bytes) == (0, 0)
+
+
+def test_a_message_taken_says_by_whom_whose_and_which() -> None:
+    taken = replace(
+        message("/a", None, 5), kind=ObservationKind.MESSAGE_TAKEN, client="sensor", call=7
+    )
+    (line,) = lines(taken)
+    assert (line.kind, line.source, line.client, line.call) == ("taken", "node", "sensor", 7)
+    assert line.data is None

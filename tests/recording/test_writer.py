@@ -22,6 +22,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from m2c.model.datatypes import INTEGER_RANGES
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
+from moon.recording.contents import Contents
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Said, Turn
 from moon.recording.mcap_writing import Compression, McapWriter
@@ -167,6 +168,34 @@ def test_everything_is_read_as_it_was_written(
         assert summary.statistics.message_count == len(EVERYTHING)
         assert len(list(reader.iter_messages())) == len(EVERYTHING)
         assert reader.get_header().profile == "ros2"
+
+
+def test_messages_taken_are_kept_whole_and_read_as_they_were_heard(
+    library: InterfaceLibrary, tmp_path: Path
+) -> None:
+    entries: list[Entry] = []
+    for number in range(5):
+        sent = message(number=number)
+        taken = message(
+            None,
+            number,
+            kind=ObservationKind.MESSAGE_TAKEN,
+            source="Judge",
+            client="Sensor",
+            call=number,
+        )
+        entries += [sent, taken]
+    path = tmp_path / "run.mcap"
+    writer = write(path, entries, library)
+    assert (writer.whole, writer.observations) == (5, 10)
+    assert same(read(path), entries)
+    contents = Contents()
+    for entry in entries:
+        assert isinstance(entry, Observation)
+        contents.note(entry)
+    assert contents.count == 10
+    assert contents.channels["/level"].count == 5
+    assert contents.limits() == []
 
 
 def _values(kind: str) -> st.SearchStrategy[Any]:

@@ -172,3 +172,22 @@ def test_a_goal_is_put_together_from_the_parts_of_its_action():
     assert goal.feedback == [(20, {"left": 2})]
     assert (goal.canceled_ns, goal.ended_ns, goal.status) == (40, 100, 5)
     assert goal.result == {"ok": False}
+
+
+def test_a_call_is_over_when_all_its_four_events_were_heard():
+    calls = [
+        event
+        for stamp in (10, 50)
+        for event in (
+            seen(SENT, stamp, {"a": stamp}, "c"),
+            seen(RECEIVED, stamp + 1, {"a": stamp}, "server"),
+            seen(ANSWERED, stamp + 2, {"b": stamp}, "server"),
+            seen(HEARD, stamp + 3, {"b": stamp}, "c"),
+        )
+    ]
+    made = CallBook()
+    for event in calls:
+        made.note(event)
+        assert len(made._open["/s", "c", 1]) <= 1
+    assert [call.request for call in made.calls["/s"]] == [{"a": 10}, {"a": 50}]
+    assert not made._open["/s", "c", 1]
