@@ -151,8 +151,6 @@ class Channels:
 
     def readers(self, channel: str, source: str, kind: ObservationKind) -> tuple[Reader, ...]:
         """What makes facts of the observations of one source, channel and kind."""
-        if kind is ObservationKind.MESSAGE_TAKEN:
-            return ()
         ports = self.ports.get(channel)
         own = source == self.node
         if own and kind in _SENDINGS and self._is_strange(channel, ports, kind):

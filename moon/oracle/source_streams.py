@@ -105,7 +105,7 @@ class Lanes:
         own = source == self._node
         readers = self._channels.readers(channel, source, kind)
         count = None
-        if (own and kind is not ObservationKind.MESSAGE_TAKEN) or (message and readers):
+        if own or (message and readers):
             place = (source, channel, message)
             count = self.counts.setdefault(place, Count(place))
         stream = self.opened[source, channel, kind] = SourceStream(
