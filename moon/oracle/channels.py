@@ -117,22 +117,6 @@ class Channels:
         ports.append(port)
 
     @property
-    def has_topics(self) -> bool:
-        """Whether the machine takes messages of topics: only its own node stamps all the rest."""
-        return any(
-            p.kind is InterfaceKind.SUBSCRIBER for ports in self.ports.values() for p in ports
-        )
-
-    @property
-    def has_feedback(self) -> bool:
-        """Whether the machine takes feedback of goals: its node does not report when."""
-        return any(
-            port.kind is InterfaceKind.ACTION_CLIENT and port.part == "feedback"
-            for ports in self.ports.values()
-            for port in ports
-        )
-
-    @property
     def is_plain(self) -> bool:
         """Whether each topic that the machine takes is one interface: a message is one input then."""
         counts = (

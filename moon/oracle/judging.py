@@ -87,10 +87,7 @@ class Judging:
             self.losses,
             self._takes,
         )
-        self._has_topics = self.channels.has_topics
-        self._is_ordered = self._may_be_ordered = not (
-            self._has_topics or self.channels.has_feedback
-        )
+        self._is_ordered = self._may_be_ordered = not self.search.taken_topics()
         """All that the machine takes and sends is reported by its own node, in order: it is known how far
         that is."""
         self._certain_since = 0

@@ -23,7 +23,7 @@ _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 # looked up for every observation
 _ASKED, _OUTPUT, _STRANGE, _INPUT = Role.ASKED, Role.OUTPUT, Role.UNDECLARED, Role.INPUT
 _ANSWERED = Role.ANSWERED
-_TOPIC, _TAKEN = Role.MESSAGE, Role.TAKEN
+_TOPIC, _TAKEN, _MESSAGED = Role.MESSAGE, Role.TAKEN, EventKind.MESSAGE
 _INCONCLUSIVE = Outcome.INCONCLUSIVE
 _MESSAGE = ObservationKind.MESSAGE
 
@@ -116,12 +116,11 @@ class Oracle(Judging):
             text = f"an observation on {observation.channel} cannot be read"
             verdicts += self.lose(observation.stamp_ns, text)
         is_filled = False
-        if self._has_topics:
+        if more:
+            more = [each for item in more if (each := self._of_topic(item)) is not None]
+        if fact is not None and (fact.role is _TOPIC or fact.role is _TAKEN):
             awaited_ns = self._takes.awaited_ns
-            if more:
-                more = [each for item in more if (each := self._of_topic(item)) is not None]
-            if fact is not None:
-                fact = self._of_topic(fact)
+            fact = self._of_topic(fact)
             is_filled = self._takes.awaited_ns > awaited_ns
         received_ns = observation.received_ns
         if self._clock.settled > self._finished:
@@ -199,7 +198,13 @@ class Oracle(Judging):
 
     def _published(self, fact: TraceEvent) -> TraceEvent | None:
         """A message on a topic that the machine takes; None where its node reports what it takes."""
-        if not self._takes.reported or not self.search.changes_something(fact.event):
+        assert fact.event is not None
+        if not self.search.changes_something(fact.event):
+            self.inputs += 1
+            if self._listening_since is None:
+                self._listen(fact.stamp)
+            return None
+        if not self._takes.reported or fact.event[0] is not _MESSAGED:
             return fact
         if fact.observation.sequence < 0:  # of such a message it is not reported when it is taken
             self._is_ordered = False
@@ -237,13 +242,13 @@ class Oracle(Judging):
         client, number = fact.call
         channel = fact.observation.channel
         kept = self._anchoring.recent if self._base is None else self._window
-        messages = [f for f in kept if f.role is _TOPIC and f.observation.sequence >= 0]
+        messages = [f for f in kept if _is_numbered_message(f)]
         if (client, channel, number) not in map(reference_of, messages):
             count = self._streams.counts.get((client, channel, True))
             if count is not None and number < count.next:
                 return False
         self._takes.reported = True
-        self._is_ordered = not self.channels.has_feedback
+        self._is_ordered = not self.search.takes_feedback
         for message in messages:
             kept.remove(message)
             self._note_message(message)
@@ -413,3 +418,9 @@ class Oracle(Judging):
         self._anchoring.begin(since)
         self.outcome = Outcome.INCONCLUSIVE
         self._reason = "started in the middle of a run: waiting until its state is certain"
+
+
+def _is_numbered_message(fact: TraceEvent) -> bool:
+    """Whether its node may report that it took ``fact``."""
+    is_message = fact.event is not None and fact.event[0] is _MESSAGED
+    return fact.role is _TOPIC and is_message and fact.observation.sequence >= 0

@@ -364,6 +364,11 @@ class Running:
                     found.add(channel + ending)
         return frozenset(found)
 
+    @property
+    def takes_feedback(self) -> bool:
+        """Whether feedback of goals can make a difference to what is seen: its node does not report when."""
+        return any(event[0] is EventKind.FEEDBACK for event in self._effective)
+
     def changes_something(self, event: EventKey | None) -> bool:
         """Whether ``event`` can make a difference to what is seen, in any state."""
         return event in self._effective
