@@ -45,7 +45,8 @@ class Side:
         """A tap on this side."""
         if self._there is self._home:
             return self._there.tap(channels, handler)
-        return self._there.tap(channels, lambda seen: self._home.post(partial(handler, seen)))
+        tap = self._there.tap(channels, lambda seen: self._home.post(partial(handler, seen)))
+        return _Taps([tap], self.post)
 
     def watch_nodes(self, handler: NodeHandler) -> None:
         """Nodes of this side."""

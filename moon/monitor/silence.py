@@ -57,6 +57,10 @@ class Silence:
             tap.ask(node, functools.partial(self._take, node), self._within_s)
         return next_ns
 
+    def ask(self, tap: Tap, node: str) -> None:
+        """Ask ``node``, which has just come up: whether it answers tells what it reports."""
+        tap.ask(node, functools.partial(self._take, node), self._within_s)
+
     def _take(self, node: str, answer: Answer | None) -> None:
         if answer is not None:
             self._answered(node, answer)

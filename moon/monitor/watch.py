@@ -20,16 +20,12 @@ from moon.monitor.reception import Reception
 from moon.monitor.silence import Silence
 from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
 from moon.monitor.turns import Turns
-from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
 from transports.interface import Answer, Observation, ObservationKind, Tap
-
-_LINKED_NS = 5 * NS
-"""So long after a node was found in the middle of its run, this monitor is linked to it, and subscribed to
-all that it tells (DDS takes some 50 ms for each of sixty subscriptions while a whole system starts)."""
 
 MIDDLE = "started in the middle of a run: waiting until its state is certain"
 GONE = "its node is no longer up"
@@ -152,7 +148,7 @@ class SystemWatch:
             node.lags.append(lag_ns)
             if not (node.up or node.heard):
                 node.heard = True
-                self._models.node_found(seen.source, now_ns + _LINKED_NS)
+                self._models.node_found(seen.source, now_ns + LINKED_NS)
         if seen.kind is ObservationKind.MESSAGE and seen.sequence >= 0:
             self._look_at_first(seen)
         limit_ns = pace.reach_ns(now_ns)
@@ -353,7 +349,7 @@ class SystemWatch:
             if again or heard:
                 self._lose(self._models.watched[name], MIDDLE)
             found_ns = max(self._transport.now_ns(), self._listening_since)
-            self._models.node_found(name, found_ns + _LINKED_NS)
+            self._models.node_found(name, found_ns + LINKED_NS)
             return
         for place in [place for place in self._first if place[0] == name]:
             del self._first[place]
@@ -364,8 +360,10 @@ class SystemWatch:
         stamp_ns = reach_ns - self._bounds.latency // 2
         started_ns = max(stamp_ns, node.since)
         self._models.node_started(name, started_ns)
+        if self.listener is not None:
+            self._silence.ask(self.listener, name)
         if self._transport.repair_s:  # such a middleware links who listens channel by channel
-            self._models.node_found(name, started_ns + _LINKED_NS)
+            self._models.node_found(name, started_ns + LINKED_NS)
 
     # --- verdicts ----------------------------------------------------------------------------------
 

@@ -7,6 +7,10 @@ import msgspec
 FOREVER = 1 << 62
 """Later than any stamp (ns)."""
 
+LINKED_NS = 5_000_000_000
+"""So long after it was found or started a node is linked to all others, and they to it (DDS takes some 50 ms
+for each of sixty subscriptions while a whole system starts)."""
+
 FEW_HYPOTHESES = 8
 """Of so many it is not looked whether one follows from another."""
 

@@ -59,6 +59,7 @@ class Oracle(Judging):
         self._streams.restart()
         self._progress.restart()
         self._takes.restart()
+        self._takes.started_ns = stamp_ns
         self._is_ordered = self._may_be_ordered
         self._begin(stamp_ns, whole)
         self._may_be_lost_until = 0 if whole else stamp_ns + self.bounds.latency
@@ -171,6 +172,9 @@ class Oracle(Judging):
             now_ns: on the clock of ``Observation.received_ns``.
         """
         self._progress.answered(number, stamp_ns)
+        is_open = any(hypothesis.pending for hypothesis in self._base or ())
+        if not self._takes.reported and self.channels.is_plain and not is_open:
+            self._follow()  # who answers reports what it takes
         settled = now_ns - self._latency
         if self._is_ordered:
             settled = self._known(settled, now_ns)
@@ -241,18 +245,27 @@ class Oracle(Judging):
             return False
         client, number = fact.call
         channel = fact.observation.channel
-        kept = self._anchoring.recent if self._base is None else self._window
-        messages = [f for f in kept if _is_numbered_message(f)]
-        if (client, channel, number) not in map(reference_of, messages):
+        if (client, channel, number) not in map(reference_of, self._messages()):
             count = self._streams.counts.get((client, channel, True))
             if count is not None and number < count.next:
                 return False
+        self._follow()
+        return True
+
+    def _messages(self) -> list[TraceEvent]:
+        """Those that are not judged yet, and that the node may still report to have taken."""
+        kept = self._anchoring.recent if self._base is None else self._window
+        return [f for f in kept if _is_numbered_message(f)]
+
+    def _follow(self) -> None:
+        """From here on, messages are taken when the node reports that."""
+        kept = self._anchoring.recent if self._base is None else self._window
+        messages = self._messages()
         self._takes.reported = True
         self._is_ordered = not self.search.takes_feedback
         for message in messages:
             kept.remove(message)
             self._note_message(message)
-        return True
 
     def _at_once(self, fact: TraceEvent, settled: int) -> bool:
         """Whether ``fact``, the next thing that happened, is judged here and now.

@@ -8,7 +8,7 @@ time within the latency bound.
 
 from __future__ import annotations
 
-from moon.oracle.bounds import FOREVER
+from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.trace_events import TraceEvent
 
 KEPT_MESSAGES = 1024
@@ -16,6 +16,23 @@ KEPT_MESSAGES = 1024
 
 Reference = tuple[str, str, int]
 """Source and channel of a message, and its number there."""
+
+
+class _Link:
+    """From one publisher of a topic to the machine's node.
+
+    Attributes:
+        since: the first message of the publisher's life was published then (ns).
+        last: number of the newest message.
+        is_used: whether the node has taken a message of that life.
+    """
+
+    __slots__ = ("is_used", "last", "since")
+
+    def __init__(self, since: int) -> None:
+        self.since = since
+        self.last = -1
+        self.is_used = False
 
 
 class TakenMessages:
@@ -26,11 +43,22 @@ class TakenMessages:
 
     Attributes:
         reported: whether the machine's node reports what it takes.
+        started_ns: when the node started (ns); 0 where it is linked for long.
         due: when a message that is known will be overdue (ns), or earlier.
         awaited_ns: the first that was taken and whose contents were not received yet, was taken then (ns).
     """
 
-    __slots__ = ("_awaited", "_contents", "_deadline", "_expected", "awaited_ns", "due", "reported")
+    __slots__ = (
+        "_awaited",
+        "_contents",
+        "_deadline",
+        "_expected",
+        "_links",
+        "awaited_ns",
+        "due",
+        "reported",
+        "started_ns",
+    )
 
     def __init__(self, deadline: int) -> None:
         self._deadline = deadline
@@ -40,15 +68,19 @@ class TakenMessages:
         self._contents: dict[Reference, TraceEvent] = {}
         self._awaited: dict[Reference, TraceEvent] = {}
         self._expected: dict[Reference, TraceEvent] = {}
+        self._links: dict[tuple[str, str], _Link] = {}
+        self.started_ns = 0
 
     def publish(self, message: TraceEvent, is_expected: bool) -> bool:
         """A message was published; whether it had been taken already, and its contents were awaited.
 
         Args:
             message: as its publisher reports it.
-            is_expected: whether the machine has to take it.
+            is_expected: whether the node has to take it if it is linked to the publisher.
         """
         reference = reference_of(message)
+        if is_expected:
+            is_expected = self._is_linked(message)
         taken = self._awaited.pop(reference, None)
         if taken is not None:
             _fill(taken, message)
@@ -65,10 +97,22 @@ class TakenMessages:
             self.due = min(self.due, message.stamp + self._deadline)
         return False
 
+    def _is_linked(self, message: TraceEvent) -> bool:
+        """Whether what the publisher of ``message`` publishes reaches the node."""
+        number = message.observation.sequence
+        link = self._links.get(message.stream)
+        if link is None or number < link.last:  # the publisher has started again
+            link = self._links[message.stream] = _Link(message.stamp)
+        link.last = number
+        return link.is_used or message.stamp - LINKED_NS > max(link.since, self.started_ns)
+
     def take(self, taken: TraceEvent) -> None:
         """The node took a message: ``taken`` has its contents, now or once they are received."""
         client, number = taken.call
         reference = (client, taken.observation.channel, number)
+        link = self._links.get(reference[:2])
+        if link is not None and number <= link.last:
+            link.is_used = True
         message = self._contents.pop(reference, None)
         if message is None:
             self._awaited[reference] = taken
@@ -98,6 +142,7 @@ class TakenMessages:
         """Another life of the node begins: whether it reports what it takes is not known yet."""
         self.forget()
         self._contents.clear()
+        self._links.clear()
         self.reported = False
 
     def _note_awaited(self) -> None:
