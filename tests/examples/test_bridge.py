@@ -22,6 +22,7 @@ from transports.interface import (
     GoalHandle,
     GoalStatus,
     Observation,
+    ObservationKind,
 )
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 from transports.timers import Timer
@@ -308,7 +309,20 @@ def test_what_a_bridge_repeats_is_left_out_of_what_all_sides_do(
     publisher.publish(Number(7))
     worlds.run(0.2)
     assert [seen.source for seen in once] == ["node"]
-    assert sorted(seen.source for seen in twice) == ["bridge", "node"]
+    published = [seen for seen in twice if seen.kind is ObservationKind.MESSAGE]
+    assert sorted(seen.source for seen in published) == ["bridge", "node"]
+
+
+def test_a_node_is_asked_on_whichever_side_it_is(worlds: TwoWorlds) -> None:
+    monitors = [SimulatedTransport(world, "monitor") for world in (worlds.here, worlds.there)]
+    sides = [Side(monitor, monitors[0]) for monitor in monitors]
+    listener = AllSides(sides, ["bridge"]).tap([], lambda seen: None)
+    SimulatedTransport(worlds.there, "node").announce()
+    answers: list[object] = []
+    listener.ask("node", answers.append)
+    listener.ask("nobody", answers.append)
+    worlds.run(0.1)
+    assert sorted(answer is None for answer in answers) == [False, True]
 
 
 @pytest.mark.ros2
