@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from moon.monitor.event_time_clock import NS
 from moon.recording.entries import (
     UNUSUAL_NS,
+    Answered,
     Began,
     Entry,
     Missed,
@@ -62,6 +63,8 @@ class Player:
         self.up_since = self._since.__getitem__
         """When a node began to connect; 0 if the recording does not say."""
         self._missed: dict[str, str] = {}
+        self._asked: dict[str, Callable[[Answer | None], None]] = {}
+        """What the watch does with an answer, by the node that it asked."""
         self._begin: Callable[[], None] = _nothing_to_begin
         self._whole_by_ns = 0
         self._waiting: list[Entry] | None = None
@@ -117,8 +120,8 @@ class Player:
     def ask(
         self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
     ) -> None:
-        """Nobody is there to be asked: None, at once, as what is posted is a turn of the monitor's."""
-        answered(None)
+        """Who answered then answers again; nobody else is there to be asked."""
+        self._asked[node] = answered
 
     def is_contested(self, name: str) -> bool:
         """Who sent is as the recorder had it."""
@@ -240,6 +243,9 @@ class Player:
                 self._change(entry)
             case Missed():
                 self._missed[_subject(entry.text)] = entry.text
+            case Answered(node=node, stamp_ns=stamp_ns, next_order=next_order):
+                if node in self._asked:
+                    self._asked[node](Answer(stamp_ns, next_order))
             case Began():
                 self._return_all()
             case _:

@@ -148,7 +148,22 @@ class Ended(msgspec.Struct, frozen=True, tag="ended", tag_field="entry"):
     received_ns: Instant
 
 
-Event = Began | Whole | NodeChange | Missed | Ended
+class Answered(msgspec.Struct, frozen=True, tag="answered", tag_field="entry"):
+    """A node answered the monitor that was recorded how far it had reported (``Tap.ask``).
+
+    Attributes:
+        received_ns: when.
+        node: which.
+        stamp_ns, next_order: its answer (``transports.interface.Answer``).
+    """
+
+    received_ns: Instant
+    node: str
+    stamp_ns: Instant
+    next_order: Instant
+
+
+Event = Began | Whole | NodeChange | Missed | Answered | Ended
 """What is rare, and kept as JSON; ``entry`` tells which it is."""
 
 Entry = Observation | Event | Pulse | Said

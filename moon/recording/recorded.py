@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from moon.monitor.connection import Connection
 from moon.recording.entries import (
     UNUSUAL_NS,
+    Answered,
     Began,
     Ended,
     Entry,
@@ -28,7 +29,7 @@ from moon.recording.entries import (
 from moon.recording.writer import RecordingWriter
 from moon.tap.notices import Standing
 from moon.verdict import Verdict
-from transports.interface import Observation, Publisher, Tap, Timer, Topic
+from transports.interface import Answer, Observation, Publisher, Tap, Timer, Topic
 
 
 class Home(Connection, Protocol):
@@ -91,7 +92,11 @@ class RecordedConnection:
 
         self._now_ns = home.now_ns()
         record(Began(self._now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
-        return home.tap(channels, heard)
+        return _RecordedTap(home.tap(channels, heard), self._note_answer)
+
+    def _note_answer(self, node: str, answer: Answer) -> None:
+        now_ns = self._now_ns = self._home.now_ns()
+        self._record(Answered(now_ns, node, answer.stamp_ns, answer.next_order))
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """Hear of nodes that come and go."""
@@ -148,6 +153,38 @@ class RecordedConnection:
             if since_ns != before_ns:
                 self._since[name] = since_ns
                 self._record(NodeChange(self._now_ns, name, True, since_ns, told=False))
+
+
+class _RecordedTap:
+    """A tap whose answers are recorded.
+
+    Args:
+        tap: the connection's.
+        note: told who answered what, before the monitor is.
+    """
+
+    def __init__(self, tap: Tap, note: Callable[[str, Answer], None]) -> None:
+        self._tap = tap
+        self._note = note
+        self.is_contested = tap.is_contested
+        self.take_dropped = tap.take_dropped
+        self.peers = tap.peers
+        self.problems = tap.problems
+        self.close = tap.close
+
+    @property
+    def is_complete(self) -> bool:
+        return self._tap.is_complete
+
+    def ask(
+        self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
+    ) -> None:
+        def take(answer: Answer | None) -> None:
+            if answer is not None:
+                self._note(node, answer)
+            answered(answer)
+
+        self._tap.ask(node, take, within_s)
 
 
 class RecordedRun:
