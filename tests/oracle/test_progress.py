@@ -49,7 +49,16 @@ CALLS = """
   </state>
 </scxml>
 """
-LISTENS = '<ros_topic_subscriber topic="/in" type="std_msgs/Int32"/>'
+LISTENS = """
+  <datamodel><data id="last" type="int32" expr="0"/></datamodel>
+  <ros_topic_subscriber topic="/in" type="std_msgs/Int32"/>
+"""
+ADDS = ASKS.replace("""_req.value + 1"/>""", """_req.value + 1 + last"/>""").replace(
+    """    </ros_service_handle_request>""",
+    """    </ros_service_handle_request>
+    <ros_topic_callback name="/in"><assign location="last" expr="_msg.data"/></ros_topic_callback>""",
+)
+"""Messages on the topic make a difference to its answers."""
 
 
 def test_without_a_gap_all_is_heard_until_the_last():
@@ -100,7 +109,7 @@ class Asked:
     """The oracle of a machine that answers questions, and what it hears; nothing comes late."""
 
     def __init__(self, more: str = "") -> None:
-        machine = read(ASKS.format(more=more))
+        machine = read((ADDS if more else ASKS).format(more=more))
         self.oracle = Oracle(machine, library(), bounds=Bounds())
         self.oracle.start(START, whole=True)
         self.now = START

@@ -12,6 +12,7 @@ from listener import DEADLINE_NS, LATENCY_NS, Run, Said
 from onset import Onset, onset
 
 from moon.monitor.watch import UNRESPONSIVE
+from transports.interface import ObservationKind
 
 LATE_NS = 200_000_000
 """A missing output should be reported this long after its deadline, at the latest: one latency bound, and
@@ -76,8 +77,9 @@ def judged(chosen: Fault, run: Run) -> Row:
         paper=chosen.paper.model_monitor,
         violated=blamed,
     )
-    wrong: Onset | None = onset(chosen.id, run.heard, LATENCY_NS)
     said = next((item for item in run.violations if item.verdict.node == chosen.node), None)
+    ignored = None if said is None else _ignored(chosen.node, said, run)
+    wrong: Onset | None = ignored or onset(chosen.id, run.heard, LATENCY_NS)
     if wrong is None:
         return _failed(row, "the fault never showed itself: nothing could be found")
     if said is None:
@@ -91,7 +93,7 @@ def judged(chosen: Fault, run: Run) -> Row:
     )
     if certain_ns > CERTAIN_NS:
         return _failed(row, f"certain only after {certain_ns / 1e9:.1f} s")
-    if chosen.expected.when is Detected.AT_THE_DEADLINE:
+    if ignored is not None or chosen.expected.when is Detected.AT_THE_DEADLINE:
         late_ns = latency_ns - DEADLINE_NS
         row = msgspec.structs.replace(row, after_deadline_ms=late_ns / 1e6)
         if late_ns < 0 and not said.verdict.reason.startswith(UNRESPONSIVE):
@@ -112,6 +114,22 @@ def judged(chosen: Fault, run: Run) -> Row:
     if others:
         return _failed(row, f"blamed without a fault: {_told(others)}")
     return msgspec.structs.replace(row, detected=True)
+
+
+def _ignored(node: str, said: Said, run: Run) -> Onset | None:
+    """The message that ``said`` is about, if it is that ``node`` never took one, and it did not."""
+    if not said.verdict.reason.endswith("the message was not taken"):
+        return None
+    seen = [item for item in run.heard if item.stamp_ns == said.verdict.stamp_ns]
+    for message in (item for item in seen if item.kind is ObservationKind.MESSAGE):
+        place = (node, message.channel, message.source, message.sequence)
+        if place not in {
+            (item.source, item.channel, item.client, item.call)
+            for item in run.heard
+            if item.kind is ObservationKind.MESSAGE_TAKEN
+        }:
+            return Onset(message.stamp_ns, f"message {message.sequence} was not taken")
+    return None
 
 
 def judged_nominal(run: Run) -> Row:
