@@ -1,1 +1,25 @@
-"""The model oracle: whether what was observed is what the model does, in some possible order."""
+"""The model oracle: whether what was observed is what the model does, in some possible order.
+
+A model is a timed automaton with data. Some of what it does is observed with the time at which it
+happened (*fixed points*: what its node received, sent and published); some is not (when it took a message
+of a topic, that a timer rang, what it drew at random). The oracle keeps the set of all states in which the
+machine can be after what was observed so far: a state of the determinised automaton, made when it is needed
+(Tripakis, *Fault diagnosis for timed automata*, FTRTFT 2002; Krichen and Tripakis, *Conformance testing for
+real-time systems*, Formal Methods in System Design 34, 2009). Each of them is a *hypothesis*. Where none
+is left, the model is violated, and the last ones are the explanation. Times of timers are intervals;
+hypotheses that differ in these alone become one, with the hull of both: that can hide a fault, and never
+makes one up. ``docs/oracle.md`` says the same at length.
+
+The search, by composition; a module uses only those above it:
+
+* ``trace_events``, ``channels``: what an observation is to the machine, an input or an output;
+* ``unknowns``: values of which only a range is known, and when a value is what was expected;
+* ``step``, ``expressions``, ``compiling``, ``program``: the machine ready to be stepped, and one step;
+* ``state``, ``goals``: hypotheses, which are values, and the goals in them;
+* ``bounds``: what is assumed of the middleware, and how many hypotheses are followed;
+* ``successors``: a hypothesis after one step, and the steps that nobody sees;
+* ``fixed_points``: a hypothesis after an input or output that is stamped where it happened;
+* ``deterministic_successor``: the same without a search, where only one thing can have happened;
+* ``search``: the set of hypotheses, from one fixed point to the next;
+* ``explain``: why none is left.
+"""

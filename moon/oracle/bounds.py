@@ -38,6 +38,14 @@ class Bounds(msgspec.Struct, frozen=True):
     tolerance: int = 1_000_000
     hypotheses: int = 512
 
+    def slack(self, duration: int) -> int:
+        """By how much a timer and the stamps may disagree after ``duration`` (ns).
+
+        Clocks are read with some granularity, and one that is being slewed runs up to 0.05 % too
+        fast or too slow (RFC 5905, 11.3).
+        """
+        return duration // 1000 + self.tolerance
+
 
 class TooManyError(Exception):
     """The hypothesis set is over its cap."""

@@ -14,9 +14,11 @@ from typing import Any
 from m2c.model.datatypes import DataType
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
-from moon.oracle.readers import (
+from moon.oracle.trace_events import (
     Port,
     Reader,
+    Role,
+    TraceEvent,
     answered,
     at_the_server,
     complete,
@@ -28,7 +30,6 @@ from moon.oracle.readers import (
     taking,
     took,
 )
-from moon.oracle.trace_events import Role, TraceEvent
 from transports.interface import Observation, ObservationKind
 
 MIDDLEWARE_CHANNELS = ("/rosout", "/parameter_events", "/policy/ticks", "/moon/")

@@ -1,11 +1,16 @@
-"""A machine made ready to be stepped: closures instead of a tree to be walked."""
+"""A machine made ready to be stepped: closures instead of a tree to be walked.
+
+A variable that no condition, output or delay depends on, not even through others, only multiplies
+hypotheses: its assignments are left out (live variable analysis over the whole machine).
+"""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
+from m2c.model.certainty import Certainty, Fit
 from m2c.model.datatypes import ANY, INT64, Array, DataType, Structure
 from m2c.model.expressions import Expression, Index, Literal, Member, Variable
 from m2c.model.interfaces import InterfaceLibrary
@@ -25,7 +30,7 @@ from m2c.model.machine import (
 from m2c.model.scopes import event_parts, output_data_type
 from m2c.model.typing import Scope, type_of
 from m2c.model.values import zero
-from m2c.model.walk import root_of
+from m2c.model.walk import flat, root_of, variables_of
 from m2c.runtime import ecmascript
 from m2c.runtime.machine import seconds
 from moon.oracle.expressions import Closures
@@ -306,3 +311,80 @@ def _evaluate_only(value: Callable[[Step], Any], step: Step) -> None:
 def _seconds(value: Any) -> Any:
     """Seconds of a ``delayexpr`` (see ``m2c.runtime.machine.seconds``)."""
     return value if value.__class__ is Unknown else seconds(value)
+
+
+# --- live variables -------------------------------------------------------------------------------
+
+
+def live_variables(
+    machine: Machine, library: InterfaceLibrary, owner: Machine | None = None
+) -> frozenset[str]:
+    """Variables on which conditions, outputs, events and delays depend, directly or not.
+
+    Args:
+        machine: the model, or an action thread.
+        library: its message types.
+        owner: the machine that declares the interfaces (differs for an action thread).
+    """
+    live = {
+        name
+        for state in machine.states
+        for transition in state.transitions
+        for name in variables_of(transition.cond)
+    }
+    types = {data.name: data.type for data in machine.data}
+    ports = {port.key: port.type for port in machine.ports if not port.output}
+    assigns: list[Assign] = []
+    for statement, parts in _statements(machine, library, owner or machine):
+        certainty = Certainty(Scope(types, parts, ports))
+        match statement:
+            case Assign(location=location, value=value):
+                assigns.append(statement)
+                if not _cannot_fail(location, value, types, certainty):
+                    live.add(root_of(location))  # what fails ends its block, which is seen
+            case Emit(fields=fields, goal_id=goal, thread_id=thread):
+                live.update(v for field in fields for v in variables_of(field.value))
+                live.update((*variables_of(goal), *variables_of(thread)))
+                if not statement.interface.isdigit():
+                    live.add(statement.interface)  # a child that a variable names
+            case Raise(fields=fields, delay_s=delay):
+                live.update(v for field in fields for v in variables_of(field.value))
+                live.update(variables_of(delay))
+            case If(branches=branches):
+                live.update(v for test, _ in branches for v in variables_of(test))
+            case Log(value=value) if value is not None and certainty.may_throw(value):
+                live.update(variables_of(value))
+            case _:
+                pass
+    while True:
+        grown = set(live)
+        for assign in assigns:
+            if root_of(assign.location) in live:
+                grown.update((*variables_of(assign.value), *variables_of(assign.location)))
+        if grown == live:
+            return frozenset(live)
+        live = grown
+
+
+def _statements(
+    machine: Machine, library: InterfaceLibrary, owner: Machine
+) -> Iterator[tuple[Statement, Mapping[str, DataType]]]:
+    """Every statement with the parts of the event that it can read."""
+    for state in machine.states:
+        for transition in state.transitions:
+            parts = event_parts(transition.event, owner, library)
+            for block in (transition.body, *(target.body for target in transition.targets)):
+                yield from ((statement, parts) for statement in flat(block))
+        for block in (state.on_entry, state.on_exit):
+            yield from ((statement, {}) for statement in flat(block))
+
+
+def _cannot_fail(
+    location: Expression, value: Expression, types: Mapping[str, DataType], certainty: Certainty
+) -> bool:
+    if not isinstance(location, Variable):
+        return False
+    target = types.get(location.name)
+    if target is None or certainty.may_throw(value):
+        return False
+    return certainty.fit(value, target) is not Fit.MAY_FAIL

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from m2c.model.machine import OutputKind
-from moon.oracle.hypothesis import Hypothesis
 from moon.oracle.progress import Progress
 from moon.oracle.search import Search
 from moon.oracle.source_streams import Count, Lanes, Place
+from moon.oracle.state import Hypothesis
 from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.unconfirmed import NOT_NEEDED, Losses, OtherEnds, Publishers, Waiting
 from moon.verdict import Verdict
@@ -52,7 +52,7 @@ class Confirmation:
         self._node = node
         self._search = search
         self._skew = search.bounds.skew
-        self._taken_topics = search.taken_topics()
+        self._taken_topics = search.program.taken_topics()
         self._streams = streams
         self._progress = progress
         self._other_ends = other_ends
@@ -126,7 +126,7 @@ class Confirmation:
 
     def places_of(self, base: list[Hypothesis]) -> list[Place]:
         """Where what ``base`` owes would come."""
-        channel_of = self._search.channel_of_output
+        channel_of = self._search.program.channel_of_output
         found: dict[Place, None] = {}
         for item in (h.owed[0] for h in base if h.owed):
             part, is_message = _PARTS.get(item.kind, ("", item.kind is OutputKind.PUBLISH))

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import output_data_type
 from moon.oracle.bounds import TooManyError
-from moon.oracle.hypothesis import Hypothesis, Instances, Obligation
+from moon.oracle.program import TooOpenError
 from moon.oracle.search import Search
-from moon.oracle.steps import TooOpenError
+from moon.oracle.state import Hypothesis, Instances, Obligation
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Evidence, Explanation
 from moon.wording import Wording, value_text
@@ -98,10 +98,12 @@ def explanation_of(
 
 def owed_text(search: Search, owed: Obligation) -> str:
     """What a machine owes, in one line."""
-    channel = search.channel_of_output(owed.kind, owed.interface)
+    channel = search.program.channel_of_output(owed.kind, owed.interface)
     data = ""
     if owed.data is not None:
-        kind = output_data_type(owed.kind, owed.interface, search.machine, search.library)
+        kind = output_data_type(
+            owed.kind, owed.interface, search.program.machine, search.program.library
+        )
         data = f" {value_text(owed.data, kind)}"
     to = f" to {owed.call[0]}" if owed.call and owed.call[0] else ""
     return f"{_OUTPUTS[owed.kind]} {channel}{data}{to}"
@@ -110,7 +112,7 @@ def owed_text(search: Search, owed: Obligation) -> str:
 def state_text(search: Search, instances: Instances) -> str:
     """State and data of a machine and its threads, in one line."""
     texts = []
-    for program, (state, data) in zip(search.programs, instances, strict=True):
+    for program, (state, data) in zip(search.program.parts, instances, strict=True):
         values = ", ".join(
             f"{declared.name}={value_text(value, declared.type)}"
             for declared, value in zip(program.machine.data, data, strict=True)

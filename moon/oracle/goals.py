@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from m2c.model.machine import OutputKind
-from moon.oracle.hypothesis import Goal, Hypothesis
+from moon.oracle.state import Goal, Hypothesis
 from moon.oracle.step import Output
 from moon.oracle.unknowns import Unknown
 
@@ -52,7 +52,7 @@ def change(made: Hypothesis, goal: Goal, **changes: Any) -> None:
 
 def changed(hypothesis: Hypothesis, goal: Goal, **changes: Any) -> Hypothesis:
     """``hypothesis`` with ``goal`` changed."""
-    made = but(hypothesis)
+    made = hypothesis.copy()
     made.goals = tuple(
         g.but(**changes) if g.number == goal.number and g.served == goal.served else g
         for g in made.goals
@@ -64,7 +64,7 @@ def adopt(
     hypothesis: Hypothesis, interface: str, goal_id: str, served: bool, phase: str
 ) -> tuple[Hypothesis, Goal]:
     """``hypothesis`` with a further goal."""
-    return adopt_in_place(but(hypothesis), interface, goal_id, served, phase)
+    return adopt_in_place(hypothesis.copy(), interface, goal_id, served, phase)
 
 
 def adopt_in_place(
@@ -98,11 +98,3 @@ def served_goal(made: Hypothesis, output: Output) -> Goal | None:
         if goal.served and goal.interface == output.interface and goal.number == output.goal:
             return goal
     return None
-
-
-def but(hypothesis: Hypothesis, **changes: Any) -> Hypothesis:
-    """``hypothesis`` with ``changes``."""
-    made = hypothesis.copy()
-    for name, value in changes.items():
-        setattr(made, name, value)
-    return made

@@ -19,13 +19,13 @@ from moon.oracle.channels import Channels
 from moon.oracle.clock import Clock
 from moon.oracle.confirmation import Confirmation
 from moon.oracle.explain import explanation_of, told
-from moon.oracle.hypothesis import Hypothesis
+from moon.oracle.program import TooOpenError
 from moon.oracle.progress import Progress
 from moon.oracle.request_tracking import RequestTracking
 from moon.oracle.resynchronisation import Resynchronisation
 from moon.oracle.search import Search
 from moon.oracle.source_streams import Lanes
-from moon.oracle.steps import TooOpenError
+from moon.oracle.state import Hypothesis
 from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.oracle.unconfirmed import (
@@ -87,7 +87,7 @@ class Judging:
             self.losses,
             self._takes,
         )
-        self._is_ordered = self._may_be_ordered = not self.search.taken_topics()
+        self._is_ordered = self._may_be_ordered = not self.search.program.taken_topics()
         """All that the machine takes and sends is reported by its own node, in order: it is known how far
         that is."""
         self._certain_since = 0
@@ -230,7 +230,7 @@ class Judging:
             if stamp > settled or base is None:
                 break
             taken += 1
-            only = search.only(base[0], fact) if len(base) == 1 else None
+            only = search.deterministic_successor(base[0], fact) if len(base) == 1 else None
             if only is not None:
                 search.last = stamp
                 self._base = [only]
@@ -370,7 +370,7 @@ class Judging:
         since = self._heard_since
         if since is None or settled >= since + self.bounds.deadline + self._latency:
             return False
-        channel_of, is_heard = self.search.channel_of_output, self._streams.is_heard
+        channel_of, is_heard = self.search.program.channel_of_output, self._streams.is_heard
         owed = [h.owed[0] for h in base if h.owed]
         return not all(is_heard(channel_of(item.kind, item.interface)) for item in owed)
 
@@ -386,7 +386,7 @@ class Judging:
                 settled = [h.with_owed(()) for h in search.reachable(before, stamp, stamp)]
                 found = settled if fact is None else search.take_input(settled, fact)
             if not found:
-                found = search.anything(stamp, self._unsettled(stamp))
+                found = search.unconstrained_states(stamp, self._unsettled(stamp))
         except (TooManyError, TooOpenError):
             self._forget(stamp)
             return
@@ -484,7 +484,7 @@ class Judging:
         try:
             if pending:
                 self.search.check_pending(len(pending), pending[-1])
-            self._base = self.search.anything(anchor, pending)
+            self._base = self.search.unconstrained_states(anchor, pending)
         except TooManyError:
             return []
         self._anchoring.found()

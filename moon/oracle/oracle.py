@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from m2c.model.machine import EventKind
 from moon.oracle.bounds import TooManyError
-from moon.oracle.hypothesis import Hypothesis
 from moon.oracle.judging import Judging
+from moon.oracle.program import TooOpenError
 from moon.oracle.source_streams import Count
-from moon.oracle.steps import TooOpenError
+from moon.oracle.state import Hypothesis
 from moon.oracle.taken_messages import reference_of
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Outcome, Verdict
@@ -203,7 +203,7 @@ class Oracle(Judging):
     def _published(self, fact: TraceEvent) -> TraceEvent | None:
         """A message on a topic that the machine takes; None where its node reports what it takes."""
         assert fact.event is not None
-        if not self.search.changes_something(fact.event):
+        if not self.search.program.changes_something(fact.event):
             self.inputs += 1
             if self._listening_since is None:
                 self._listen(fact.stamp)
@@ -228,7 +228,7 @@ class Oracle(Judging):
 
     def _taken(self, fact: TraceEvent) -> TraceEvent | None:
         """The node took a message: an input, whose contents may still have to be received."""
-        if not self.search.changes_something(fact.event):
+        if not self.search.program.changes_something(fact.event):
             return None
         if not self._takes.reported and not self._begin_to_follow(fact):
             return None
@@ -262,7 +262,7 @@ class Oracle(Judging):
         kept = self._anchoring.recent if self._base is None else self._window
         messages = self._messages()
         self._takes.reported = True
-        self._is_ordered = not self.search.takes_feedback
+        self._is_ordered = not self.search.program.takes_feedback
         for message in messages:
             kept.remove(message)
             self._note_message(message)
@@ -278,7 +278,7 @@ class Oracle(Judging):
             return False
         if self.outcome is _INCONCLUSIVE:
             return False
-        only = self.search.only(base[0], fact)
+        only = self.search.deterministic_successor(base[0], fact)
         if only is None:
             return False
         if fact.role is _OUTPUT:
@@ -329,7 +329,7 @@ class Oracle(Judging):
 
     def states(self) -> list[str]:
         """Names of the states in which the machine may be."""
-        program = self.search.programs[0]
+        program = self.search.program.parts[0]
         found = {program.states[h.instances[0][0]].name for h in self.hypotheses}
         return sorted(found)
 

@@ -8,45 +8,84 @@ what may have been taken is followed; equal hypotheses are merged.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
-from m2c.model.machine import EventKind
-from moon.oracle.bounds import FEW_HYPOTHESES, FOREVER, LOOSE_STEPS, STEPS, TooManyError
-from moon.oracle.goals import adopt, but, goal_called
-from moon.oracle.hypothesis import Hypothesis, PendingTimer, distinct
-from moon.oracle.shortcuts import Shortcuts
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import Machine
+from moon.oracle.bounds import (
+    FEW_HYPOTHESES,
+    FOREVER,
+    LOOSE_STEPS,
+    STEPS,
+    Bounds,
+    TooManyError,
+)
+from moon.oracle.channels import Channels
+from moon.oracle.deterministic_successor import DeterministicSuccessor
+from moon.oracle.fixed_points import Inputs, Outputs
+from moon.oracle.program import Program
+from moon.oracle.state import Hypothesis, PendingTimer, distinct
 from moon.oracle.step import StateProgram
+from moon.oracle.successors import Successors
 from moon.oracle.trace_events import Role, TraceEvent
+from moon.wording import Wording
 
 
-class Search(Shortcuts):
-    """The hypotheses of one machine; see ``Running`` for its arguments."""
+class Search:
+    """The hypotheses of one machine.
+
+    Args:
+        machine: the model.
+        library: its message types.
+        channels: its channels.
+        bounds: what is assumed.
+
+    Attributes:
+        program: the machine, ready to be stepped.
+        wording: how its values are shown to people.
+        last: stamp of the last fixed point (ns); who judges sets it.
+    """
+
+    def __init__(
+        self, machine: Machine, library: InterfaceLibrary, channels: Channels, bounds: Bounds
+    ) -> None:
+        self.bounds = bounds
+        self.wording = Wording(library)
+        self.program = Program(machine, library)
+        self.last = 0
+        self._channels = channels
+        self._successors = Successors(self.program, channels, bounds)
+        self._inputs = Inputs(self._successors, self.program, channels)
+        self._outputs = Outputs(self.program, channels, bounds)
+        self._deterministic = DeterministicSuccessor(
+            self._successors, self._outputs, self.program, channels
+        )
 
     # --- beginnings --------------------------------------------------------------------------------
 
     def started(self, start: int, whole: bool = False) -> list[Hypothesis]:
         """The machine has just started, at ``start`` (ns); see ``Oracle.start`` for ``whole``."""
         slack = 0 if whole else self.bounds.latency
-        alarms = tuple(
+        timers = tuple(
             PendingTimer(
                 instance,
                 event,
-                start + (period - self._slack(period) if whole else 0),
-                start + period + slack + self._slack(period),
+                start + (period - self.bounds.slack(period) if whole else 0),
+                start + period + slack + self.bounds.slack(period),
                 period,
             )
-            for instance, event, period in self._timers
+            for instance, event, period in self.program.periodic
         )
-        blank = tuple((program.initial, program.initial_data()) for program in self.programs)
-        found = [Hypothesis(blank, alarms=alarms)]
-        for instance in (*range(1, len(self.programs)), 0):
+        blank = tuple((program.initial, program.initial_data()) for program in self.program.parts)
+        found = [Hypothesis(blank, timers=timers)]
+        for instance in (*range(1, len(self.program.parts)), 0):
             grown: list[Hypothesis] = []
             for hypothesis in found:
                 _, data = hypothesis.instances[instance]
                 grown += [
-                    self._absorb(hypothesis, instance, step, start, start + slack)
-                    for _, step in self.programs[instance].start(data)
+                    self._successors.absorb(hypothesis, instance, step, start, start + slack)
+                    for _, step in self.program.parts[instance].start(data)
                 ]
             found = grown
         if whole:
@@ -58,15 +97,15 @@ class Search(Shortcuts):
                 made[rest.key()] = rest
         return list(made.values())
 
-    def anything(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
+    def unconstrained_states(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
         """The machine is between two steps at ``now``, and nothing more is known of it."""
         self._channels.forget_goals()
-        alarms = tuple(
+        timers = tuple(
             PendingTimer(instance, event, now - self.bounds.latency, now + period, period)
-            for instance, event, period in self._timers
+            for instance, event, period in self.program.periodic
         )
         combinations: list[tuple[tuple[int, tuple[Any, ...]], ...]] = [()]
-        for program in self.programs:
+        for program in self.program.parts:
             data = program.unknown_data()
             combinations = [
                 (*known, (index, data))
@@ -89,10 +128,10 @@ class Search(Shortcuts):
                     event[1],
                 )
                 for instance, (state, _) in enumerate(instances)
-                for event, delay in self.programs[instance].states[state].delays
+                for event, delay in self.program.parts[instance].states[state].delays
             )
             found.append(
-                Hypothesis(instances, pending=pending, alarms=(*alarms, *delays), free=True)
+                Hypothesis(instances, pending=pending, timers=(*timers, *delays), free=True)
             )
         return found
 
@@ -102,7 +141,7 @@ class Search(Shortcuts):
         """What can be so after ``fact``; empty if it cannot be."""
         stamp = fact.stamp
         if fact.role is Role.MESSAGE:
-            if not self.changes_something(fact.event):
+            if not self.program.changes_something(fact.event):
                 return before
             self.check_pending(max(len(h.pending) for h in before) + 1, fact)
             return [h.with_pending((*h.pending, fact)) for h in before]
@@ -120,15 +159,15 @@ class Search(Shortcuts):
         else:
             candidates = None
             if fact.role is Role.OUTPUT and len(before) == 1:
-                candidates = self.rung(before[0], stamp)
+                candidates = self.timer_successors(before[0], stamp)
             if candidates is None:
                 candidates = self.reachable(before, stamp, stamp - self.bounds.latency)
             if fact.role is Role.OUTPUT:
-                found = self.take_output(candidates, fact)
+                found = self._outputs.take(candidates, fact)
             elif fact.role is Role.STATUS:
-                found = self.take_status(candidates, fact)
+                found = self._outputs.take_status(candidates, fact)
             else:
-                found = self.take_result(candidates, fact)
+                found = self._outputs.take_result(candidates, fact)
         self.last = stamp
         return found if len(found) <= FEW_HYPOTHESES else self._reduced(found, stamp)
 
@@ -142,17 +181,34 @@ class Search(Shortcuts):
                 f"more than {most} messages within {within}, on {channel} from {source} too"
             )
 
+    def deterministic_successor(
+        self, hypothesis: Hypothesis, fact: TraceEvent
+    ) -> Hypothesis | None:
+        """What ``hypothesis``, the only one, is after ``fact``, where that is plain to see; else None.
+
+        ``hypothesis`` itself is changed, as a rule: nobody else may hold it.
+        """
+        return self._deterministic.of(hypothesis, fact)
+
+    def take_input(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
+        """The machine took ``fact`` at its stamp; none of ``candidates`` owes anything for sure."""
+        return self._inputs.take(candidates, fact)
+
+    def normalised(self, hypothesis: Hypothesis, now: int) -> Hypothesis:
+        """``hypothesis`` with the timers that nothing waits for brought up to ``now`` (ns)."""
+        return self._successors.normalised(hypothesis, now)
+
     # --- between fixed points ----------------------------------------------------------------------
 
-    def rung(self, hypothesis: Hypothesis, now: int) -> list[Hypothesis] | None:
+    def timer_successors(self, hypothesis: Hypothesis, now: int) -> list[Hypothesis] | None:
         """What a timer makes of ``hypothesis`` that then owes an output, for one sent at ``now``.
 
         A short cut where nothing but timers can have brought the output about, and whatever they
         bring about has to be out before anything else is taken. None: ask ``reachable``.
         """
-        if hypothesis.owed or hypothesis.pending or hypothesis.posted:
+        if hypothesis.owed or hypothesis.pending or hypothesis.queue:
             return None
-        made = list(self._moves(hypothesis, now))
+        made = list(self._successors.unobserved(hypothesis, now, self.last))
         if all(after.owed and not after.owed[0].optional for after in made):
             return made
         return None
@@ -165,7 +221,7 @@ class Search(Shortcuts):
             now: stamp of the next fixed point.
             due: what had to be taken by then has been taken.
         """
-        if all(self.is_still(hypothesis, now) for hypothesis in hypotheses):
+        if all(self._successors.is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
         found = self._explore(hypotheses, now)
         if found is None:
@@ -204,7 +260,7 @@ class Search(Shortcuts):
             if hypothesis.owed or self._has_taken(hypothesis, now):
                 found.append(hypothesis)
             else:
-                todo.extend(self._moves(hypothesis, now))
+                todo.extend(self._successors.unobserved(hypothesis, now, self.last))
         return distinct(found)
 
     def _reduced(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis]:
@@ -217,7 +273,7 @@ class Search(Shortcuts):
                 continue
             todo = [hypothesis]
             while todo and len(seen) <= self.bounds.hypotheses:
-                for made in self._moves(todo.pop(), now):
+                for made in self._successors.unobserved(todo.pop(), now, self.last):
                     key = made.key()
                     if key in seen or key == first or made.owed:
                         continue
@@ -267,7 +323,9 @@ class Search(Shortcuts):
         That allows more than was possible. None if there are too many all the same.
         """
         under_way = {id(fact.base): fact for h in hypotheses for fact in h.pending}
-        perhaps = tuple(sorted((f.perhaps() for f in under_way.values()), key=lambda f: f.stamp))
+        perhaps = tuple(
+            sorted((f.as_may_be_lost() for f in under_way.values()), key=lambda f: f.stamp)
+        )
         known: dict[Any, Hypothesis] = {}
         todo = [hypothesis.with_pending(perhaps) for hypothesis in hypotheses]
         limit = self.bounds.hypotheses
@@ -292,125 +350,21 @@ class Search(Shortcuts):
             if all(owed.optional for owed in hypothesis.owed):
                 return (hypothesis.with_owed(()),)
             return ()
-        if hypothesis.pending or hypothesis.posted or hypothesis.alarms:
-            return self._moves(hypothesis, now)
+        if hypothesis.pending or hypothesis.queue or hypothesis.timers:
+            return self._successors.unobserved(hypothesis, now, self.last)
         return ()
-
-    def _moves(self, hypothesis: Hypothesis, now: int) -> Iterator[Hypothesis]:
-        """What one more input, taken before ``now``, makes of ``hypothesis``.
-
-        What had to be taken earlier than something else can have been is taken before it.
-        """
-        earliest = max(self.last, hypothesis.moment)
-        latest = max(self._latest(hypothesis, certainly=True), self.last)
-        if hypothesis.pending:
-            streams = set()
-            for place, fact in enumerate(hypothesis.pending):
-                sent = fact.stamp - self.bounds.skew
-                if sent >= now or sent > latest:
-                    break
-                if fact.stream in streams:
-                    continue
-                if not fact.may_be_lost:
-                    streams.add(fact.stream)
-                low = max(sent, earliest)
-                yield from self._take_message(hypothesis, place, fact, low, now)
-        if hypothesis.posted:
-            posted = hypothesis.posted[0]
-            if posted.low < now and posted.low <= latest:
-                rest = but(hypothesis, posted=hypothesis.posted[1:])
-                low = max(posted.low, earliest)
-                high = max(low, min(posted.high + self.bounds.latency, now))
-                yield from self.run(
-                    rest, posted.instance, posted.event, posted.message, posted.parts, low, high
-                )
-        for place, alarm in enumerate(hypothesis.alarms):
-            if alarm.low <= min(now, latest) and self._matters(hypothesis, alarm):
-                yield from self._ring(hypothesis, place, alarm, max(alarm.low, earliest), now)
-
-    def _latest(self, hypothesis: Hypothesis, certainly: bool = False) -> int:
-        """By when the next input has been taken; ``certainly``: of those it certainly gets."""
-        latency = self.bounds.latency
-        latest = FOREVER
-        for fact in hypothesis.pending:
-            if not (certainly and fact.may_be_lost) and not self._is_held(hypothesis, fact):
-                latest = fact.stamp + latency + self.bounds.skew
-                break  # the others are newer
-        for posted in hypothesis.posted:
-            latest = min(latest, posted.high + latency)
-        for alarm in hypothesis.alarms:
-            if alarm.high + latency < latest and self._matters(hypothesis, alarm):
-                latest = alarm.high + latency
-        return latest
-
-    def _is_held(self, hypothesis: Hypothesis, fact: TraceEvent) -> bool:
-        """Whether ``fact`` is feedback that is kept until its goal is accepted."""
-        if fact.event is None or fact.event[0] is not EventKind.FEEDBACK:
-            return False
-        goal = goal_called(hypothesis, fact.goal, served=False)
-        return goal is not None and goal.phase != "running"
-
-    def _take_message(
-        self, hypothesis: Hypothesis, place: int, fact: TraceEvent, low: int, now: int
-    ) -> Iterator[Hypothesis]:
-        earlier = hypothesis.pending[:place]
-        if any(item.stream == fact.stream for item in earlier):
-            # these are perhaps taken, and now certainly: a stream keeps its order
-            earlier = tuple(item for item in earlier if item.stream != fact.stream)
-        rest = hypothesis.with_pending(earlier + hypothesis.pending[place + 1 :])
-        assert fact.event is not None
-        high = max(low, min(fact.stamp + self.bounds.latency, now))
-        parts: dict[str, Any] = {}
-        if fact.event[0] is EventKind.FEEDBACK:
-            goal = goal_called(hypothesis, fact.goal, served=False)
-            if goal is None:
-                if hypothesis.free and not self._channels.was_sent(fact.goal):
-                    rest_too, adopted = adopt(rest, fact.interface, fact.goal, False, "running")
-                    parts = {"goal_id": adopted.number}
-                    yield from self.run(rest_too, 0, fact.event, fact.data, parts, low, high)
-                yield rest
-                return
-            if goal.phase != "running":
-                return
-            parts = {"goal_id": goal.number}
-        if fact.may_be_lost:
-            yield rest
-        yield from self.run(rest, 0, fact.event, fact.data, parts, low, high)
-
-    def _ring(
-        self, hypothesis: Hypothesis, place: int, alarm: PendingTimer, low: int, now: int
-    ) -> Iterator[Hypothesis]:
-        latency = self.bounds.latency
-        high = max(low, min(alarm.high + latency, now))
-        others = hypothesis.alarms[:place] + hypothesis.alarms[place + 1 :]
-        if alarm.period:
-            # ticks slept through are skipped, the phase is kept (see Executor)
-            slack = self._slack(alarm.period)
-            latest = min(alarm.high, now)
-            if latency >= alarm.period:
-                latest = max(latest, high)
-            following = alarm.due(
-                max(alarm.low, low - latency) + alarm.period - slack,
-                latest + alarm.period + slack,
-            )
-            others = (*hypothesis.alarms[:place], following, *hypothesis.alarms[place + 1 :])
-        rest = hypothesis.with_alarms(others)
-        key = (alarm.instance, alarm.event) if alarm.period else None
-        yield from self.run(
-            rest, alarm.instance, alarm.event, alarm.data, {"name": alarm.event[1]}, low, high, key
-        )
 
     def _has_taken(self, hypothesis: Hypothesis, due: int) -> bool:
         """Whether everything is taken that had to be by ``due``."""
-        return self._latest(hypothesis) > due
+        return self._successors.latest(hypothesis) > due
 
     def next_due(self, hypothesis: Hypothesis) -> int:
         """When time alone will say something about ``hypothesis``."""
         if hypothesis.owed and not hypothesis.owed[0].optional:
             return hypothesis.owed[0].high + self.bounds.deadline
-        if not (hypothesis.pending or hypothesis.posted or hypothesis.alarms):
+        if not (hypothesis.pending or hypothesis.queue or hypothesis.timers):
             return FOREVER
-        return self._latest(hypothesis)
+        return self._successors.latest(hypothesis)
 
 
 def _news(known: dict[Any, Hypothesis], made: Hypothesis) -> Hypothesis | None:

@@ -6,7 +6,7 @@ What the numbers tell is said in :mod:`transports.sequences`; here it is kept wi
 from __future__ import annotations
 
 from moon.oracle.channels import AT_THE_SERVER, Channels
-from moon.oracle.readers import Reader
+from moon.oracle.trace_events import Reader
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel, sequel_of
 

@@ -86,7 +86,7 @@ class Step:
         self.internal: deque[tuple[str, Any]] = deque()
         self.transition: Position | None = None
         self.effect: Any = None
-        """Kept by who takes this step again and again; see ``moon.oracle.shortcuts``."""
+        """Kept by who takes this step again and again; see ``moon.oracle.deterministic_successor``."""
 
     def choose(self, count: int) -> int:
         """Which of ``count`` outcomes this pass follows."""

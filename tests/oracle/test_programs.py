@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from moon.oracle.steps import MachineProgram
+from moon.oracle.program import MachineProgram
 from tests.oracle.tour import lab_tour
 
 ROOT = Path(__file__).parents[2]

@@ -1,4 +1,4 @@
-"""What a machine may be doing: one hypothesis, and what it owes.
+"""The states that are searched: what a machine may be doing, one hypothesis each, and what it owes.
 
 A hypothesis is (configuration, datamodel, inputs not yet taken, outputs still owed); design, section 6.
 Hypotheses are values: nothing in them changes once they are made.
@@ -10,8 +10,8 @@ from typing import Any
 
 from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, OutputKind
-from moon.oracle.matching import SCALARS, frozen
 from moon.oracle.trace_events import TraceEvent
+from moon.oracle.unknowns import SCALARS, frozen
 
 EventKey = tuple[EventKind, str]
 
@@ -33,12 +33,11 @@ class Obligation:
         call: whose response it is.
         goal: hex id of its goal, a goal's number where the id is not known yet, or Unknown.
         optional: whether it may not have been sent at all.
-        alarm: the timer that caused the step, whose phase the output tells.
+        timer: the timer that caused the step, whose phase the output tells.
         before: what the machine was before the step, for explanations: each possibility.
     """
 
     __slots__ = (
-        "alarm",
         "before",
         "call",
         "data",
@@ -49,6 +48,7 @@ class Obligation:
         "low",
         "optional",
         "position",
+        "timer",
         "transition",
     )
 
@@ -64,7 +64,7 @@ class Obligation:
         call: tuple[str, int] | None = None,
         goal: Any = None,
         optional: bool = False,
-        alarm: TimerKey | None = None,
+        timer: TimerKey | None = None,
         before: tuple[Instances, ...] = (),
     ) -> None:
         self.kind = kind
@@ -77,7 +77,7 @@ class Obligation:
         self.call = call
         self.goal = goal
         self.optional = optional
-        self.alarm = alarm
+        self.timer = timer
         self.before = before
 
     def also_from(self, other: Obligation) -> Obligation:
@@ -102,7 +102,7 @@ class Obligation:
             self.call,
             self.goal,
             self.optional,
-            self.alarm,
+            self.timer,
             self.before,
         )
 
@@ -260,8 +260,8 @@ class Hypothesis:
         instances: (state, datamodel) of the machine and of each of its action threads.
         owed: outputs that must come next, in order.
         pending: messages that may not have been taken yet, in order of their stamps.
-        posted: events it sent itself, not yet taken, in order.
-        alarms: timers that run.
+        queue: events that it sent itself and has not taken yet, in order.
+        timers: timers that run.
         waiting: (interface, call) of requests not answered, in order.
         goals: goals served or sent, not forgotten.
         counts: how many goals each action interface has had: ((served, interface), number)…
@@ -271,7 +271,6 @@ class Hypothesis:
 
     __slots__ = (
         "_key",
-        "alarms",
         "counts",
         "free",
         "goals",
@@ -279,7 +278,8 @@ class Hypothesis:
         "moment",
         "owed",
         "pending",
-        "posted",
+        "queue",
+        "timers",
         "waiting",
     )
 
@@ -288,8 +288,8 @@ class Hypothesis:
         instances: Instances,
         owed: tuple[Obligation, ...] = (),
         pending: tuple[TraceEvent, ...] = (),
-        posted: tuple[QueuedEvent, ...] = (),
-        alarms: tuple[PendingTimer, ...] = (),
+        queue: tuple[QueuedEvent, ...] = (),
+        timers: tuple[PendingTimer, ...] = (),
         waiting: tuple[tuple[str, tuple[str, int]], ...] = (),
         goals: tuple[Goal, ...] = (),
         counts: tuple[tuple[tuple[bool, str], int], ...] = (),
@@ -299,8 +299,8 @@ class Hypothesis:
         self.instances = instances
         self.owed = owed
         self.pending = pending
-        self.posted = posted
-        self.alarms = alarms
+        self.queue = queue
+        self.timers = timers
         self.waiting = waiting
         self.goals = goals
         self.counts = counts
@@ -316,8 +316,8 @@ class Hypothesis:
                 tuple(map(id, self.pending)) if self.pending else (),
                 _data_key(self.instances, numbers),
                 tuple(owed.key(numbers) for owed in self.owed) if self.owed else (),
-                tuple(posted.key(numbers) for posted in self.posted) if self.posted else (),
-                tuple(alarm.key(numbers) for alarm in self.alarms) if self.alarms else (),
+                tuple(event.key(numbers) for event in self.queue) if self.queue else (),
+                tuple(timer.key(numbers) for timer in self.timers) if self.timers else (),
                 self.waiting,
                 tuple(goal.key() for goal in self.goals) if self.goals else (),
                 self.free,
@@ -334,14 +334,21 @@ class Hypothesis:
             self.instances,
             self.owed,
             self.pending,
-            self.posted,
-            self.alarms,
+            self.queue,
+            self.timers,
             self.waiting,
             self.goals,
             self.counts,
             self.free,
             self.moment,
         )
+
+    def but(self, **changes: Any) -> Hypothesis:
+        """The same, with ``changes``."""
+        made = self.copy()
+        for name, value in changes.items():
+            setattr(made, name, value)
+        return made
 
     def with_pending(self, pending: tuple[TraceEvent, ...]) -> Hypothesis:
         """The same, with other messages under way."""
@@ -355,25 +362,25 @@ class Hypothesis:
         made.owed = owed
         return made
 
-    def with_alarms(self, alarms: tuple[PendingTimer, ...]) -> Hypothesis:
+    def with_timers(self, timers: tuple[PendingTimer, ...]) -> Hypothesis:
         """The same, with other timers."""
         made = self.copy()
-        made.alarms = alarms
+        made.timers = timers
         return made
 
     def merged(self, other: Hypothesis) -> Hypothesis | None:
         """One hypothesis for both of one key: whichever times either allows. None: self has all."""
         sooner = other.moment < self.moment
-        if not sooner and not self.alarms and not self.posted and not self.owed:
+        if not sooner and not self.timers and not self.queue and not self.owed:
             return None
-        alarms = _spans(self.alarms, other.alarms)
-        posted = _spans(self.posted, other.posted)
+        timers = _spans(self.timers, other.timers)
+        queue = _spans(self.queue, other.queue)
         owed = _spans(self.owed, other.owed)
-        same = alarms is self.alarms and posted is self.posted and owed is self.owed
+        same = timers is self.timers and queue is self.queue and owed is self.owed
         if same and not sooner:
             return None
         made = self.copy()
-        made.owed, made.posted, made.alarms = owed, posted, alarms
+        made.owed, made.queue, made.timers = owed, queue, timers
         made.moment = min(self.moment, other.moment)
         return made.also_from(other)
 
@@ -388,12 +395,12 @@ class Hypothesis:
 
     def allows(self, other: Hypothesis) -> bool:
         """Whether the timers of ``other``, which has the same key, can ring when this one's can, too."""
-        mine, theirs = self.alarms, other.alarms
+        mine, theirs = self.timers, other.timers
         return all(
             a.low <= b.low and a.high >= b.high for a, b in zip(mine, theirs, strict=True)
         ) and all(
             a.low <= b.low and a.high >= b.high
-            for a, b in zip(self.posted, other.posted, strict=True)
+            for a, b in zip(self.queue, other.queue, strict=True)
         )
 
 

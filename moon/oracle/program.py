@@ -1,8 +1,8 @@
-"""One run to completion of a machine, interpreted (W3C SCXML 3.13 and appendix D, flat machines).
+"""A machine as a program: one run to completion of it, interpreted.
 
 The generated code is compiled from the same ``Machine``; this is the other implementation of its
-semantics. Choices that the model leaves open are followed one after the other: a step is taken again
-for each of their outcomes.
+semantics (W3C SCXML 3.13 and appendix D, flat machines). Choices that the model leaves open are followed
+one after the other: a step is taken again for each of their outcomes.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from typing import Any
 from m2c.model.datatypes import BOOL, STRING, DataType, Structure, is_integer
 from m2c.model.expressions import ObjectLiteral
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Assign, EventKind, Machine
-from m2c.model.scopes import event_parts
+from m2c.model.machine import ActionThread, Assign, EventKind, InterfaceKind, Machine, OutputKind
+from m2c.model.scopes import event_parts, interface_kind_of
 from m2c.model.typing import Scope
 from m2c.model.values import zero
 from m2c.model.walk import root_of, statements_of
-from moon.oracle.compiling import Compiler
+from moon.oracle.compiling import Compiler, live_variables
 from moon.oracle.expressions import Closures
-from moon.oracle.liveness import live_variables
 from moon.oracle.step import Delayed, EventKey, StateProgram, Step, TransitionProgram, holds
 from moon.oracle.unknowns import anything
 
@@ -278,3 +277,96 @@ def _matches(name: str, descriptor: str) -> bool:
         return True
     prefix = descriptor.removesuffix("*").removesuffix(".")
     return name == prefix or name.startswith(f"{prefix}.") or not prefix
+
+
+class Program:
+    """A machine and its action threads, ready to be stepped, and what is known of them beforehand.
+
+    Args:
+        machine: the model.
+        library: its message types.
+
+    Attributes:
+        parts: the machine, then each of its action threads; a place in it is called an *instance*.
+        threads: of each part after the first: its declaration, and which of its threads it is.
+        draws: whether values are drawn at random.
+        certain: whether a step of the machine has one outcome, where all values are known.
+        periodic: the periodic timers that matter: instance, event, period (ns).
+    """
+
+    def __init__(self, machine: Machine, library: InterfaceLibrary) -> None:
+        self.machine = machine
+        self.library = library
+        main = MachineProgram(machine, library)
+        self.parts = [main]
+        self.threads: list[tuple[ActionThread, int]] = []
+        for thread in machine.threads:
+            program = MachineProgram(thread.machine, library, machine)
+            for number in range(thread.count):
+                self.parts.append(program)
+                self.threads.append((thread, number))
+        self.draws = any(program.draws for program in self.parts)
+        self.certain = not self.draws and not main.chooses
+        self._effective = {
+            event
+            for program in self.parts
+            for state in program.states
+            for event, transitions in state.by_event.items()
+            if any(t.body is not None or t.targets for t in transitions)
+        }
+        rates = {
+            interface.name: round(1e9 / interface.rate_hz)
+            for interface in machine.interfaces
+            if interface.kind is InterfaceKind.TIMER and interface.rate_hz > 0
+        }
+        self.periodic = [
+            (instance, (EventKind.TIMER, name), period)
+            for instance, program in enumerate(self.parts)
+            for name, period in rates.items()
+            if any(name in state.timers for state in program.states)
+        ]
+        self._channels: dict[tuple[InterfaceKind | None, str], str | None] = {
+            (interface.kind, interface.name): interface.channel for interface in machine.interfaces
+        }
+
+    def instances_of(self, interface: str, number: int) -> list[int]:
+        """The instances that are thread ``number`` of an action thread of ``interface``."""
+        return [
+            instance
+            for instance, (thread, which) in enumerate(self.threads, 1)
+            if thread.interface == interface and which == number
+        ]
+
+    def changes_something(self, event: EventKey | None) -> bool:
+        """Whether ``event`` can make a difference to what is seen, in any state."""
+        return event in self._effective
+
+    @property
+    def takes_feedback(self) -> bool:
+        """Whether feedback of goals can make a difference to what is seen: its node does not report when."""
+        return any(event[0] is EventKind.FEEDBACK for event in self._effective)
+
+    def taken_topics(self) -> frozenset[str]:
+        """Channels of others whose messages can make a difference to what is seen."""
+        found = set()
+        for kind, ending, event in (
+            (InterfaceKind.SUBSCRIBER, "", EventKind.MESSAGE),
+            (InterfaceKind.ACTION_CLIENT, "/_action/feedback", EventKind.FEEDBACK),
+        ):
+            for interface in self.machine.interfaces:
+                channel = interface.channel
+                if (
+                    interface.kind is kind
+                    and channel
+                    and self.changes_something((event, interface.name))
+                ):
+                    found.add(channel + ending)
+        return frozenset(found)
+
+    def declared_channel(self, kind: OutputKind, interface: str) -> str | None:
+        """The channel by which an output leaves; None: it is only known at run time."""
+        return self._channels.get((interface_kind_of(kind), interface))
+
+    def channel_of_output(self, kind: OutputKind, interface: str) -> str:
+        """The same for messages to people: the interface's name where the channel is not known."""
+        return self.declared_channel(kind, interface) or interface

@@ -1,4 +1,7 @@
-"""The short way for most of what happens: only one thing can have happened, and it is plain to see."""
+"""The short way for most of what happens: only one thing can have happened, and it is plain to see.
+
+It comes to the same as the search, without one.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,12 @@ from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import interface_kind_of
-from moon.oracle.hypothesis import Hypothesis, Obligation
-from moon.oracle.outputs import Outputs
+from moon.oracle.channels import Channels
+from moon.oracle.fixed_points import Outputs
+from moon.oracle.program import Program
+from moon.oracle.state import Hypothesis, Obligation
 from moon.oracle.step import Step
+from moon.oracle.successors import Successors
 from moon.oracle.trace_events import Role, TraceEvent
 
 _INPUTS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR, EventKind.MESSAGE)
@@ -38,30 +44,49 @@ class Effect:
         self.answers = answers
 
 
-class Shortcuts(Outputs):
-    """See ``Running`` for the arguments."""
+class DeterministicSuccessor:
+    """The one successor of a hypothesis, where there is one.
 
-    def only(self, hypothesis: Hypothesis, fact: TraceEvent) -> Hypothesis | None:
+    Args:
+        successors: the machine's steps.
+        outputs: what it sent.
+        program: the machine.
+        channels: its channels.
+    """
+
+    def __init__(
+        self, successors: Successors, outputs: Outputs, program: Program, channels: Channels
+    ) -> None:
+        self._successors = successors
+        self._outputs = outputs
+        self._program = program
+        self._main = program.parts[0]
+        self._certain = program.certain
+        self._channels = channels
+
+    def of(self, hypothesis: Hypothesis, fact: TraceEvent) -> Hypothesis | None:
         """What ``hypothesis`` is after ``fact``, where that is one thing and plain to see.
 
         That is so for an input or an output stamped where it was taken or made, while nothing else can
-        have been taken since. None: ask ``reachable`` and ``take_…``. ``hypothesis`` itself is changed, as a
-        rule: nobody else may hold it.
+        have been taken since. ``hypothesis`` itself is changed, as a rule: nobody else may hold it.
+
+        Returns:
+            None where the search has to be asked.
         """
         owed = hypothesis.owed
         if (
             hypothesis.pending
-            or hypothesis.posted
+            or hypothesis.queue
             or hypothesis.goals
             or hypothesis.free
-            or not self.certain
+            or not self._certain
         ):
             return None
         if fact.role is _OUTPUT:
-            if not owed or owed[0].optional or not self._is(hypothesis, owed[0], fact):
+            if not owed or owed[0].optional or not self._outputs.is_owed(hypothesis, owed[0], fact):
                 return None
-            if owed[0].alarm is not None or fact.output not in _PLAIN:
-                return self._paid(hypothesis, 0, fact)
+            if owed[0].timer is not None or fact.output not in _PLAIN:
+                return self._outputs.settled(hypothesis, 0, fact)
             hypothesis.owed = owed[1:]
             hypothesis.forget_key()
             return hypothesis
@@ -69,12 +94,12 @@ class Shortcuts(Outputs):
         if owed or fact.role is not _INPUT or event is None or event[0] not in _INPUTS:
             return None
         stamp = fact.stamp
-        if hypothesis.alarms:
-            if not self.is_still(hypothesis, stamp):
+        if hypothesis.timers:
+            if not self._successors.is_still(hypothesis, stamp):
                 return None
-            hypothesis = self.normalised(hypothesis, stamp)
+            hypothesis = self._successors.normalised(hypothesis, stamp)
         state, data = hypothesis.instances[0]
-        ((taken, step),) = self.programs[0].take(state, data, event, fact.data, {}, False)
+        ((taken, step),) = self._main.take(state, data, event, fact.data, {}, False)
         asked = event[0] is _REQUEST
         if not taken and (asked or not (step.outputs or step.scheduled)):
             return hypothesis  # a request that the state discards is never answered
@@ -97,11 +122,11 @@ class Shortcuts(Outputs):
             answered = waiting[-1]
         if (
             effect is False
-            or hypothesis.alarms
+            or hypothesis.timers
             or len(hypothesis.instances) > 1
             or (effect.answers and answered is None)
         ):
-            return self._absorb(hypothesis, 0, step, stamp, stamp, None, call, waiting)
+            return self._successors.absorb(hypothesis, 0, step, stamp, stamp, None, call, waiting)
         if answered is not None:
             place = waiting.index(answered)
             waiting = waiting[:place] + waiting[place + 1 :]
@@ -131,7 +156,7 @@ class Shortcuts(Outputs):
         for output in step.outputs:
             kind, interface = output.kind, output.interface
             side = interface_kind_of(kind)
-            if self._channel_of.get((side, interface)) is None:
+            if self._program.declared_channel(kind, interface) is None:
                 return False
             if kind is OutputKind.RESPONSE:
                 answers = interface

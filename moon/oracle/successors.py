@@ -1,0 +1,438 @@
+"""Successors: what a hypothesis is after one step of the machine.
+
+A step is the taking of one input. Inputs that nobody sees being taken are found here: a message of a topic,
+taken at some time between its stamp and the latency bound after it; a timer, which nobody publishes; an event
+that the machine sent itself. Those that are stamped where they are taken: see ``fixed_points``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from m2c.model.machine import EventKind, InterfaceKind, OutputKind
+from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.channels import Channels
+from moon.oracle.goals import (
+    adopt,
+    adopt_in_place,
+    allowed,
+    change,
+    goal_called,
+    goal_to_cancel,
+    served_goal,
+)
+from moon.oracle.program import Program
+from moon.oracle.state import (
+    ANY_CALL,
+    EventKey,
+    Hypothesis,
+    Instances,
+    Obligation,
+    PendingTimer,
+    QueuedEvent,
+    TimerKey,
+)
+from moon.oracle.step import Delayed, Output, Step
+from moon.oracle.trace_events import TraceEvent
+from moon.oracle.unknowns import Unknown
+
+
+class Successors:
+    """The steps of one machine and of its action threads. It keeps nothing of what it is asked.
+
+    Args:
+        program: the machine.
+        channels: its channels.
+        bounds: what is assumed.
+    """
+
+    def __init__(self, program: Program, channels: Channels, bounds: Bounds) -> None:
+        self._program = program
+        self._parts = program.parts
+        self._draws = program.draws
+        self._channels = channels
+        self._bounds = bounds
+
+    # --- steps that nobody sees -------------------------------------------------------------------
+
+    def unobserved(self, hypothesis: Hypothesis, now: int, since: int) -> Iterator[Hypothesis]:
+        """What one more input, taken before ``now`` and seen by nobody, makes of ``hypothesis``.
+
+        What had to be taken earlier than something else can have been is taken before it.
+
+        Args:
+            hypothesis: it owes nothing.
+            now: stamp of the next fixed point (ns).
+            since: stamp of the last fixed point (ns): what is taken is taken after it.
+        """
+        earliest = max(since, hypothesis.moment)
+        latest = max(self.latest(hypothesis, certainly=True), since)
+        if hypothesis.pending:
+            streams = set()
+            for place, fact in enumerate(hypothesis.pending):
+                sent = fact.stamp - self._bounds.skew
+                if sent >= now or sent > latest:
+                    break
+                if fact.stream in streams:
+                    continue
+                if not fact.may_be_lost:
+                    streams.add(fact.stream)
+                yield from self._message_taken(hypothesis, place, fact, max(sent, earliest), now)
+        if hypothesis.queue:
+            first = hypothesis.queue[0]
+            if first.low < now and first.low <= latest:
+                yield from self._event_taken(hypothesis, first, max(first.low, earliest), now)
+        for place, timer in enumerate(hypothesis.timers):
+            if timer.low <= min(now, latest) and self._matters(hypothesis, timer):
+                low = max(timer.low, earliest)
+                yield from self._timer_rung(hypothesis, place, timer, low, now)
+
+    def latest(self, hypothesis: Hypothesis, certainly: bool = False) -> int:
+        """By when the next input has been taken; ``certainly``: of those it certainly gets."""
+        latency = self._bounds.latency
+        latest = FOREVER
+        for fact in hypothesis.pending:
+            if not (certainly and fact.may_be_lost) and not self._is_held(hypothesis, fact):
+                latest = fact.stamp + latency + self._bounds.skew
+                break  # the others are newer
+        for event in hypothesis.queue:
+            latest = min(latest, event.high + latency)
+        for timer in hypothesis.timers:
+            if timer.high + latency < latest and self._matters(hypothesis, timer):
+                latest = timer.high + latency
+        return latest
+
+    def _is_held(self, hypothesis: Hypothesis, fact: TraceEvent) -> bool:
+        """Whether ``fact`` is feedback that is kept until its goal is accepted."""
+        if fact.event is None or fact.event[0] is not EventKind.FEEDBACK:
+            return False
+        goal = goal_called(hypothesis, fact.goal, served=False)
+        return goal is not None and goal.phase != "running"
+
+    def _message_taken(
+        self, hypothesis: Hypothesis, place: int, fact: TraceEvent, low: int, now: int
+    ) -> Iterator[Hypothesis]:
+        earlier = hypothesis.pending[:place]
+        if any(item.stream == fact.stream for item in earlier):
+            # these are perhaps taken, and now certainly: a stream keeps its order
+            earlier = tuple(item for item in earlier if item.stream != fact.stream)
+        rest = hypothesis.with_pending(earlier + hypothesis.pending[place + 1 :])
+        assert fact.event is not None
+        high = max(low, min(fact.stamp + self._bounds.latency, now))
+        parts: dict[str, Any] = {}
+        if fact.event[0] is EventKind.FEEDBACK:
+            goal = goal_called(hypothesis, fact.goal, served=False)
+            if goal is None:
+                if hypothesis.free and not self._channels.was_sent(fact.goal):
+                    rest_too, adopted = adopt(rest, fact.interface, fact.goal, False, "running")
+                    parts = {"goal_id": adopted.number}
+                    yield from self.run(rest_too, 0, fact.event, fact.data, parts, low, high)
+                yield rest
+                return
+            if goal.phase != "running":
+                return
+            parts = {"goal_id": goal.number}
+        if fact.may_be_lost:
+            yield rest
+        yield from self.run(rest, 0, fact.event, fact.data, parts, low, high)
+
+    def _event_taken(
+        self, hypothesis: Hypothesis, event: QueuedEvent, low: int, now: int
+    ) -> Iterator[Hypothesis]:
+        rest = hypothesis.but(queue=hypothesis.queue[1:])
+        high = max(low, min(event.high + self._bounds.latency, now))
+        yield from self.run(
+            rest, event.instance, event.event, event.message, event.parts, low, high
+        )
+
+    def _timer_rung(
+        self, hypothesis: Hypothesis, place: int, timer: PendingTimer, low: int, now: int
+    ) -> Iterator[Hypothesis]:
+        latency = self._bounds.latency
+        high = max(low, min(timer.high + latency, now))
+        others = hypothesis.timers[:place] + hypothesis.timers[place + 1 :]
+        if timer.period:
+            # ticks slept through are skipped, the phase is kept (see Executor)
+            slack = self._bounds.slack(timer.period)
+            latest = min(timer.high, now)
+            if latency >= timer.period:
+                latest = max(latest, high)
+            following = timer.due(
+                max(timer.low, low - latency) + timer.period - slack,
+                latest + timer.period + slack,
+            )
+            others = (*hypothesis.timers[:place], following, *hypothesis.timers[place + 1 :])
+        rest = hypothesis.with_timers(others)
+        key = (timer.instance, timer.event) if timer.period else None
+        yield from self.run(
+            rest, timer.instance, timer.event, timer.data, {"name": timer.event[1]}, low, high, key
+        )
+
+    # --- one step -----------------------------------------------------------------------------------
+
+    def run(
+        self,
+        hypothesis: Hypothesis,
+        instance: int,
+        event: EventKey,
+        message: Any,
+        parts: Mapping[str, Any],
+        low: int,
+        high: int,
+        timer: TimerKey | None = None,
+        call: tuple[str, int] | None = None,
+    ) -> Iterator[Hypothesis]:
+        """Process ``event`` between ``low`` and ``high``: every outcome."""
+        for taken, step in self.take(hypothesis, instance, event, message, parts):
+            if not taken and call is not None:
+                # a request that the state discards is never answered
+                waiting = tuple(item for item in hypothesis.waiting if item[1] != call)
+                yield hypothesis.but(waiting=waiting)
+            elif not taken and not step.outputs and not step.scheduled:
+                yield hypothesis
+            else:
+                yield self.absorb(hypothesis, instance, step, low, high, timer, call)
+
+    def take(
+        self,
+        hypothesis: Hypothesis,
+        instance: int,
+        event: EventKey,
+        message: Any,
+        parts: Mapping[str, Any],
+    ) -> Iterable[tuple[bool, Step]]:
+        """What one of its instances can do with ``event``: whether a transition took it, and the step."""
+        state, data = hypothesis.instances[instance]
+        symbolic = self._draws or hypothesis.free
+        return self._parts[instance].take(state, data, event, message, parts, symbolic)
+
+    def absorb(
+        self,
+        before: Hypothesis,
+        instance: int,
+        step: Step,
+        low: int,
+        high: int,
+        timer: TimerKey | None = None,
+        call: tuple[str, int] | None = None,
+        waiting: tuple[tuple[str, tuple[str, int]], ...] | None = None,
+    ) -> Hypothesis:
+        """``before`` after ``step`` of one of its instances; ``waiting``: the requests, if others."""
+        instances = before.instances
+        changed = (step.state, tuple(step.data))
+        made = before.copy()
+        if waiting is not None:
+            made.waiting = waiting
+        made.instances = (*instances[:instance], changed, *instances[instance + 1 :])
+        made.moment = max(low, before.moment)
+        if before.timers and step.state != instances[instance][0]:
+            made.timers = tuple(
+                self._awakened(before, made, item, low, high) for item in made.timers
+            )
+        if step.scheduled:
+            self._schedule(made, instance, step.scheduled, low, high)
+        for output in step.outputs:
+            self._owe(made, instances, instance, output, low, high, timer, call)
+        return made
+
+    def _awakened(
+        self, before: Hypothesis, made: Hypothesis, timer: PendingTimer, low: int, high: int
+    ) -> PendingTimer:
+        """A periodic timer that a step makes matter: it may just have rung unheard, or just not."""
+        if not timer.period or self._matters(before, timer) or not self._matters(made, timer):
+            return timer
+        rings = timer.not_before(low - self._bounds.latency)
+        last = rings.high
+        if rings.low <= high:
+            last = min(last, high) + rings.period + self._bounds.slack(rings.period)
+        return rings.due(rings.low, max(last, rings.low))
+
+    def _schedule(
+        self, made: Hypothesis, instance: int, scheduled: list[Delayed | str], low: int, high: int
+    ) -> None:
+        timers = list(made.timers)
+        for item in scheduled:
+            if isinstance(item, str):
+                timers = [a for a in timers if a.instance != instance or a.id != item or not item]
+                continue
+            if isinstance(item.delay_s, Unknown):
+                timers.append(
+                    PendingTimer(instance, item.event, low, FOREVER, 0, item.data, item.id)
+                )
+                continue
+            if item.event[0] is EventKind.INTERNAL and item.delay_s <= 0:
+                sent = QueuedEvent(
+                    instance, item.event, item.data, {"name": item.event[1]}, low, high
+                )
+                made.queue = (*made.queue, sent)
+                continue
+            delay = round(item.delay_s * 1e9)
+            slack = self._bounds.slack(delay)
+            if item.event[0] is EventKind.AFTER:
+                timers = [a for a in timers if a.instance != instance or a.event != item.event]
+            timers.append(
+                PendingTimer(
+                    instance,
+                    item.event,
+                    low + delay - slack,
+                    high + delay + slack,
+                    0,
+                    item.data,
+                    item.id,
+                )
+            )
+        made.timers = tuple(timers)
+
+    def _owe(
+        self,
+        made: Hypothesis,
+        before: Instances,
+        instance: int,
+        output: Output,
+        low: int,
+        high: int,
+        timer: TimerKey | None,
+        call: tuple[str, int] | None,
+    ) -> None:
+        """What an output of the model means: something to be seen, or something inside.
+
+        ``before`` is what the machine was before the step.
+        """
+        kind = output.kind
+        optional = False
+        interface = output.interface
+        goal: Any = None
+        answers: tuple[str, int] | None = None
+        match kind:
+            case OutputKind.PUBLISH:
+                interface = self._channels.name_of(InterfaceKind.PUBLISHER, interface)
+            case OutputKind.REQUEST:
+                interface = self._channels.name_of(InterfaceKind.CLIENT, interface)
+            case OutputKind.RESPONSE:
+                answers = _answered(made, interface, call)
+                if answers is None:
+                    if not made.free:
+                        return  # no request waits: nothing leaves
+                    answers, optional = ANY_CALL, True
+            case OutputKind.SEND_GOAL:
+                _, sent = adopt_in_place(made, interface, "", False, "sent")
+                goal = sent.number
+            case OutputKind.SEND_CANCEL:
+                found = goal_to_cancel(made, interface, output.goal)
+                if found is None:
+                    if not made.free:
+                        return
+                    optional = True
+                elif found.phase == "sent":
+                    change(made, found, cancel=True)
+                    return
+                else:
+                    goal = found.id
+            case (
+                OutputKind.ACCEPT_GOAL
+                | OutputKind.REJECT_GOAL
+                | OutputKind.FEEDBACK
+                | OutputKind.SUCCEED
+                | OutputKind.ABORT
+                | OutputKind.CANCEL
+            ):
+                served = served_goal(made, output)
+                if served is None:
+                    if not made.free:
+                        return  # a goal that is not there: reported by the node, nothing leaves
+                    goal, optional = output.goal if isinstance(output.goal, Unknown) else None, True
+                elif not allowed(made, served, output):
+                    return
+                else:
+                    goal = served.id
+            case OutputKind.START_THREAD:
+                self._start_thread(made, output, low, high)
+                return
+            case OutputKind.THREAD_FREE:
+                self._free_thread(made, instance, output, low, high)
+                return
+            case _:
+                return  # a behaviour-tree plugin's answer: inside the policy's process
+        if self._program.declared_channel(kind, output.interface) is None:
+            return  # the channel is only known at run time
+        made.owed = (
+            *made.owed,
+            Obligation(
+                kind,
+                interface,
+                output.fields,
+                low,
+                high,
+                output.position,
+                output.transition,
+                answers,
+                goal,
+                optional,
+                timer,
+                (before,),
+            ),
+        )
+
+    def _start_thread(self, made: Hypothesis, output: Output, low: int, high: int) -> None:
+        number = 0 if output.thread is None else output.thread
+        event = (EventKind.THREAD_START, output.interface)
+        parts = {"goal_id": output.goal or 0, "thread_id": number}
+        for instance in self._program.instances_of(output.interface, number):
+            started = QueuedEvent(instance, event, output.fields, parts, low, high)
+            made.queue = (*made.queue, started)
+
+    def _free_thread(
+        self, made: Hypothesis, instance: int, output: Output, low: int, high: int
+    ) -> None:
+        number = self._program.threads[instance - 1][1] if instance else 0
+        parts = {"goal_id": output.goal or 0, "thread_id": number}
+        event = (EventKind.THREAD_FREE, output.interface)
+        made.queue = (*made.queue, QueuedEvent(0, event, None, parts, low, high))
+
+    def _matters(self, hypothesis: Hypothesis, timer: PendingTimer) -> bool:
+        state, _ = hypothesis.instances[timer.instance]
+        return self._parts[timer.instance].handles(state, timer.event)
+
+    def is_still(self, hypothesis: Hypothesis, now: int) -> bool:
+        """Whether nothing can have been taken before ``now``."""
+        if hypothesis.owed:
+            return not all(owed.optional for owed in hypothesis.owed)
+        if hypothesis.queue or hypothesis.pending:
+            return False
+        return all(
+            not (timer.low <= now and self._matters(hypothesis, timer))
+            for timer in hypothesis.timers
+        )
+
+    def normalised(self, hypothesis: Hypothesis, now: int) -> Hypothesis:
+        """Timers that nothing waits for, brought up to ``now``."""
+        latency = self._bounds.latency
+        timers = hypothesis.timers
+        if not any(a.period and a.high + latency < now for a in timers):
+            return hypothesis
+        return hypothesis.with_timers(
+            tuple(
+                timer
+                if not timer.period or self._matters(hypothesis, timer)
+                else timer.not_before(now - latency)
+                for timer in timers
+            )
+        )
+
+
+def _answered(
+    made: Hypothesis, interface: str, call: tuple[str, int] | None
+) -> tuple[str, int] | None:
+    """Whose request a response answers: the one being processed, else the oldest; it is done."""
+    waiting = made.waiting
+    found = None
+    if call is not None and (interface, call) in waiting:
+        found = (interface, call)
+    else:
+        found = next((item for item in waiting if item[0] == interface), None)
+    if found is None:
+        return None
+    place = waiting.index(found)
+    made.waiting = waiting[:place] + waiting[place + 1 :]
+    return found[1]
