@@ -20,7 +20,7 @@ from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
 from moon.properties.binding import ANY_CHANNEL
-from moon.properties.meaning import duration
+from moon.properties.describe import duration
 from moon.properties.monitor import TimeOrderError
 from moon.properties.ordering import OrderedProperties
 from moon.properties.property import Property, Role

@@ -13,7 +13,7 @@ from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.system import library_for
 from m2c.model.typing import nearest
 from moon.monitor.status import POLICY
-from moon.properties.interfaces import Interfaces
+from moon.properties.files.interfaces import Interfaces
 
 
 def read_checked(

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from moon.properties.files import load_properties, read_properties
+    from moon.properties.files.interfaces import Interfaces
     from moon.properties.formula import Formula
-    from moon.properties.interfaces import Interfaces
     from moon.properties.monitor import PropertyMonitor, PropertySet, TimeOrderError
     from moon.properties.ordering import OrderedProperties
     from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, pattern_formula
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "files": ("load_properties", "read_properties"),
     "formula": ("Formula",),
-    "interfaces": ("Interfaces",),
+    "files.interfaces": ("Interfaces",),
     "monitor": ("PropertyMonitor", "PropertySet", "TimeOrderError"),
     "ordering": ("OrderedProperties",),
     "patterns": ("Pattern", "PatternName", "Scope", "ScopeName", "pattern_formula"),

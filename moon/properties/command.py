@@ -13,7 +13,7 @@ from m2c.inputs import interface_folders
 from m2c.terminal import fail, say, show
 
 if TYPE_CHECKING:
-    from moon.properties.interfaces import Interfaces
+    from moon.properties.files.interfaces import Interfaces
     from moon.properties.property import Property
 
 
@@ -97,8 +97,8 @@ def _interfaces(models: tuple[Path, ...], folders: tuple[Path, ...]) -> Interfac
 
 
 def _as_text(item: Property) -> list[str]:
+    from moon.properties.describe import duration
     from moon.properties.formula import text
-    from moon.properties.meaning import duration
 
     limit = duration(item.deadline_ticks) if item.deadline_ticks is not None else "none"
     lines = [

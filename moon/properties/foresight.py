@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 
 from moon.properties.held import Held
 from moon.properties.monitor import PropertySet
+from moon.properties.nodes import NEVER
 from moon.properties.property import Property
-from moon.properties.rules import NEVER
 from moon.properties.verdict import Status, Verdict
 from transports.interface import Observation
 

@@ -18,12 +18,12 @@ import msgspec
 from m2c.model.system import System
 from m2c.model.walk import variables_of
 from moon.properties.binding import ANY_CHANNEL, Group
+from moon.properties.files.interfaces import Interfaces
 from moon.properties.formula import Formula, predicates
-from moon.properties.interfaces import Interfaces
 from moon.properties.monitor_group import MonitorGroup, TimeOrderError, UnknownAtom
+from moon.properties.nodes import NEVER
 from moon.properties.predicates import PredicateError
 from moon.properties.property import Port, Property
-from moon.properties.rules import NEVER
 from moon.properties.snapshot import Snapshot
 from moon.properties.syntax import parse_formula
 from moon.properties.verdict import Verdict

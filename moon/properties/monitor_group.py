@@ -10,14 +10,13 @@ from typing import Any
 import msgspec
 
 from m2c.model.walk import variables_of
-from moon.properties.binding import ANY_CHANNEL, Group, bind, handler_source
+from moon.properties.binding import ANY_CHANNEL, Group, KnownValues, bind, handler_source
 from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.gaps import Gaps
-from moon.properties.known import KnownValues
 from moon.properties.network import Network, build_network
+from moon.properties.nodes import NEVER, stays_false
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
 from moon.properties.property import Port, Property
-from moon.properties.rules import NEVER, stays_false
 from moon.properties.snapshot import Snapshot
 from moon.properties.three_valued import ThreeValued, read_state, state_form, write_state
 from moon.properties.verdict import Status, Verdict

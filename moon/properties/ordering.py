@@ -19,8 +19,8 @@ from moon.properties.binding import ANY_CHANNEL
 from moon.properties.foresight import Foresight
 from moon.properties.held import Held
 from moon.properties.monitor import PropertySet, TimeOrderError
+from moon.properties.nodes import NEVER
 from moon.properties.property import Property
-from moon.properties.rules import NEVER
 from moon.properties.snapshot import Snapshot
 from moon.properties.verdict import Status, Verdict
 from transports.interface import Observation

@@ -51,7 +51,7 @@ from typing import Any
 from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.formula import Formula
 from moon.properties.network import Network, NetworkBuilder, Node, build_network
-from moon.properties.rules import NEVER, mode, state_names
+from moon.properties.nodes import NEVER, mode, state_names
 
 State = dict[int, tuple[Any, ...]]
 """Per remembering node, its variables in a normal form (see :func:`normal`)."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from moon.properties.describe import pattern_sentence
 from moon.properties.formula import TICKS_PER_SECOND, Interval, text
-from moon.properties.meaning import pattern_sentence
 from moon.properties.monitor import PropertyMonitor
 from moon.properties.patterns import (
     Pattern,

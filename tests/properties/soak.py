@@ -17,14 +17,14 @@ from pathlib import Path
 from m2c.model import load
 from m2c.model.diagnostics import DiagnosticLog
 from moon.properties.compiler import compile_network
-from moon.properties.interfaces import Interfaces
+from moon.properties.files.interfaces import Interfaces
+from moon.properties.files.xml import parse_property_xml
+from moon.properties.files.yaml import parse_property_yaml
 from moon.properties.monitor import PropertySet
 from moon.properties.network import build_network
 from moon.properties.predicates import PredicateError
 from moon.properties.steps import StepMonitor
 from moon.properties.syntax import FormulaError, parse_formula
-from moon.properties.xml_file import parse_property_xml
-from moon.properties.yaml_file import parse_property_yaml
 from tests.properties import differential, losses
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from m2c.model.diagnostics import DiagnosticLog
 from moon.cli import main
+from moon.properties.files.yaml import parse_property_yaml
 from moon.properties.patterns import PatternName, ScopeName
-from moon.properties.yaml_file import parse_property_yaml
 from tests.properties.catalogue import pages
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -15,14 +15,14 @@ from m2c.model.diagnostics import DiagnosticLog, ModelError
 from moon.cli import main
 from moon.properties.compiler import compile_network
 from moon.properties.files import load_properties, read_properties
+from moon.properties.files.xml import parse_property_xml
+from moon.properties.files.yaml import parse_property_yaml
 from moon.properties.formula import text
 from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.network import build_network
 from moon.properties.property import Role
 from moon.properties.syntax import parse_formula
 from moon.properties.verdict import Status
-from moon.properties.xml_file import parse_property_xml
-from moon.properties.yaml_file import parse_property_yaml
 from tests.properties.runs import seen
 from transports.interface import ObservationKind
 

@@ -9,9 +9,9 @@ from m2c.model import load
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from moon.cli import main
-from moon.properties.interfaces import Interfaces
-from moon.properties.xml_file import parse_property_xml
-from moon.properties.yaml_file import parse_property_yaml
+from moon.properties.files.interfaces import Interfaces
+from moon.properties.files.xml import parse_property_xml
+from moon.properties.files.yaml import parse_property_yaml
 from tests.monitor.hand_driven import write_models
 
 PORTS = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from moon.properties.meaning import duration
+from moon.properties.describe import duration
 
 
 @pytest.mark.parametrize(

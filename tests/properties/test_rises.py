@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from m2c.model.diagnostics import DiagnosticLog
+from moon.properties.describe import formula_deadline
+from moon.properties.files.xml import parse_property_xml
+from moon.properties.files.yaml import parse_property_yaml
 from moon.properties.formula import Not, Rise, text
-from moon.properties.meaning import formula_deadline
 from moon.properties.monitor import PropertyMonitor
 from moon.properties.property import Port, Property
 from moon.properties.syntax import FormulaError, parse_formula
 from moon.properties.verdict import Status
-from moon.properties.xml_file import parse_property_xml
-from moon.properties.yaml_file import parse_property_yaml
 from tests.properties.runs import run, seen
 
 FILE = """\

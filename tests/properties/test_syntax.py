@@ -9,8 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from moon.properties.compiler import compile_network
+from moon.properties.describe import formula_deadline
 from moon.properties.formula import TICKS_PER_SECOND, Interval, Once, Since, text
-from moon.properties.meaning import formula_deadline
 from moon.properties.monitor import PropertyMonitor
 from moon.properties.network import build_network
 from moon.properties.predicates import PredicateError

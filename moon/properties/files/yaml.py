@@ -13,25 +13,38 @@ from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import Expression
 from m2c.model.walk import variables_of
-from moon.properties import channels
-from moon.properties.declaration import (
+from moon.properties.files.common import (
+    ACTION_PARTS,
     MAX_SHOWN,
+    SERVICE_PARTS,
     TIME_UNITS,
     Names,
+    Place,
+    absolute,
+    action_place,
     field_path,
     finish,
     interval,
     read_condition,
     read_formula,
     read_time,
+    service_place,
+    topic_place,
     unknown_keys,
 )
+from moon.properties.files.interfaces import Interfaces, Named, faults
+from moon.properties.files.yaml_tree import (
+    Mapping,
+    Scalar,
+    Sequence,
+    YamlNode,
+    parse_yaml,
+    read_yaml,
+)
 from moon.properties.formula import Formula, Interval
-from moon.properties.interfaces import Interfaces, Named, faults
 from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
 from moon.properties.predicates import PredicateError, truth_source
 from moon.properties.property import Port, Property, PropertySeverity, Role
-from moon.properties.yaml_tree import Mapping, Scalar, Sequence, YamlNode, parse_yaml, read_yaml
 
 _TIME = re.compile(r"(\d+(?:\.\d+)?)\s*([a-z]+)", re.ASCII)
 _EVENTS: dict[PatternName, tuple[str, ...]] = {
@@ -169,7 +182,7 @@ class _File:
         at = {key: node.position for key, node in port.entries.items()}
         self._names.declare(made, contents, fields, at, "ports", self._log)
 
-    def _place(self, name: str, port: Mapping) -> tuple[channels.Place, DataType] | None:
+    def _place(self, name: str, port: Mapping) -> tuple[Place, DataType] | None:
         """Where it listens, and the type of the message there."""
         given = [key for key in ("topic", "service", "action") if key in port.entries]
         if len(given) != 1:
@@ -191,8 +204,8 @@ class _File:
             if part is not None:
                 self._error(part.position, "ports", "a topic has no parts", "leave `on` out")
                 return None
-            return self._typed(port, given[0], channel, "", channels.topic_place(channel.text))
-        parts = channels.SERVICE_PARTS if given[0] == "service" else channels.ACTION_PARTS
+            return self._typed(port, given[0], channel, "", topic_place(channel.text))
+        parts = SERVICE_PARTS if given[0] == "service" else ACTION_PARTS
         if part is None or part.text not in parts:
             at = part.position if part is not None else port.position
             self._error(
@@ -202,19 +215,19 @@ class _File:
                 f"on: {' or '.join(parts)}",
             )
             return None
-        make = channels.service_place if given[0] == "service" else channels.action_place
+        make = service_place if given[0] == "service" else action_place
         place = make(channel.text, part.text)
         return self._typed(port, given[0], channel, part.text, place)
 
     def _typed(
-        self, port: Mapping, kind: str, channel: Scalar, part: str, place: channels.Place
-    ) -> tuple[channels.Place, DataType] | None:
+        self, port: Mapping, kind: str, channel: Scalar, part: str, place: Place
+    ) -> tuple[Place, DataType] | None:
         written = self._text(port, "type", "ports")
         if written is None and "type" in port.entries:
             return None
         type_name = written.text if written is not None else ""
         at = written.position if written is not None else channel.position
-        name = channels.absolute(channel.text)
+        name = absolute(channel.text)
         named = Named(kind, name, part, type_name, _inside(channel), at, "ports")
         contents = self._names.contents(named, self._log)
         return None if contents is None else (place, contents)

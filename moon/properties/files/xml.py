@@ -16,21 +16,29 @@ from m2c.model.ecmascript import parse_expression
 from m2c.model.evaluate import evaluate
 from m2c.model.expressions import Expression
 from m2c.model.xml import Element, parse_xml, read_xml
-from moon.properties import channels
-from moon.properties.declaration import (
+from moon.properties.files.common import (
+    ACTION_PARTS,
     MAX_SHOWN,
+    SERVICE_PARTS,
     TIME_UNITS,
     Names,
+    Place,
+    absolute,
+    action_place,
     field_path,
     finish,
+    goal_id_place,
     interval,
     read_condition,
     read_formula,
     read_time,
+    result_code_place,
+    service_place,
+    topic_place,
     unknown_keys,
 )
+from moon.properties.files.interfaces import Interfaces, Named
 from moon.properties.formula import Formula, Interval
-from moon.properties.interfaces import Interfaces, Named
 from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, looking_back
 from moon.properties.property import Port, Property, PropertySeverity, Role
 
@@ -157,9 +165,7 @@ class _File:
             self._error(port.position, port, f"it has no {key}", f'{key}="/name"')
             return
         part = port.get("event") or ("goal" if port.tag == "ros_action" else "")
-        parts = {"ros_service": channels.SERVICE_PARTS, "ros_action": channels.ACTION_PARTS}.get(
-            port.tag
-        )
+        parts = {"ros_service": SERVICE_PARTS, "ros_action": ACTION_PARTS}.get(port.tag)
         if parts is not None and part not in parts:
             what = (
                 f'event="{part}" is none of its parts'
@@ -169,7 +175,7 @@ class _File:
             self._error(port.at("event"), port, what, f"event is {' or '.join(parts)}")
             return
         kind, at = port.tag.removeprefix("ros_"), port.at(key if port.get(key) else "topic")
-        channel, type_at = channels.absolute(name), port.at("type")
+        channel, type_at = absolute(name), port.at("type")
         named = Named(kind, channel, part, port.get("type"), at, type_at, port.tag)
         contents = self._names.contents(named, self._log)
         if contents is None:
@@ -189,11 +195,11 @@ class _File:
             return
         match port.tag:
             case "ros_topic":
-                place = channels.topic_place(channel)
+                place = topic_place(channel)
             case "ros_service":
-                place = channels.service_place(channel, part)
+                place = service_place(channel, part)
             case _:
-                place = channels.action_place(channel, part)
+                place = action_place(channel, part)
         position = variable.position
         match variable.tag:
             case "state_var":
@@ -202,11 +208,7 @@ class _File:
             case "event_var":
                 made = Port(name, place[0], place[1], (), True, position=position)
             case "goal_id" | "result_code" if port.tag == "ros_action":
-                where = (
-                    channels.goal_id_place
-                    if variable.tag == "goal_id"
-                    else channels.result_code_place
-                )
+                where = goal_id_place if variable.tag == "goal_id" else result_code_place
                 place = where(channel)
                 made = Port(name, *place, position=position)
             case _:
@@ -217,9 +219,7 @@ class _File:
                 return
         self._names.declare(made, ANY, (), {}, variable.tag, self._log)
 
-    def _state(
-        self, variable: Element, name: str, place: channels.Place, contents: DataType
-    ) -> None:
+    def _state(self, variable: Element, name: str, place: Place, contents: DataType) -> None:
         field = variable.get("field") or variable.get("param")
         parts = field_path(field) if field else None
         if parts is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog, Position
-from moon.properties.interfaces import Interfaces
+from moon.properties.files.interfaces import Interfaces
 from moon.properties.property import Property
 
 
@@ -19,11 +19,11 @@ def read_properties(
     """
     match path.suffix.lower():
         case ".xml":
-            from moon.properties.xml_file import read_property_xml
+            from moon.properties.files.xml import read_property_xml
 
             return read_property_xml(path, log, interfaces)
         case ".yaml" | ".yml":
-            from moon.properties.yaml_file import read_property_yaml
+            from moon.properties.files.yaml import read_property_yaml
 
             return read_property_yaml(path, log, interfaces)
         case suffix:
@@ -72,11 +72,11 @@ def parse_properties(text: str, name: str, interfaces: Interfaces | None = None)
     log = DiagnosticLog()
     content = text.encode("utf-8", "surrogatepass")
     if text.lstrip().startswith("<"):
-        from moon.properties.xml_file import parse_property_xml
+        from moon.properties.files.xml import parse_property_xml
 
         found = parse_property_xml(content, name, log, interfaces)
     else:
-        from moon.properties.yaml_file import parse_property_yaml
+        from moon.properties.files.yaml import parse_property_yaml
 
         found = parse_property_yaml(content, name, log, interfaces)
     log.raise_if_errors()

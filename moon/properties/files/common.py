@@ -1,4 +1,4 @@
-"""What both kinds of property files share: names, their checks, and the finished property."""
+"""What both kinds of property files share: places of ports, names, their checks, the finished property."""
 
 from __future__ import annotations
 
@@ -14,17 +14,24 @@ from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.expressions import Expression
 from m2c.model.walk import variables_of
 from moon.properties.binding import bind
-from moon.properties.formula import Formula, Historically, Interval, operands, predicates
-from moon.properties.interfaces import Interfaces, Named, faults, field_type, is_value_of
-from moon.properties.meaning import (
+from moon.properties.describe import (
     formula_deadline,
     formula_sentence,
     pattern_sentence,
 )
+from moon.properties.files.interfaces import Interfaces, Named, faults, field_type, is_value_of
+from moon.properties.formula import Formula, Historically, Interval, operands, predicates
 from moon.properties.network import build_network
 from moon.properties.patterns import Pattern, PatternError, deadline, pattern_formula
 from moon.properties.predicates import PredicateError
-from moon.properties.property import Port, Property, PropertySeverity, Role
+from moon.properties.property import (
+    REQUESTS,
+    RESPONSES,
+    Port,
+    Property,
+    PropertySeverity,
+    Role,
+)
 from moon.properties.syntax import (
     MAX_DEPTH,
     MAX_OPERATORS,
@@ -35,6 +42,7 @@ from moon.properties.syntax import (
     parse_formula,
     ticks,
 )
+from transports.interface import ObservationKind
 
 TIME_UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "m": 60 * 10**9, "h": 3600 * 10**9}
 
@@ -47,6 +55,53 @@ MAX_SHOWN = 80
 """Characters of a text that a message quotes."""
 
 Resolver = Callable[[str, int], Formula | None]
+
+MESSAGES = (ObservationKind.MESSAGE,)
+
+Place = tuple[str, tuple[ObservationKind, ...], tuple[str, ...]]
+"""(channel, kinds, fields that lead to what the user calls the message)."""
+
+SERVICE_PARTS = ("request", "response")
+ACTION_PARTS = ("goal", "feedback", "result", "cancel")
+
+
+def absolute(name: str) -> str:
+    """``name`` as an absolute channel name."""
+    return name if name.startswith("/") else f"/{name}"
+
+
+def topic_place(name: str) -> Place:
+    """A topic's messages."""
+    return absolute(name), MESSAGES, ()
+
+
+def service_place(name: str, part: str) -> Place:
+    """A service's requests or responses."""
+    return absolute(name), REQUESTS if part == "request" else RESPONSES, ()
+
+
+def action_place(name: str, part: str) -> Place:
+    """A part of an action, under ROS 2's names for it."""
+    prefix = f"{absolute(name)}/_action"
+    match part:
+        case "goal":
+            return f"{prefix}/send_goal", REQUESTS, ("goal",)
+        case "feedback":
+            return f"{prefix}/feedback", MESSAGES, ("feedback",)
+        case "result":
+            return f"{prefix}/get_result", RESPONSES, ("result",)
+        case _:
+            return f"{prefix}/cancel_goal", REQUESTS, ()
+
+
+def goal_id_place(name: str) -> Place:
+    """The id of the goal sent last."""
+    return f"{absolute(name)}/_action/send_goal", REQUESTS, ("goal_id", "uuid")
+
+
+def result_code_place(name: str) -> Place:
+    """How the last goal ended (action_msgs/msg/GoalStatus: 4 succeeded, 5 canceled, 6 aborted)."""
+    return f"{absolute(name)}/_action/get_result", RESPONSES, ("status",)
 
 
 class Names:
