@@ -11,7 +11,7 @@ A *scope* cuts time into segments ``[begin, end)``; a pattern says what a segmen
 
 Every formula is false from the first instant at which the part of the segment seen so far, or the
 segment's end, breaks the pattern; a fault stays one. The definitions, quantifier by quantifier, are in
-docs/properties.md, and the tests hold these formulas to them.
+docs/property-semantics.md, and the tests hold these formulas to them.
 """
 
 from __future__ import annotations

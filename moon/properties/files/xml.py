@@ -1,7 +1,7 @@
 """MOON's property files: ``properties/ports`` and ``properties/{assumes,guarantees}/property``.
 
 Read as MOON's generator reads them, and where it is silent or fails (scopes, patterns and bounds that
-it does not translate, ports other than topics) with the meaning that docs/properties.md gives.
+it does not translate, ports other than topics) with the meaning that docs/property-semantics.md gives.
 """
 
 from __future__ import annotations
