@@ -14,7 +14,7 @@ from moon.monitor.reading import no_system
 from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.verdict import Verdict
-from transports.interface import Observation, ObservationKind
+from transports.interface import Answer, Observation, ObservationKind
 
 TYPES = {
     "t/srv/Tick.srv": "---\nint8 status\n",
@@ -71,6 +71,8 @@ class HandDriven:
         self.verdicts: list[Verdict] = []
         self.heard_by_tap: list[str] = []
         self.dropped: list[tuple[str, str]] = []
+        self.asked: dict[str, Callable[[Answer | None], None]] = {}
+        """The nodes that were asked how far they have reported, and who waits for it."""
         self._numbers: dict[tuple[str, str, bool], int] = {}
         self._due_ns = 0
         self._turn: Callable[[], None] = lambda: None
@@ -108,6 +110,10 @@ class HandDriven:
         return self
 
     contested = ()
+
+    def ask(self, node, answered, within_s=1.0) -> None:
+        """A node answers when a test has it answer, else never."""
+        self.asked[node] = answered
 
     def take_dropped(self) -> list[tuple[str, str]]:
         dropped, self.dropped = self.dropped, []
