@@ -214,7 +214,7 @@ def test_a_signal_that_comes_while_a_command_connects_is_not_lost() -> None:
         timeout=WAIT_S,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stderr.splitlines()[-1].startswith("heard 0 observations"), done.stderr
+    assert done.stderr.splitlines()[-1].startswith("received 0 observations"), done.stderr
 
 
 # --- the disk is full ------------------------------------------------------------------------------

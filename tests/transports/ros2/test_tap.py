@@ -22,6 +22,7 @@ from transports.interface import (
     TransportError,
 )
 from transports.networks import PATIENCE_S, ThreadedNetwork
+from transports.service_events import KIND_OF_EVENT
 
 pytestmark = pytest.mark.ros2
 
@@ -175,7 +176,7 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     def all_heard() -> bool:
         answered = client.call_async(Double.Request(value=4))
         assert network.until(answered.done)
-        return {o.kind for o in heard} == set(ObservationKind) - {ObservationKind.MESSAGE}
+        return {o.kind for o in heard} == set(KIND_OF_EVENT)
 
     assert network.until(all_heard)
     assert {o.source for o in heard} == {o.client for o in heard} == {"bare"}
