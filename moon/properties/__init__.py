@@ -13,11 +13,15 @@ if TYPE_CHECKING:
     from moon.properties.files import load_properties, read_properties
     from moon.properties.files.interfaces import Interfaces
     from moon.properties.formula import Formula
-    from moon.properties.monitor import PropertyMonitor, PropertySet, TimeOrderError
+    from moon.properties.monitor import (
+        PropertyMonitor,
+        PropertySet,
+        StepMonitor,
+        TimeOrderError,
+    )
     from moon.properties.ordering import OrderedProperties
     from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, pattern_formula
     from moon.properties.property import Port, Property, PropertySeverity
-    from moon.properties.steps import StepMonitor
     from moon.properties.syntax import FormulaError, parse_formula
     from moon.properties.verdict import Fact, Status, Verdict, Witness
 
@@ -25,11 +29,10 @@ _HOMES = {
     "files": ("load_properties", "read_properties"),
     "formula": ("Formula",),
     "files.interfaces": ("Interfaces",),
-    "monitor": ("PropertyMonitor", "PropertySet", "TimeOrderError"),
+    "monitor": ("PropertyMonitor", "PropertySet", "StepMonitor", "TimeOrderError"),
     "ordering": ("OrderedProperties",),
     "patterns": ("Pattern", "PatternName", "Scope", "ScopeName", "pattern_formula"),
     "property": ("Port", "Property", "PropertySeverity"),
-    "steps": ("StepMonitor",),
     "syntax": ("FormulaError", "parse_formula"),
     "verdict": ("Fact", "Status", "Verdict", "Witness"),
 }

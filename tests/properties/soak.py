@@ -20,10 +20,9 @@ from moon.properties.compiler import compile_network
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.files.xml import parse_property_xml
 from moon.properties.files.yaml import parse_property_yaml
-from moon.properties.monitor import PropertySet
+from moon.properties.monitor import PropertySet, StepMonitor
 from moon.properties.network import build_network
 from moon.properties.predicates import PredicateError
-from moon.properties.steps import StepMonitor
 from moon.properties.syntax import FormulaError, parse_formula
 from tests.properties import differential, losses
 

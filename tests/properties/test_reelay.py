@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from moon.properties.formula import text
-from moon.properties.steps import StepMonitor
+from moon.properties.monitor import StepMonitor
 from moon.properties.syntax import parse_formula
 from moon.properties.verdict import Status
 from tests.drawn import examples
