@@ -23,7 +23,7 @@ from moon.properties.binding import ANY_CHANNEL, Group, bind
 from moon.properties.compiler import compile_network
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.formula import Formula, predicates
-from moon.properties.monitor_group import MonitorGroup, TimeOrderError, UnknownAtom
+from moon.properties.monitor_group import MonitorGroup, UnknownAtom
 from moon.properties.network import build_network
 from moon.properties.nodes import NEVER
 from moon.properties.predicates import UNKNOWN_ERRORS, PredicateError, why_unknown
@@ -34,6 +34,10 @@ from moon.properties.verdict import Verdict
 from transports.interface import Observation, ObservationKind
 
 __all__ = ["PredicateError", "PropertyMonitor", "PropertySet", "StepMonitor", "TimeOrderError"]
+
+
+class TimeOrderError(ValueError):
+    """An observation is older than what was already decided, or its stamp is no time."""
 
 
 class PropertySet:
@@ -116,14 +120,14 @@ class PropertySet:
         found: list[tuple[str, Verdict]] = []
         for cell, handler, group in entries:
             if not cell.plain:
-                found += cell.observe(handler, group, observation)
+                found += cell.observe(group, observation)
                 continue
             if cell.heap[0][0] < stamp:
                 found += cell.catch_up(stamp - 1)
             try:
                 handler(stamp, observation.data, observation)
             except UnknownAtom:
-                found += cell.observe(handler, group, observation)
+                found += cell.observe(group, observation)
             else:
                 if cell.changed:
                     found += cell.report()

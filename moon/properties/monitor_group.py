@@ -29,10 +29,6 @@ _TRY_EVERY = 32
 """Observations between two looks at whether a doubt has resolved itself."""
 
 
-class TimeOrderError(ValueError):
-    """An observation is older than what was already decided, or its stamp is no time."""
-
-
 class UnknownAtom(Exception):
     """A handler met a predicate without a value; nothing has changed yet."""
 
@@ -92,7 +88,7 @@ class MonitorGroup:
         ]
         environment: dict[str, Any] = {
             **ENVIRONMENT,
-            **{"UNKNOWN": UNKNOWN_ERRORS, "Unknown": UnknownAtom, "check": self.check},
+            **{"UNKNOWN": UNKNOWN_ERRORS, "Unknown": UnknownAtom},
             **{f"log{index[text]}": self._logs[text].append for text in used},
         }
         return compile_network(
@@ -103,14 +99,6 @@ class MonitorGroup:
             [f"X{place}" for place in range(len(binding.ports))],
             environment,
         )
-
-    def check(self, stamp: Any, now: int) -> None:
-        """Raise TimeOrderError if ``stamp`` is no time or has passed."""
-        if stamp.__class__ is not int or stamp < 0:
-            raise TimeOrderError(f"{stamp!r} is not a stamp in ns")
-        if stamp < now or stamp <= self.sealed:
-            known = max(now, self.sealed)
-            raise TimeOrderError(f"an observation of {stamp} ns is too late at {known} ns")
 
     @property
     def now(self) -> int:
@@ -130,47 +118,51 @@ class MonitorGroup:
 
     # -- taking observations in ---------------------------------------------------------------
 
-    def observe(self, handler: Any, group: Group, seen: Observation) -> list[tuple[str, Verdict]]:
-        """Take an observation of ``group`` in; the verdicts that changed."""
-        found = self.catch_up(seen.stamp_ns - 1) if self.started >= 0 else []
-        if self._doubt is None and self.started >= 0:
-            try:
-                handler(seen.stamp_ns, seen.data, seen)
-            except UnknownAtom:
-                self._doubtful()
-            else:
-                return found + self.report()
-        return found + self._observe_slowly(group, seen) + self.report()
-
     @property
     def plain(self) -> bool:
-        """Whether the compiled handlers may be called directly."""
+        """Whether the compiled handlers take observations in."""
         return self._doubt is None and self.started >= 0
 
-    def _observe_slowly(self, group: Group, seen: Observation) -> list[tuple[str, Verdict]]:
+    def observe(self, group: Group, seen: Observation) -> list[tuple[str, Verdict]]:
+        """Take an observation of ``group`` in that its handler cannot; the verdicts that changed.
+
+        That is: before the beginning, in three-valued evaluation, and where the handler has just met
+        a predicate without a value, so that three-valued evaluation begins.
+        """
         stamp = seen.stamp_ns
-        self.check(stamp, self.now if self.started >= 0 else self._doubt_now)
+        found: list[tuple[str, Verdict]] = []
+        if self.started >= 0:
+            found = self.catch_up(stamp - 1)
+            if self._doubt is None:
+                self._doubtful()
         if group.kinds and group.kinds[0].startswith("response") and seen.error:
-            return []
+            return found
         self._doubt_now = stamp
         values = self._pass_gaps(stamp)
-        opened = [text for text, value in values.items() if value is None]
         for port in group.ports:
             if not port.event:
                 self._known.take(port, seen.data)
         if self.started < 0:
             if self._known.waiting:
                 self._known.lose(self._open(group))
-                return []
+                return found
             self.begin(stamp, seen, group.atoms)
-        if self._doubt is None:
-            try:
-                self.handlers[group.name](stamp, seen.data, seen)
-            except UnknownAtom:
-                self._doubtful()
-            else:
-                return []
+            if self._doubt is None:
+                try:
+                    self.handlers[group.name](stamp, seen.data, seen)
+                except UnknownAtom:
+                    self._doubtful()
+                else:
+                    return self.report()
+        return found + self._evaluate(group, seen, values)
+
+    def _evaluate(
+        self, group: Group, seen: Observation, values: dict[str, bool | None]
+    ) -> list[tuple[str, Verdict]]:
+        """Three-valued evaluation of an observation; ``values`` are what losses have changed by then."""
         assert self._doubt is not None
+        stamp = seen.stamp_ns
+        opened = [text for text, value in values.items() if value is None]
         heard: dict[str, bool | None] = {}
         for text in group.atoms:
             if text not in self._index:
@@ -187,13 +179,13 @@ class MonitorGroup:
         missed = self._open(group)
         if not missed:
             self._resolve(stamp, force=any(value is not None for value in heard.values()))
-            return []
+            return self.report()
         # it was so when it was observed, and who knows for how long
         found = self.report()
         values = self._unknown(missed)
         self._log(stamp, values, None)
         self._doubt.observe(stamp, values, self._gaps.open)
-        return found
+        return found + self.report()
 
     def _log(self, stamp: int, values: Mapping[str, bool | None], seen: Observation | None) -> None:
         """Remember the predicates' ``values`` from ``stamp`` on, for witnesses."""
