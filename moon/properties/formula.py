@@ -134,9 +134,53 @@ def predicates(formula: Formula) -> dict[str, Predicate]:
     return found
 
 
-def written_out(rise: Rise) -> Formula:
-    """``rise`` in terms of the other operators, which give it its meaning."""
-    return And((rise.operand, Once(negation(rise.operand), Interval(1, 1))))
+def reduced(formula: Formula, by_polarity: bool = False) -> Formula:
+    """``formula`` in constants, predicates, ``not``, ``and``, ``once`` and ``since`` alone.
+
+    ``or``, ``->`` and ``historically`` are written as their duals, a rise as what gives it its meaning.
+    What is one object in ``formula`` is one in the result.
+
+    Args:
+        formula: any formula.
+        by_polarity: split every predicate ``p`` into ``+p`` where its truth helps the formula and ``-p``
+            where it harms, so that an unknown value can be taken at its best and at its worst.
+    """
+    known: dict[tuple[int, bool], Formula] = {}
+
+    def rewritten(part: Formula, helps: bool) -> Formula:
+        key = (id(part), helps or not by_polarity)
+        found = known.get(key)
+        if found is None:
+            found = known[key] = rewrite(part, helps)
+        return found
+
+    def rewrite(part: Formula, helps: bool) -> Formula:
+        match part:
+            case Constant():
+                return part
+            case Predicate(text=name, expression=expression):
+                return (
+                    Predicate(f"{'+' if helps else '-'}{name}", expression) if by_polarity else part
+                )
+            case Not(operand=inner):
+                return negation(rewritten(inner, not helps))
+            case And(operands=inner):
+                return And(tuple(rewritten(item, helps) for item in inner))
+            case Or(operands=inner):
+                return Not(And(tuple(negation(rewritten(item, helps)) for item in inner)))
+            case Implies(left=left, right=right):
+                return Not(And((rewritten(left, not helps), negation(rewritten(right, helps)))))
+            case Once(operand=inner, interval=interval):
+                return Once(rewritten(inner, helps), interval)
+            case Historically(operand=inner, interval=interval):
+                return Not(Once(negation(rewritten(inner, helps)), interval))
+            case Since(left=left, right=right, interval=interval):
+                return Since(rewritten(left, helps), rewritten(right, helps), interval)
+            case Rise(operand=inner):
+                before = Once(negation(rewritten(inner, not helps)), Interval(1, 1))
+                return And((rewritten(inner, helps), before))
+
+    return rewritten(formula, True)
 
 
 def has_rise(formula: Formula) -> bool:

@@ -1,7 +1,7 @@
 """Formulas as one network of nodes: equal sub-formulas, of one or of many formulas, are one node.
 
-Everything is reduced to six kinds: constants, atoms, ``not``, ``and``, ``once`` and ``since`` (``or``,
-``->`` and ``historically`` are their duals), so that also dual sub-formulas are shared.
+Formulas are reduced to six kinds first (:func:`moon.properties.formula.reduced`), so that also dual
+sub-formulas are shared.
 """
 
 from __future__ import annotations
@@ -15,16 +15,12 @@ from moon.properties.formula import (
     And,
     Constant,
     Formula,
-    Historically,
-    Implies,
     Interval,
     Not,
     Once,
-    Or,
     Predicate,
-    Rise,
     Since,
-    written_out,
+    reduced,
 )
 
 IN_STEPS = "steps"
@@ -70,24 +66,22 @@ def build_network(
 
     Args:
         formulas: one root each.
-        by_polarity: split every atom ``p`` into ``+p`` where its truth helps the formula and ``-p``
-            where it harms, so that an unknown value can be taken at its best and at its worst.
+        by_polarity: split every atom by whether its truth helps the formula.
         in_steps: time is discrete: ``since`` has its usual meaning.
     """
-    builder = NetworkBuilder(by_polarity, in_steps)
-    roots = tuple(builder.node(formula, True) for formula in formulas)
+    builder = NetworkBuilder(in_steps)
+    roots = tuple(builder.node(reduced(formula, by_polarity)) for formula in formulas)
     return Network(tuple(builder.nodes), roots)
 
 
 class NetworkBuilder:
     """Adds nodes, equal ones once."""
 
-    def __init__(self, by_polarity: bool, in_steps: bool = False) -> None:
+    def __init__(self, in_steps: bool = False) -> None:
         self._since_text = IN_STEPS if in_steps else ""
         self.nodes: list[Node] = []
         self._index: dict[Node, int] = {}
-        self._known: dict[tuple[int, bool], tuple[Formula, int]] = {}
-        self._by_polarity = by_polarity
+        self._known: dict[int, tuple[Formula, int]] = {}
 
     def add(self, node: Node) -> int:
         """The index of ``node``."""
@@ -97,43 +91,30 @@ class NetworkBuilder:
             self.nodes.append(node)
         return found
 
-    def node(self, formula: Formula, positive: bool) -> int:
-        """The index of the node of ``formula``."""
-        key = (id(formula), positive)
-        known = self._known.get(key)
+    def node(self, formula: Formula) -> int:
+        """The index of the node of ``formula``, which is reduced."""
+        known = self._known.get(id(formula))
         if known is None:
             # the formula is kept beside its node: its id stays its own
-            known = self._known[key] = (formula, self._node(formula, positive))
+            known = self._known[id(formula)] = (formula, self._node(formula))
         return known[1]
 
-    def _node(self, formula: Formula, positive: bool) -> int:
+    def _node(self, formula: Formula) -> int:
         match formula:
             case Constant(value=value):
                 return self.add(Node("constant", text="true" if value else "false"))
             case Predicate(text=text):
-                sign = ("+" if positive else "-") if self._by_polarity else ""
-                return self.add(Node("atom", text=sign + text))
+                return self.add(Node("atom", text=text))
             case Not(operand=inner):
-                return self.negate(self.node(inner, not positive))
+                return self.negate(self.node(inner))
             case And(operands=operands):
-                return self.conjoin(self.node(item, positive) for item in operands)
-            case Or(operands=operands):
-                return self.negate(
-                    self.conjoin(self.negate(self.node(item, positive)) for item in operands)
-                )
-            case Implies(left=left, right=right):
-                before = self.node(left, not positive)
-                return self.negate(self.conjoin((before, self.negate(self.node(right, positive)))))
+                return self.conjoin(map(self.node, operands))
             case Once(operand=inner, interval=interval):
-                return self.add(Node("once", (self.node(inner, positive),), interval))
-            case Historically(operand=inner, interval=interval):
-                never = self.negate(self.node(inner, positive))
-                return self.negate(self.add(Node("once", (never,), interval)))
-            case Rise():
-                return self.node(written_out(formula), positive)
+                return self.add(Node("once", (self.node(inner),), interval))
             case Since(left=left, right=right, interval=interval):
-                pair = (self.node(left, positive), self.node(right, positive))
+                pair = (self.node(left), self.node(right))
                 return self.add(Node("since", pair, interval, self._since_text))
+        raise TypeError(f"not reduced: {formula!r}")
 
     def negate(self, index: int) -> int:
         """The node that is true where ``index`` is not."""

@@ -9,21 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from moon.properties.formula import (
-    And,
-    Constant,
-    Formula,
-    Historically,
-    Implies,
-    Interval,
-    Not,
-    Once,
-    Or,
-    Predicate,
-    Rise,
-    Since,
-    written_out,
-)
+from moon.properties.formula import And, Constant, Formula, Interval, Not, Once, Predicate, Since
 
 Signal = list[tuple[int, int]]
 
@@ -69,7 +55,7 @@ def intersect(first: Signal, second: Signal) -> Signal:
 
 
 class Signals:
-    """The signals of a formula's parts in ``[start, end)``, given its predicates'."""
+    """The signals of a reduced formula's parts in ``[start, end)``, given its predicates'."""
 
     def __init__(self, atoms: Mapping[str, Signal], start: int, end: int) -> None:
         self._atoms = atoms
@@ -102,23 +88,11 @@ class Signals:
                 for item in operands:
                     found = intersect(found, self.of(item))
                 return found
-            case Or(operands=operands):
-                found = []
-                for item in operands:
-                    found = union(found, self.of(item))
-                return found
-            case Implies(left=left, right=right):
-                return union(self.where(left, False), self.of(right))
             case Once(operand=inner, interval=interval):
                 return self._once(self.of(inner), interval)
-            case Historically(operand=inner, interval=interval):
-                return complement(
-                    self._once(self.where(inner, False), interval), self.start, self.end
-                )
-            case Rise():
-                return self.of(written_out(formula))
             case Since(left=left, right=right, interval=interval):
                 return self._since(self.of(left), self.of(right), interval)
+        raise TypeError(f"not reduced: {formula!r}")
 
     def _once(self, signal: Signal, interval: Interval) -> Signal:
         shifted = [

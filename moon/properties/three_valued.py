@@ -444,7 +444,7 @@ def _is_constant(network: Network, index: int) -> bool:
 
 def _images(split: Network, plain: Network) -> dict[int, int]:
     """Per remembering node of ``split``, the node of ``plain`` that it is when signs are dropped."""
-    builder = NetworkBuilder(False)
+    builder = NetworkBuilder()
     for node in plain.nodes:
         builder.add(node)
     image: list[int] = []

@@ -16,20 +16,15 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from moon.properties.formula import (
     And,
-    Constant,
     Formula,
-    Historically,
-    Implies,
     Interval,
     Not,
     Once,
-    Or,
     Predicate,
-    Rise,
     Since,
     operands,
     predicates,
-    written_out,
+    reduced,
 )
 from moon.properties.signals import Signal, Signals, complement, intersect, union
 from moon.properties.verdict import Fact, Witness
@@ -42,14 +37,12 @@ MOST_FACTS = 64
 
 
 def horizon(formula: Formula) -> int | None:
-    """How far back (ticks) ``formula`` looks from an instant; None: to the start."""
-    if isinstance(formula, Rise):
-        return horizon(written_out(formula))
+    """How far back (ticks) ``formula``, which is reduced, looks from an instant; None: to the start."""
     inner = [horizon(item) for item in operands(formula)]
     if any(reach is None for reach in inner):
         return None
     deepest = max((reach for reach in inner if reach is not None), default=0)
-    if isinstance(formula, Once | Historically | Since):
+    if isinstance(formula, Once | Since):
         upper = formula.interval.upper
         return None if upper is None else deepest + upper + 1
     return deepest
@@ -74,7 +67,8 @@ def explain(
         true_at: an instant at which it was not false. (A value that was replaced at its very own stamp
             counts, and leaves no trace in the signals.)
     """
-    reach = horizon(formula)
+    reasoned = reduced(formula)
+    reach = horizon(reasoned)
     if reach is not None and not_before >= 0:
         start = max(start, not_before - reach)
     changes = {text: _between(logs.get(text, ()), start, now) for text in predicates(formula)}
@@ -88,14 +82,12 @@ def explain(
     atoms = {text: _signal(found, begin, now + 1) for text, found in changes.items()}
     unknown = any(value is None for found in changes.values() for _, value, _ in found)
     if unknown:  # at its best the formula is false still, for what is known
-        reasoned = split(formula, True)
+        reasoned = reduced(formula, by_polarity=True)
         perhaps = {text: _signal(found, begin, now + 1, None) for text, found in changes.items()}
         atoms = {
             **{f"+{text}": union(found, perhaps[text]) for text, found in atoms.items()},
             **{f"-{text}": found for text, found in atoms.items()},
         }
-    else:
-        reasoned = formula
     signals = Signals(atoms, begin, now + 1)
     wrong = signals.where(reasoned, False)
     if not wrong or wrong[-1][1] != now + 1:
@@ -179,55 +171,38 @@ class _Reasons:
         if not where:
             return
         match formula:
-            case Constant():
-                return
             case Predicate(text=text):
                 self._spans[text, value] = union(self._spans.get((text, value), []), where)
             case Not(operand=inner):
                 self.collect(inner, not value, where)
             case And(operands=operands):
-                self._joined(operands, value, where, all_needed=value)
-            case Or(operands=operands):
-                self._joined(operands, value, where, all_needed=not value)
-            case Implies(left=left, right=right):
-                self._joined((Not(left), right), value, where, all_needed=not value)
+                self._and(operands, value, where)
             case Once(operand=inner, interval=interval):
-                self._once(inner, interval, value, True, where)
-            case Historically(operand=inner, interval=interval):
-                self._once(inner, interval, not value, False, where)
-            case Rise():
-                self.collect(written_out(formula), value, where)
+                self._once(inner, interval, value, where)
             case Since():
                 self._since(formula, value, where)
 
-    def _joined(
-        self, operands: Sequence[Formula], value: bool, where: Signal, all_needed: bool
-    ) -> None:
+    def _and(self, operands: Sequence[Formula], value: bool, where: Signal) -> None:
         rest = where
         for item in operands:
-            if all_needed:
-                self.collect(item, value, where)
+            if value:
+                self.collect(item, True, where)
                 continue
-            part = intersect(rest, self._signals.where(item, value))
-            self.collect(item, value, part)
+            part = intersect(rest, self._signals.where(item, False))
+            self.collect(item, False, part)
             rest = _without(rest, part)
 
-    def _once(
-        self, inner: Formula, interval: Interval, happened: bool, wanted: bool, where: Signal
-    ) -> None:
-        """``inner`` having value ``wanted`` at some distance in ``interval`` has ``happened``."""
+    def _once(self, inner: Formula, interval: Interval, value: bool, where: Signal) -> None:
         low, high = interval.lower, interval.upper
-        if not happened:
+        if not value:
             window = [
                 (self._signals.start if high is None else first - high, end - low)
                 for first, end in where
             ]
             inside = intersect(union([], window), [(self._signals.start, self._signals.end)])
-            self.collect(inner, not wanted, inside)
+            self.collect(inner, False, inside)
             return
-        self.collect(
-            inner, wanted, self._instants(self._signals.where(inner, wanted), low, high, where)
-        )
+        self.collect(inner, True, self._instants(self._signals.of(inner), low, high, where))
 
     def _instants(self, signal: Signal, low: int, high: int | None, where: Signal) -> Signal:
         """Few instants of ``signal`` that every instant of ``where`` sees at its distance."""
@@ -310,7 +285,7 @@ def minimal(
     """
     if len(facts) > MOST_FACTS:
         return facts
-    at_best = split(formula, True)
+    at_best = reduced(formula, by_polarity=True)
     texts = predicates(formula)
 
     def suffice(some: Sequence[Fact]) -> bool:
@@ -336,28 +311,3 @@ def minimal(
         if suffice(others):
             kept = others
     return kept
-
-
-def split(formula: Formula, helps: bool) -> Formula:
-    """``formula`` with ``+p`` for every predicate ``p`` whose truth helps it, ``-p`` where it harms."""
-    match formula:
-        case Constant():
-            return formula
-        case Predicate(text=text, expression=expression):
-            return Predicate(f"{'+' if helps else '-'}{text}", expression)
-        case Not(operand=inner):
-            return Not(split(inner, not helps))
-        case And(operands=operands):
-            return And(tuple(split(item, helps) for item in operands))
-        case Or(operands=operands):
-            return Or(tuple(split(item, helps) for item in operands))
-        case Implies(left=left, right=right):
-            return Implies(split(left, not helps), split(right, helps))
-        case Rise():
-            return split(written_out(formula), helps)
-        case Once(operand=inner, interval=interval):
-            return Once(split(inner, helps), interval)
-        case Historically(operand=inner, interval=interval):
-            return Historically(split(inner, helps), interval)
-        case Since(left=left, right=right, interval=interval):
-            return Since(split(left, helps), split(right, helps), interval)
