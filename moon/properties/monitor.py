@@ -136,7 +136,11 @@ class PropertySet:
     def _refuse(self, stamp: Any) -> NoReturn:
         if stamp.__class__ is not int or stamp < 0:
             raise TimeOrderError(f"{stamp!r} is not a stamp in ns")
-        raise TimeOrderError(f"an observation of {stamp} ns is too late at {self.sealed_ns} ns")
+        raise TimeOrderError(f"an observation of {stamp} ns is too late at {self._latest()} ns")
+
+    def _latest(self) -> int:
+        """The instant before which nothing is taken any more; of what has not begun, too."""
+        return max([self.sealed_ns, *(cell.reached for cell in self.cells)])
 
     def advance(self, now_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Nothing more with a stamp up to ``now_ns`` will come; returns the changed verdicts.
@@ -155,8 +159,8 @@ class PropertySet:
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost.
 
-        Whatever depends on them is inconclusive until it no longer matters. It may be told at any time:
-        what else was observed at those instants counts, before it is told and afterwards. Best is before
+        Whatever depends on them is inconclusive until it no longer matters. It may be reported at any time:
+        what else was observed at those instants counts, before the report and after it. Best is before
         anything stamped ``from_ns`` or later: of what has passed by then no more is left than what
         holds whatever was lost, and a verdict that rested on it is taken back, even if it was final.
 
@@ -218,7 +222,7 @@ class PropertySet:
         for cell, state in zip(self.cells, snapshot, strict=True):
             cell.restore(state)
         self._sealed = max((cell.sealed for cell in self.cells), default=-1)
-        self._earliest = max(self._sealed + 1, self.now_ns, 0)
+        self._earliest = max(self._sealed + 1, self._latest())
 
     def listen_as(self, other: PropertySet) -> None:
         """Take the same end of every call as ``other``, a set of the same properties, does."""
@@ -234,7 +238,7 @@ class PropertySet:
     def _route(self, channel: str, kind: ObservationKind) -> list[tuple[MonitorGroup, Any, Group]]:
         """Who takes observations of this channel and kind from now on.
 
-        A call is heard at up to two ends; the end that is heard first counts from then on.
+        A call is observed at up to two ends; the end that is observed first counts from then on.
         """
         table = self._tables.setdefault(channel, {})
         entries = []

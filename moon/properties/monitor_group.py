@@ -26,7 +26,7 @@ from transports.interface import Observation
 REMEMBERED_CHANGES = 1024
 """Changes kept per predicate to explain a violation; older ones make a witness incomplete."""
 _TRY_EVERY = 32
-"""Observations between two looks at whether a doubt has resolved itself."""
+"""Observations between two looks at whether three-valued evaluation can end."""
 
 
 class UnknownAtom(Exception):
@@ -52,11 +52,12 @@ class MonitorGroup:
         }
         self.started = -1
         self.sealed = -1
-        self._doubt: ThreeValued | None = None
+        self._three_valued: ThreeValued | None = None
         """The two runs while something is unknown."""
         self._runs: ThreeValued | None = None
         """The same, kept: to compile them takes longer than most losses last."""
-        self._doubt_now = -1
+        self.reached = -1
+        """The latest instant before the beginning, and in three-valued evaluation."""
         self._until_try = _TRY_EVERY
         self._known = KnownValues(self.binding)
         self._gaps = Gaps()
@@ -103,8 +104,8 @@ class MonitorGroup:
     @property
     def now(self) -> int:
         """The instant that the network is at; -1 before it began."""
-        if self._doubt is not None:
-            return self._doubt_now
+        if self._three_valued is not None:
+            return self.reached
         now: int = self._program.clock()
         return now
 
@@ -112,8 +113,8 @@ class MonitorGroup:
         """The earliest instant at which something can change by itself, or ``NEVER``."""
         if self.started < 0:
             return NEVER
-        if self._doubt is not None:
-            return min(self._doubt.next_deadline(), self._gaps.next_ns)
+        if self._three_valued is not None:
+            return min(self._three_valued.next_deadline(), self._gaps.next_ns)
         return self.heap[0][0]
 
     # -- taking observations in ---------------------------------------------------------------
@@ -121,7 +122,7 @@ class MonitorGroup:
     @property
     def plain(self) -> bool:
         """Whether the compiled handlers take observations in."""
-        return self._doubt is None and self.started >= 0
+        return self._three_valued is None and self.started >= 0
 
     def observe(self, group: Group, seen: Observation) -> list[tuple[str, Verdict]]:
         """Take an observation of ``group`` in that its handler cannot; the verdicts that changed.
@@ -133,11 +134,11 @@ class MonitorGroup:
         found: list[tuple[str, Verdict]] = []
         if self.started >= 0:
             found = self.catch_up(stamp - 1)
-            if self._doubt is None:
-                self._doubtful()
+            if self._three_valued is None:
+                self._enter_three_valued()
         if group.kinds and group.kinds[0].startswith("response") and seen.error:
             return found
-        self._doubt_now = stamp
+        self.reached = stamp
         values = self._pass_gaps(stamp)
         for port in group.ports:
             if not port.event:
@@ -147,11 +148,11 @@ class MonitorGroup:
                 self._known.lose(self._open(group))
                 return found
             self.begin(stamp, seen, group.atoms)
-            if self._doubt is None:
+            if self._three_valued is None:
                 try:
                     self.handlers[group.name](stamp, seen.data, seen)
                 except UnknownAtom:
-                    self._doubtful()
+                    self._enter_three_valued()
                 else:
                     return self.report()
         return found + self._evaluate(group, seen, values)
@@ -160,31 +161,31 @@ class MonitorGroup:
         self, group: Group, seen: Observation, values: dict[str, bool | None]
     ) -> list[tuple[str, Verdict]]:
         """Three-valued evaluation of an observation; ``values`` are what losses have changed by then."""
-        assert self._doubt is not None
+        assert self._three_valued is not None
         stamp = seen.stamp_ns
         opened = [text for text, value in values.items() if value is None]
-        heard: dict[str, bool | None] = {}
+        observed: dict[str, bool | None] = {}
         for text in group.atoms:
             if text not in self._index:
                 continue
             if text in self.binding.events:
                 if (value := self._happens(text, seen.data)) is not False:
-                    heard[text] = value
+                    observed[text] = value
             else:
-                heard[text] = self._known.judge(text, self._doubt.unknown)
-        values.update(heard)
+                observed[text] = self._known.judge(text, self._three_valued.unknown)
+        values.update(observed)
         self._log(stamp, values, seen)
         gaps = self._gaps.open
-        self._doubt.observe(stamp, values, gaps, missing=bool(gaps), opened=opened)
+        self._three_valued.observe(stamp, values, gaps, missing=bool(gaps), opened=opened)
         missed = self._open(group)
         if not missed:
-            self._resolve(stamp, force=any(value is not None for value in heard.values()))
+            self._resolve(stamp, force=any(value is not None for value in observed.values()))
             return self.report()
         # it was so when it was observed, and who knows for how long
         found = self.report()
         values = self._unknown(missed)
         self._log(stamp, values, None)
-        self._doubt.observe(stamp, values, self._gaps.open)
+        self._three_valued.observe(stamp, values, self._gaps.open)
         return found + self.report()
 
     def _log(self, stamp: int, values: Mapping[str, bool | None], seen: Observation | None) -> None:
@@ -215,7 +216,7 @@ class MonitorGroup:
                 value = None if text in self._gaps.open else False
                 self._logs[text].append((stamp, value, None))
         if not self._gaps.is_empty:
-            self._doubtful()
+            self._enter_three_valued()
             return
         values: dict[str, bool] = {}
         for text in self._index:
@@ -224,7 +225,7 @@ class MonitorGroup:
             try:
                 values[text] = self._known.holds(text)
             except UNKNOWN_ERRORS:
-                self._doubtful()
+                self._enter_three_valued()
                 return
         for text, value in values.items():
             self._program.put[self._index[text]](value)
@@ -241,15 +242,15 @@ class MonitorGroup:
         if self.started < 0:
             self._pass_gaps(now)
             if self._known.waiting:
-                self._doubt_now = self.sealed = now
+                self.reached = self.sealed = now
                 return []
             self.begin(now)
         found = self.catch_up(now)
-        if self._doubt is None:
+        if self._three_valued is None:
             self._program.settle(now)
         else:
-            self._doubt.settle(now)
-            self._doubt_now = now
+            self._three_valued.settle(now)
+            self.reached = now
             self._resolve(now, force=False)
         self.sealed = now
         return found + self.report()
@@ -260,7 +261,7 @@ class MonitorGroup:
         A formula may be false for an instant only: between two of these nothing changes.
         """
         found: list[tuple[str, Verdict]] = []
-        if self._doubt is None:
+        if self._three_valued is None:
             while (instant := self.heap[0][0]) <= until:
                 self._program.settle(instant)
                 if self.changed:
@@ -270,10 +271,10 @@ class MonitorGroup:
             values = self._pass_gaps(instant)
             if values:
                 self._log(instant, values, None)
-                self._doubt.observe(instant, values, self._gaps.open)
+                self._three_valued.observe(instant, values, self._gaps.open)
             else:
-                self._doubt.settle(instant)
-            self._doubt_now = instant
+                self._three_valued.settle(instant)
+            self.reached = instant
             found += self.report()
         return found
 
@@ -282,7 +283,7 @@ class MonitorGroup:
 
         What has passed already is looked at again: the verdict that stands is replaced unless it is of
         an instant before ``start``, or holds whatever was lost; that also a final one is not spared is
-        the price of a loss that is told after it.
+        the price of a loss that is reported after it.
         """
         names = [
             port.name
@@ -295,14 +296,14 @@ class MonitorGroup:
         self._lost = f"messages on {channel} were missed"
         self._gaps.add(names, start, end, self._lost)
         if self.started < 0:
-            self._pass_gaps(self._doubt_now)
+            self._pass_gaps(self.reached)
             return []
-        if self._doubt is None:
-            self._doubtful()
+        if self._three_valued is None:
+            self._enter_three_valued()
         now = self.now
         if start > now:
             return []
-        assert self._doubt is not None
+        assert self._three_valued is not None
         texts = [text for name in names for text in self._users[name]]
         for text in texts:
             log = self._logs[text]
@@ -311,9 +312,9 @@ class MonitorGroup:
             log.append((max(start, self.started), None, None))
             if text in self.binding.events and end <= now and text not in self._gaps.open:
                 log.append((now + 1, False, None))
-        self._doubt.lose(texts, start, now)
-        self._doubt.observe(now, self._pass_gaps(now), self._gaps.open)
-        for number, value in enumerate(self._doubt.results()):
+        self._three_valued.lose(texts, start, now)
+        self._three_valued.observe(now, self._pass_gaps(now), self._gaps.open)
+        for number, value in enumerate(self._three_valued.results()):
             verdict = self.verdicts[number]
             constant = self._network.nodes[self._network.roots[number]].kind == "constant"
             if verdict.since_ns >= start and value is not False and not constant:
@@ -325,7 +326,7 @@ class MonitorGroup:
         begun, closed = self._gaps.pass_to(now)
         if self.started < 0:
             self._known.lose(begun)
-        if self._doubt is None:
+        if self._three_valued is None:
             return {}
         values = self._unknown(
             {
@@ -337,17 +338,17 @@ class MonitorGroup:
         for name in closed:
             if name in self.binding.events and name not in begun and name in self._index:
                 values[name] = False
-                self._doubt.unknown.pop(name, None)
+                self._three_valued.unknown.pop(name, None)
         return values
 
     def _unknown(self, names: Mapping[str, str]) -> dict[str, bool | None]:
         """The ports ``names`` may have any value from now on, for that reason: what is unknown by that."""
         self._known.lose(names)
-        assert self._doubt is not None
+        assert self._three_valued is not None
         values: dict[str, bool | None] = {}
         for name, reason in names.items():
             for text in self._users[name]:
-                self._doubt.unknown[text] = reason
+                self._three_valued.unknown[text] = reason
                 values[text] = None
         return values
 
@@ -356,54 +357,54 @@ class MonitorGroup:
         gaps = self._gaps.open
         return {port.name: gaps[port.name][1] for port in group.ports if port.name in gaps}
 
-    def _doubtful(self) -> None:
+    def _enter_three_valued(self) -> None:
         """Go on with the best and the worst of what is not known."""
         if self._runs is None:
             self._runs = ThreeValued(self._formulas, self.binding.events, self._network)
-        doubt = self._doubt = self._runs
-        doubt.reset(self.started)
+        runs = self._three_valued = self._runs
+        runs.reset(self.started)
         read = self._program.read()
         fresh = read["now"] < 0
         now = self.started if fresh else read["now"]
-        self._doubt_now = now
+        self.reached = now
         atoms: dict[str, bool | None] = {}
         if not fresh:
             self._known.take_from_handlers(read)
         for text, index in self._index.items():
             if text in self._gaps.open:
-                atoms[text], doubt.unknown[text] = None, self._gaps.open[text][1]
+                atoms[text], runs.unknown[text] = None, self._gaps.open[text][1]
             elif text in self.binding.events or not fresh:
                 atoms[text] = read[f"p{index}"]
             else:
-                atoms[text] = self._known.judge(text, doubt.unknown)
+                atoms[text] = self._known.judge(text, runs.unknown)
         states = {} if fresh else read_state(self._network, self._program)
-        doubt.enter(states, atoms, now, read["met"])
+        runs.enter(states, atoms, now, read["met"])
         if fresh:
             self._log(now, {t: v for t, v in atoms.items() if t not in self.binding.events}, None)
-            doubt.begin(now)
+            runs.begin(now)
         else:
-            doubt.step(now)
+            runs.step(now)
             for text in self.binding.events:  # nobody else remembers that they end
                 if atoms.get(text):
                     self._logs[text].append((now + 1, False, None))
         self._until_try = _TRY_EVERY
 
     def _resolve(self, now: int, force: bool) -> None:
-        """Go back to one network if nothing is in doubt any more."""
+        """Go back to one network if nothing is unknown any more, nor rests on what was."""
         self._until_try -= 1
-        doubt = self._doubt
-        assert doubt is not None
-        if doubt.unknown or not (force or self._until_try <= 0) or not self._gaps.is_empty:
+        runs = self._three_valued
+        assert runs is not None
+        if runs.unknown or not (force or self._until_try <= 0) or not self._gaps.is_empty:
             return
         self._until_try = _TRY_EVERY
-        states = doubt.resolved(now)
-        if states is None or (atoms := doubt.atoms()) is None:
+        states = runs.resolved(now)
+        if states is None or (atoms := runs.atoms()) is None:
             return
         self._program.write(
             {
                 **self._known.of_handlers(),
                 **{f"p{index}": atoms[text] for text, index in self._index.items()},
-                "met": doubt.met,
+                "met": runs.met,
             }
         )
         write_state(self._network, self._program, states, now)
@@ -412,21 +413,21 @@ class MonitorGroup:
                 if self._logs[text] and self._logs[text][-1][0] > now:
                     self._logs[text].pop()
                 heappush(self._program.heap, (now + 1, self._index[text]))
-        self._doubt = None
+        self._three_valued = None
         self._program.step(now)
-        # what was last reported came from the doubt
+        # what was last reported came from three-valued evaluation
         self.changed.extend(range(len(self.names)))
 
     # -- going back ---------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """Everything that a later :meth:`restore` needs."""
-        doubt = self._doubt
+        runs = self._three_valued
         return Snapshot(
             networks=tuple(program.snapshot() for program in self._programs()),
-            doubt=doubt,
-            unknown=dict(doubt.unknown) if doubt is not None else {},
-            scalars=(self.started, self.sealed, self._doubt_now, self._until_try, self._reported),
+            three_valued=runs,
+            unknown=dict(runs.unknown) if runs is not None else {},
+            scalars=(self.started, self.sealed, self.reached, self._until_try, self._reported),
             lost=self._lost,
             lost_ports=dict(self._known.lost),
             coming=tuple(self._gaps.coming),
@@ -443,13 +444,13 @@ class MonitorGroup:
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to ``snapshot``."""
-        self._doubt = snapshot.doubt
-        if self._doubt is not None:
-            self._doubt.unknown = dict(snapshot.unknown)
+        self._three_valued = snapshot.three_valued
+        if self._three_valued is not None:
+            self._three_valued.unknown = dict(snapshot.unknown)
         for program, state in zip(self._programs(), snapshot.networks, strict=True):
             program.go_back(state)
         scalars = snapshot.scalars
-        self.started, self.sealed, self._doubt_now, self._until_try, self._reported = scalars
+        self.started, self.sealed, self.reached, self._until_try, self._reported = scalars
         self._lost = snapshot.lost
         self._known.lost = dict(snapshot.lost_ports)
         self._gaps.coming, self._gaps.open = list(snapshot.coming), dict(snapshot.open)
@@ -461,13 +462,13 @@ class MonitorGroup:
             self._logs[text].extend(changes)
 
     def _networks(self) -> list[Network]:
-        split = [self._doubt.network] * 2 if self._doubt is not None else []
+        split = [self._three_valued.network] * 2 if self._three_valued is not None else []
         return [self._network, *split]
 
     def _programs(self) -> list[Program]:
         found = [self._program]
-        if self._doubt is not None:
-            found += [self._doubt.best, self._doubt.worst]
+        if self._three_valued is not None:
+            found += [self._three_valued.best, self._three_valued.worst]
         return found
 
     # -- verdicts -----------------------------------------------------------------------------
@@ -476,7 +477,7 @@ class MonitorGroup:
         """The verdicts that changed since the last call."""
         if self.started < 0:
             return []
-        if self._doubt is None:
+        if self._three_valued is None:
             numbers: Sequence[int] = sorted(set(self.changed)) or ()
             self.changed.clear()
             if any(verdict.status is Status.INCONCLUSIVE for verdict in self.verdicts):
@@ -484,7 +485,7 @@ class MonitorGroup:
             results: Sequence[bool | None] = self._program.values()
         else:
             numbers = range(len(self.names))
-            results = self._doubt.results()
+            results = self._three_valued.results()
             self.changed.clear()
         found = []
         now = self.now
@@ -506,10 +507,10 @@ class MonitorGroup:
         if status is Status.TRUE:
             return Verdict(status, now)
         if status is Status.INCONCLUSIVE:
-            assert self._doubt is not None
-            reasons = list(dict.fromkeys(self._doubt.unknown.values())) or [self._lost]
+            assert self._three_valued is not None
+            reasons = list(dict.fromkeys(self._three_valued.unknown.values())) or [self._lost]
             return Verdict(status, now, reason="; ".join(reasons))
-        # changes are made one by one: until just before, the verdict was the one said last
+        # changes are made one by one: until just before, the verdict was the one reported last
         true_at = now - 1 if self.verdicts[number].since_ns >= 0 else -1
         witness = explain(
             self._formulas[number], self._logs, self.started, now, self._reported, true_at

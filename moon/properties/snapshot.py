@@ -1,4 +1,4 @@
-"""Where a cell stands at some instant: what it takes to go back there, or to go on from there elsewhere."""
+"""Where a group of monitors stands: what it takes to go back there, or to go on from there elsewhere."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from moon.properties.witness import Change
 
 
 class Snapshot(msgspec.Struct, frozen=True):
-    """A cell at some instant. Snapshots with equal ``future`` go on alike."""
+    """A group of monitors at some instant. Snapshots with equal ``future`` go on alike."""
 
     networks: tuple[tuple[dict[str, Any], list[tuple[int, int]]], ...]
-    doubt: ThreeValued | None
+    three_valued: ThreeValued | None
     unknown: dict[str, str]
     scalars: tuple[int, int, int, int, int]
     lost: str
@@ -33,7 +33,7 @@ class Snapshot(msgspec.Struct, frozen=True):
 
     @property
     def future(self) -> tuple[Any, ...]:
-        """What decides how the cell goes on."""
+        """What decides how the group goes on."""
         statuses = tuple(verdict.status for verdict in self.verdicts)
         gaps = (self.lost_ports, self.coming, self.open)
         return self.forms, self.unknown, self.scalars[:3], self.values, self.waiting, gaps, statuses

@@ -8,7 +8,7 @@ come to the same state, and nothing is unknown any more, the monitor goes on wit
 **Why it is sound.** A *completion* is what was observed, in its order, with any messages put in place of
 the lost ones: stamped within the loss, any number, before or after what was observed with the same
 stamp. A conclusive verdict on an instant is that of the monitor which observes the completion, for every
-completion of the losses told so far; a verdict that was said before a loss was told holds for instants
+completion of the losses reported so far; a verdict that was reported before a loss was holds for instants
 before it, and is withdrawn otherwise (:meth:`moon.properties.monitor_group.MonitorGroup.lose`).
 
 1. *Values.* While a message may be lost that sets a predicate, the predicate is unknown: from the first
@@ -30,9 +30,10 @@ before it, and is withdrawn otherwise (:meth:`moon.properties.monitor_group.Moni
      that is due then is bounded as if its inputs had been anything at that instant (:func:`forget`).
 4. *Time.* A loss ends just before its end: nothing is evaluated at that instant until what was observed
    then has come, or time has passed it.
-5. *Losses that are told late.* What the runs remember rests on values that were taken for known. For every
-   node that depends on a lost predicate it is replaced by a bound of what any inputs since the beginning
-   of the loss leave (:func:`forget`); if an observation met something due since then, for all nodes (3.).
+5. *Losses that are reported late.* What the runs remember rests on values that were taken for known. For
+   every node that depends on a lost predicate it is replaced by a bound of what any inputs since the
+   beginning of the loss leave (:func:`forget`); if an observation met something due since then, for all
+   nodes (3.).
 6. *The way back.* The runs are given up only if nothing is unknown, no loss is to come, both have equal
    atoms and equal memories, up to what no later instant can see (:func:`normal`), and no run had to guess
    whether a value that may still end at this instant began at it (3.).
@@ -304,7 +305,7 @@ class ThreeValued:
         Args:
             now: the instant.
             values: the new values.
-            held: events that stay what they are, until told otherwise, rather than for one tick.
+            held: events that stay what they are, until a value is given, rather than for one tick.
             missing: something was observed, and a message of the same instant may have been lost.
             opened: the predicates that such a message may have set at this instant, not before.
         """
@@ -387,7 +388,7 @@ class ThreeValued:
         return found
 
     def resolved(self, now: int) -> dict[int, tuple[Any, ...]] | None:
-        """The plain network's states, if nothing is in doubt any more."""
+        """The plain network's states, if nothing is unknown any more, nor rests on what was."""
         if self.unknown:
             return None
         best, worst = self.best.read(), self.worst.read()
@@ -401,7 +402,7 @@ class ThreeValued:
             # of what is true since this very instant a run may not know whether it was before
             since_now = again and node.interval.upper is not None and _begins(form, others)
             if since_now or form != others or forms.setdefault(image, form) != form:
-                # what is in doubt mostly still is the next time: looked at first then
+                # where the runs differ they mostly still do the next time: looked at first then
                 self._remembering.insert(0, self._remembering.pop(place))
                 return None
             states[image] = values

@@ -192,6 +192,20 @@ def test_time_that_runs_backwards_for_one_property_changes_nothing_of_the_others
     assert {verdict.status for verdict in monitors.verdicts().values()} == {Status.TRUE}
 
 
+def test_time_does_not_run_backwards_before_the_beginning_either():
+    ports = tuple(Port(name, f"/{name}", path=("v",)) for name in "pq")
+    monitors = PropertySet([Property("f", parse_formula("{p} and {q}"), ports)])
+    monitors.observe(seen(5, "/p", v=True))
+    snapshot = monitors.snapshot()
+    monitors.observe(seen(9, "/q", v=True))
+    monitors.restore(snapshot)
+    with pytest.raises(TimeOrderError, match="an observation of 4 ns is too late at 5 ns"):
+        monitors.observe(seen(4, "/q", v=True))
+    assert monitors.verdicts()["f"].status is Status.INCONCLUSIVE
+    monitors.observe(seen(5, "/q", v=True))
+    assert monitors.verdicts()["f"].status is Status.TRUE
+
+
 def test_an_observation_after_its_instant_was_closed_is_refused():
     monitor = PropertyMonitor("historically {p}")
     monitor.observe(seen(5, p=True))
