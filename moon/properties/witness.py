@@ -60,7 +60,8 @@ def explain(
 
     Args:
         formula: what is false.
-        logs: the predicates' changes, oldest first.
+        logs: the predicates' changes, oldest first; of those that can make no difference there is none, and
+            nothing is known of them.
         start: when monitoring began.
         now: the instant (ns).
         not_before: an instant at which it was not false yet: nothing that it did not see matters.
@@ -80,10 +81,12 @@ def explain(
     )
     begin = start if complete else min(begins, now)
     atoms = {text: _signal(found, begin, now + 1) for text, found in changes.items()}
+    unlogged = [text for text in changes if text not in logs]
     unknown = any(value is None for found in changes.values() for _, value, _ in found)
-    if unknown:  # at its best the formula is false still, for what is known
+    if unknown or unlogged:  # at its best the formula is false still, for what is known
         reasoned = reduced(formula, by_polarity=True)
         perhaps = {text: _signal(found, begin, now + 1, None) for text, found in changes.items()}
+        perhaps.update((text, [(begin, now + 1)]) for text in unlogged)
         atoms = {
             **{f"+{text}": union(found, perhaps[text]) for text, found in atoms.items()},
             **{f"-{text}": found for text, found in atoms.items()},
@@ -98,7 +101,7 @@ def explain(
     facts = [
         fact
         for (text, value), signal in spans.items()
-        for name in [text[1:] if unknown else text]
+        for name in [text[1:] if unknown or unlogged else text]
         for fact in _facts(name, value, signal, changes[name])
     ]
     facts.sort(key=lambda fact: (fact.start_ns, fact.end_ns, fact.predicate))
