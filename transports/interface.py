@@ -30,13 +30,13 @@ class Reliability(StrEnum):
 
 
 class Topic(msgspec.Struct, frozen=True):
-    """A named stream of messages. ``latched``: late subscribers get the last message."""
+    """A named stream of messages. ``transient_local``: late subscribers get the last message."""
 
     name: str
     type_name: str
     message: type[Message]
     reliability: Reliability = Reliability.RELIABLE
-    latched: bool = False
+    transient_local: bool = False
 
 
 class Service(msgspec.Struct, frozen=True):

@@ -147,7 +147,7 @@ def _channel(interface: Interface, library: InterfaceLibrary) -> Topic | Service
     if interface.kind is InterfaceKind.PUBLISHER:
         reliability = Reliability.BEST_EFFORT if interface.best_effort else Reliability.RELIABLE
         message = message_class(library.message(type_name))
-        return Topic(name, type_name, message, reliability, interface.latched)
+        return Topic(name, type_name, message, reliability, interface.transient_local)
     if interface.kind is InterfaceKind.SERVER:
         service = library.service(type_name)
         request, response = message_class(service.request), message_class(service.response)

@@ -124,7 +124,7 @@ class _NodeFacts:
                     for kind in _interface_structures(interface, self._library)
                 ),
                 best_effort=interface.best_effort,
-                latched=interface.latched,
+                transient_local=interface.transient_local,
             )
         return found
 

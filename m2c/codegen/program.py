@@ -198,7 +198,7 @@ class Channel(Fact, frozen=True):
     type_name: str
     classes: tuple[Source, ...]
     best_effort: bool
-    latched: bool
+    transient_local: bool
 
 
 class Endpoint(Fact, frozen=True):

@@ -63,7 +63,7 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
         type_name: canonical ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``; "" for timers.
         port: the BT input port whose value is the channel (``<bt_get_input key=…/>``), if any.
         rate_hz: timers only.
-        best_effort, latched: topics only: messages may be dropped; who comes late gets the last one.
+        best_effort, transient_local: topics only: messages may be dropped; who comes late gets the last one.
     """
 
     kind: InterfaceKind
@@ -74,7 +74,7 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
     port: str | None = None
     rate_hz: float = 0.0
     best_effort: bool = False
-    latched: bool = False
+    transient_local: bool = False
 
 
 class EventKind(StrEnum):

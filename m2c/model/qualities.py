@@ -13,9 +13,13 @@ from m2c.model.typing import nearest
 from m2c.model.xml import Element
 
 _TOPICS = (InterfaceKind.PUBLISHER, InterfaceKind.SUBSCRIBER)
-_ATTRIBUTES = ("name", "reliability", "latched")
-_VALUES = {"reliability": ("reliable", "best_effort"), "latched": ("false", "true")}
-"""What can be said; the first is what holds if nothing is."""
+_VALUES = {
+    "reliability": ("reliable", "best_effort"),
+    "durability": ("volatile", "transient_local"),
+    "latched": ("false", "true"),
+}
+"""What can be said; the first is what holds if nothing is. ROS 1 called transient local ``latched``."""
+_ATTRIBUTES = ("name", *_VALUES)
 
 
 class TopicQuality(msgspec.Struct, frozen=True):
@@ -24,13 +28,13 @@ class TopicQuality(msgspec.Struct, frozen=True):
     Attributes:
         topic: the channel.
         is_best_effort: messages may be dropped.
-        is_latched: a subscriber that comes late gets the last message.
+        is_transient_local: a subscriber that comes late gets the last message.
         position: of the name, for messages.
     """
 
     topic: str
     is_best_effort: bool
-    is_latched: bool
+    is_transient_local: bool
     position: Position
 
 
@@ -55,7 +59,7 @@ def read_qualities(element: Element, log: DiagnosticLog) -> list[TopicQuality]:
             found[topic] = TopicQuality(
                 topic,
                 said["reliability"] == "best_effort",
-                said["latched"] == "true",
+                said["durability"] == "transient_local" or said["latched"] == "true",
                 child.at("name"),
             )
     return list(found.values())
@@ -81,7 +85,9 @@ def with_qualities(machine: Machine, qualities: Sequence[TopicQuality]) -> Machi
         if quality is None or interface.kind not in _TOPICS:
             return interface
         return msgspec.structs.replace(
-            interface, best_effort=quality.is_best_effort, latched=quality.is_latched
+            interface,
+            best_effort=quality.is_best_effort,
+            transient_local=quality.is_transient_local,
         )
 
     interfaces = tuple(changed(interface) for interface in machine.interfaces)

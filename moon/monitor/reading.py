@@ -77,7 +77,7 @@ def judgeable(machines: Sequence[Machine]) -> tuple[tuple[Machine, ...], tuple[s
     """Those of ``machines`` whose inputs can be known, and for each of the others why it is not one.
 
     That a best-effort message was heard here does not mean that a node got it, and when a node gets a
-    latched one depends on when it finds its publisher: no bound on latency holds.
+    transient_local one depends on when it finds its publisher: no bound on latency holds.
     """
     kept: list[Machine] = []
     reasons: list[str] = []
@@ -86,7 +86,7 @@ def judgeable(machines: Sequence[Machine]) -> tuple[tuple[Machine, ...], tuple[s
             f"{interface.channel} ({'best effort' if interface.best_effort else 'transient local'})"
             for interface in machine.interfaces
             if interface.kind is InterfaceKind.SUBSCRIBER
-            and (interface.best_effort or interface.latched)
+            and (interface.best_effort or interface.transient_local)
         ]
         if unsure:
             what = "what it received cannot be known"

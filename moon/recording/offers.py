@@ -33,11 +33,11 @@ class Offer(msgspec.Struct, frozen=True):
 
     Attributes:
         best_effort: all of them: messages may be dropped. Who offers more is heard by all the same.
-        latched: one of them at least: who comes late gets the last message.
+        transient_local: one of them at least: who comes late gets the last message.
     """
 
     best_effort: bool = False
-    latched: bool = False
+    transient_local: bool = False
 
 
 def note_offer(offers: dict[str, set[str]], topic: str, text: str) -> None:
@@ -62,28 +62,28 @@ def offer_of(texts: Iterable[str]) -> Offer:
                 durabilities.add(_policy(profile, "durability"))
     return Offer(
         best_effort=bool(reliabilities) and reliabilities <= set(_BEST_EFFORT),
-        latched=not durabilities.isdisjoint(_TRANSIENT_LOCAL),
+        transient_local=not durabilities.isdisjoint(_TRANSIENT_LOCAL),
     )
 
 
 def declared(machines: Iterable[Machine]) -> dict[str, Offer]:
-    """What the models say of topics that are not reliable and not latched, as they usually are."""
+    """What the models say of topics that are not reliable and not transient local, as they usually are."""
     offers: dict[str, Offer] = {}
     for machine in machines:
         for interface in machine.interfaces:
             if interface.kind is not InterfaceKind.PUBLISHER or interface.channel is None:
                 continue
-            if interface.best_effort or interface.latched:
-                offers[interface.channel] = Offer(interface.best_effort, interface.latched)
+            if interface.best_effort or interface.transient_local:
+                offers[interface.channel] = Offer(interface.best_effort, interface.transient_local)
     return offers
 
 
 def text_of(offer: Offer) -> str:
     """``offer`` as the profile of one publisher, as Jazzy writes it: rosbag2 wants all of it."""
     reliability = _BEST_EFFORT if offer.best_effort else _RELIABLE
-    durability = _TRANSIENT_LOCAL[0] if offer.latched else "volatile"
+    durability = _TRANSIENT_LOCAL[0] if offer.transient_local else "volatile"
     return (
-        f"- history: keep_last\n  depth: {1 if offer.latched else 10}\n"
+        f"- history: keep_last\n  depth: {1 if offer.transient_local else 10}\n"
         f"  reliability: {reliability[0]}\n  durability: {durability}\n"
         f"  deadline:{_FOREVER}\n  lifespan:{_FOREVER}\n  liveliness: automatic\n"
         f"  liveliness_lease_duration:{_FOREVER}\n  avoid_ros_namespace_conventions: false\n"

@@ -17,7 +17,7 @@ def topic(recording: Recording, name: str, type_name: str) -> Topic:
     offer = recording.offer(name)
     reliability = Reliability.BEST_EFFORT if offer.best_effort else Reliability.RELIABLE
     message = message_class(recording.structure(type_name))
-    return Topic(name, type_name, message, reliability, offer.latched)
+    return Topic(name, type_name, message, reliability, offer.transient_local)
 
 
 def service(recording: Recording, name: str) -> Service:

@@ -93,7 +93,7 @@ def seen_by_a_late_listener(folder: Path, topic: str) -> int:
     return seen
 
 
-def test_a_late_node_gets_the_last_message_of_a_latched_topic_only(tmp_path: Path) -> None:
+def test_a_late_node_gets_the_last_message_of_a_transient_local_topic_only(tmp_path: Path) -> None:
     assert seen_by_a_late_listener(tmp_path, 'latched="true"') == 7
     assert seen_by_a_late_listener(tmp_path, "") == 0
 
@@ -145,18 +145,16 @@ def test_the_qualities_are_written_into_the_nodes_channels(tmp_path: Path) -> No
     system = read(tmp_path, 'reliability="best_effort" latched="true"')
     for machine in system.nodes:
         text = node_modules(machine, system.library, "package")["node.py"]
-        channel = (
-            'T = Topic("/t", "std_msgs/msg/Int32", Int32, Reliability.BEST_EFFORT, latched=True)'
-        )
+        channel = 'T = Topic("/t", "std_msgs/msg/Int32", Int32, Reliability.BEST_EFFORT, transient_local=True)'
         assert channel in text
         assert "from transports.interface import Reliability, Topic, Transport" in text
 
 
 def test_a_model_in_the_place_of_another_has_the_qualities_of_the_system(tmp_path: Path) -> None:
-    system = read(tmp_path, 'latched="true"')
+    system = read(tmp_path, 'durability="transient_local"')
     machine = read_with_reference(tmp_path / "Listener.scxml", system, "Listener", DiagnosticLog())
     assert machine is not None
-    assert [interface.latched for interface in machine.interfaces] == [True]
+    assert [interface.transient_local for interface in machine.interfaces] == [True]
 
 
 @pytest.mark.parametrize(
@@ -181,7 +179,11 @@ def test_a_fault_in_the_qualities_has_its_place(tmp_path: Path, topics: str, exp
 
 @pytest.mark.parametrize(
     ("topic", "why"),
-    [('latched="true"', "/t (transient local)"), ('reliability="best_effort"', "/t (best effort)")],
+    [
+        ('latched="true"', "/t (transient local)"),
+        ('durability="transient_local"', "/t (transient local)"),
+        ('reliability="best_effort"', "/t (best effort)"),
+    ],
 )
 def test_a_node_whose_inputs_nobody_can_know_is_not_judged(tmp_path: Path, topic, why) -> None:
     kept, reasons = judgeable(read(tmp_path, topic).nodes)

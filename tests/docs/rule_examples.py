@@ -173,8 +173,8 @@ RULE_EXAMPLES: dict[str, Example] = {
         '<input type="bt.cpp-xml" src="system.xml"/></behavior_tree>'
     ),
     "bad-quality": qos('<topic name="/t" reliability="best"/>'),
-    "duplicate-quality": qos('<topic name="/t"/><topic name="/t" latched="true"/>'),
-    "unknown-topic": qos('<topic name="/tt" latched="true"/>'),
+    "duplicate-quality": qos('<topic name="/t"/><topic name="/t" durability="transient_local"/>'),
+    "unknown-topic": qos('<topic name="/tt" durability="transient_local"/>'),
     "unknown-tag": model('<stat id="a"/>'),
     "unknown-attribute": model('<state id="a"><transition tarket="a"/></state>'),
     "missing-attribute": model(f"<state/>{STATE}"),

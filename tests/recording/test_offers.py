@@ -63,10 +63,10 @@ def test_a_bag_is_replayed_with_the_qualities_that_its_publishers_offered(
     offered = profile(QosReliability.BEST_EFFORT, QosDurability.TRANSIENT_LOCAL)
     recording = open_recording(bag(tmp_path / "bag", plugin, version, [offered]))
     assert len(list(recording.entries())) == 1
-    assert recording.offer("/level") == Offer(best_effort=True, latched=True)
+    assert recording.offer("/level") == Offer(best_effort=True, transient_local=True)
     found = topic(recording, "/level", INT)
     assert found.reliability is Reliability.BEST_EFFORT
-    assert found.latched
+    assert found.transient_local
 
 
 def test_a_topic_that_one_of_two_offered_reliably_is_reliable(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_a_topic_that_one_of_two_offered_reliably_is_reliable(tmp_path: Path) ->
     ("text", "offer"),
     [
         ("", Offer()),
-        ("- reliability: 2\n  durability: 1\n", Offer(best_effort=True, latched=True)),
+        ("- reliability: 2\n  durability: 1\n", Offer(best_effort=True, transient_local=True)),
         ("- reliability: 1\n  durability: 2\n", Offer()),
         ("- reliability: &a best_effort", Offer()),
         ("- [[[", Offer()),
@@ -97,7 +97,7 @@ def test_profiles_in_numbers_are_read_and_what_is_no_profile_offers_the_usual(
     assert offer_of([text]) == offer
 
 
-@pytest.mark.parametrize("offer", [Offer(best_effort=True), Offer(latched=True)])
+@pytest.mark.parametrize("offer", [Offer(best_effort=True), Offer(transient_local=True)])
 def test_what_models_declare_is_recorded_so_that_others_read_it_too(
     offer: Offer, tmp_path: Path
 ) -> None:
@@ -124,7 +124,9 @@ def test_what_models_declare_is_recorded_so_that_others_read_it_too(
     assert recording.offer("/other") == Offer()
     (as_rosbags_reads_it,) = parse_qos(text_of(offer))
     assert (as_rosbags_reads_it.reliability is QosReliability.BEST_EFFORT) == offer.best_effort
-    assert (as_rosbags_reads_it.durability is QosDurability.TRANSIENT_LOCAL) == offer.latched
+    assert (
+        as_rosbags_reads_it.durability is QosDurability.TRANSIENT_LOCAL
+    ) == offer.transient_local
 
 
 def test_models_that_declare_nothing_have_nothing_to_record() -> None:

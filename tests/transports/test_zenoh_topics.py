@@ -1,4 +1,4 @@
-"""Topics on Zenoh: bad payloads, latched messages, names."""
+"""Topics on Zenoh: bad payloads, transient local messages, names."""
 
 import logging
 import threading
@@ -51,8 +51,8 @@ def test_a_bad_payload_is_reported_and_dropped_and_the_node_lives(
     assert caplog.messages == [f"/adder/count: message from intruder dropped: {complaint}"]
 
 
-def test_a_latched_topic_gives_the_last_message_to_who_comes_late(network):
-    topic = Topic("/map", "std_msgs/msg/Int32", peer.Number, latched=True)
+def test_a_transient_local_topic_gives_the_last_message_to_who_comes_late(network):
+    topic = Topic("/map", "std_msgs/msg/Int32", peer.Number, transient_local=True)
     publisher = network.node("mapper").publisher(topic)
     publisher.publish(peer.Number(1))
     publisher.publish(peer.Number(2))

@@ -132,7 +132,12 @@ def parts_of(action: Action) -> ActionParts:
             f"{kind}_FeedbackMessage",
             message("FeedbackMessage", ("goal_id", GoalId), ("feedback", action.feedback)),
         ),
-        Topic(f"{prefix}/status", "action_msgs/msg/GoalStatusArray", GoalStatusArray, latched=True),
+        Topic(
+            f"{prefix}/status",
+            "action_msgs/msg/GoalStatusArray",
+            GoalStatusArray,
+            transient_local=True,
+        ),
     )
 
 

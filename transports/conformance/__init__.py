@@ -50,8 +50,8 @@ from transports.conformance.stage import (
     COUNT,
     COUNTING,
     DOUBLE,
-    LATCHED,
     NUMBERS,
+    TRANSIENT_LOCAL,
     Answer,
     Ask,
     Check,
@@ -69,9 +69,9 @@ from transports.conformance.takes import (
     who_is_not_there_does_not_answer,
 )
 from transports.conformance.topics import (
-    a_latched_topic_gives_the_last_message_to_who_comes_late,
     a_message_of_another_type_is_refused_by_its_publisher,
     a_message_that_is_not_of_the_topics_type_is_dropped_and_the_node_lives,
+    a_transient_local_topic_gives_the_last_message_to_who_comes_late,
     messages_of_one_source_arrive_in_order,
 )
 
@@ -98,8 +98,8 @@ __all__ = [
     "COUNT",
     "COUNTING",
     "DOUBLE",
-    "LATCHED",
     "NUMBERS",
+    "TRANSIENT_LOCAL",
     "Answer",
     "Ask",
     "Check",
@@ -113,7 +113,6 @@ __all__ = [
     "a_cancel_request_reaches_the_goal_it_names",
     "a_goal_can_be_rejected_or_aborted",
     "a_goal_runs_from_acceptance_by_feedback_to_its_result",
-    "a_latched_topic_gives_the_last_message_to_who_comes_late",
     "a_message_of_another_type_is_refused_by_its_publisher",
     "a_message_that_is_not_of_the_topics_type_is_dropped_and_the_node_lives",
     "a_node_is_up_once_it_is_announced_and_down_once_it_is_closed",
@@ -127,6 +126,7 @@ __all__ = [
     "a_tap_hears_which_messages_a_node_takes",
     "a_tap_knows_in_what_order_a_source_did_things",
     "a_tap_that_is_closed_hears_no_more",
+    "a_transient_local_topic_gives_the_last_message_to_who_comes_late",
     "an_answer_comes_behind_what_it_speaks_of",
     "callbacks_run_one_at_a_time",
     "calls",

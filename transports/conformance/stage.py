@@ -56,7 +56,9 @@ class Answer(msgspec.Struct, forbid_unknown_fields=True):
 
 
 NUMBERS = Topic("/conformance/numbers", Number.__type_name__, Number)
-LATCHED = Topic("/conformance/latched", Number.__type_name__, Number, latched=True)
+TRANSIENT_LOCAL = Topic(
+    "/conformance/transient_local", Number.__type_name__, Number, transient_local=True
+)
 DOUBLE = Service("/conformance/double", "conformance/srv/Double", Ask, Answer)
 COUNTING = Action("/conformance/count", "conformance/action/Count", Number, Text, Number)
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from transports.conformance.stage import (
     COUNT,
-    LATCHED,
     NUMBERS,
+    TRANSIENT_LOCAL,
     Number,
     Text,
     on,
@@ -46,15 +46,15 @@ def messages_of_one_source_arrive_in_order(network: Network) -> None:
             assert values == list(range(COUNT)), f"from {source.node} came {values}"
 
 
-def a_latched_topic_gives_the_last_message_to_who_comes_late(network: Network) -> None:
+def a_transient_local_topic_gives_the_last_message_to_who_comes_late(network: Network) -> None:
     """Who subscribes after the publication still gets the last message, once."""
     source, late = network.node("source"), network.node("late")
-    publisher = on(network, source, lambda: source.publisher(LATCHED))
+    publisher = on(network, source, lambda: source.publisher(TRANSIENT_LOCAL))
     on(network, source, lambda: publisher.publish(Number(1)))
     on(network, source, lambda: publisher.publish(Number(2)))
     ready(network, source, late)
     heard: list[int] = []
-    on(network, late, lambda: late.subscribe(LATCHED, lambda m: heard.append(m.value)))
+    on(network, late, lambda: late.subscribe(TRANSIENT_LOCAL, lambda m: heard.append(m.value)))
     assert network.until(lambda: bool(heard)), "a late subscriber hears nothing"
     on(network, source, lambda: publisher.publish(Number(3)))
     assert network.until(lambda: 3 in heard), "a late subscriber does not hear what comes after"

@@ -36,7 +36,7 @@ class CallErrors:
     def __init__(self, node: Any, executor: Executor, topic: str, refusals: Refusals) -> None:
         self._refusals = refusals
         self._listeners: dict[str, Callable[[CallError], None]] = {}
-        profile = qos.profile(reliable=True, latched=True, depth=_KEPT)
+        profile = qos.profile(reliable=True, transient_local=True, depth=_KEPT)
         self._publisher = node.create_publisher(
             String,
             topic,

@@ -69,7 +69,7 @@ class ServiceEvents:
         self._publisher = node.create_publisher(
             event,
             name + EVENT_SUFFIX,
-            qos.profile(reliable=True, latched=False, depth=qos.DEPTH),
+            qos.profile(reliable=True, transient_local=False, depth=qos.DEPTH),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
         )
         self._listeners = self._publisher.handle.get_subscription_count

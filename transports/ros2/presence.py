@@ -1,7 +1,7 @@
 """Who is up: what each node says of itself when it is ready, held against the graph.
 
 ROS 2 shows a node as soon as it exists, and its endpoints one by one. So a node that is ready
-publishes, latched on ``<namespace>/_m2c/nodes``, what it has declared (JSON in a
+publishes, transient_local on ``<namespace>/_m2c/nodes``, what it has declared (JSON in a
 ``std_msgs/msg/String``); another node counts it as up once all of that has reached its own graph.
 It is down when that publisher has left the graph: at once after ``close()``, after DDS's lease when
 it was killed.
@@ -277,7 +277,7 @@ class Announcements:
 
 
 def _profile(depth: int) -> QoSProfile:
-    return qos.profile(reliable=True, latched=True, depth=depth)
+    return qos.profile(reliable=True, transient_local=True, depth=depth)
 
 
 def read_presence(payload: bytes) -> Presence:

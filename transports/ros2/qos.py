@@ -22,30 +22,34 @@ DEPTH = 1000
 """Messages kept for a reader that does not keep up. ROS 2's usual 10 lose most of a burst, and
 keeping all would have a slow reader hold up who publishes."""
 _INFINITE = 2**63 - 1
-LATCHED_DEPTH = 1
+TRANSIENT_LOCAL_DEPTH = 1
 """Who comes late gets the last message."""
 TAP_DEPTH = 5000
 
 
-def profile(reliable: bool, latched: bool, depth: int) -> QoSProfile:
+def profile(reliable: bool, transient_local: bool, depth: int) -> QoSProfile:
     """A profile that keeps the last ``depth`` messages."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL
+        if transient_local
+        else DurabilityPolicy.VOLATILE,
     )
 
 
 def of_publisher(topic: Topic) -> QoSProfile:
     """What a publisher of ``topic`` offers."""
     reliable = topic.reliability is Reliability.RELIABLE
-    return profile(reliable, topic.latched, LATCHED_DEPTH if topic.latched else DEPTH)
+    return profile(
+        reliable, topic.transient_local, TRANSIENT_LOCAL_DEPTH if topic.transient_local else DEPTH
+    )
 
 
 def of_subscription(topic: Topic) -> QoSProfile:
     """What a subscription of ``topic`` asks for."""
-    return profile(topic.reliability is Reliability.RELIABLE, topic.latched, DEPTH)
+    return profile(topic.reliability is Reliability.RELIABLE, topic.transient_local, DEPTH)
 
 
 def to_hear_all(offered: Iterable[Any]) -> QoSProfile:

@@ -55,7 +55,7 @@ class Server:
         self.response = Codec(f"{service.type_name}_Response", service.response)
         self._request = Codec(f"{service.type_name}_Request", service.request)
         self._handler = handler
-        profile = qos.profile(reliable=True, latched=False, depth=qos.DEPTH)
+        profile = qos.profile(reliable=True, transient_local=False, depth=qos.DEPTH)
         try:
             self.declared = node.create_service(
                 ros_class(service.type_name), name, _never, qos_profile=profile
@@ -180,7 +180,7 @@ class Client:
         self.type_name = service.type_name
         self._request = Codec(f"{service.type_name}_Request", service.request)
         self._response = Codec(f"{service.type_name}_Response", service.response)
-        profile = qos.profile(reliable=True, latched=False, depth=qos.DEPTH)
+        profile = qos.profile(reliable=True, transient_local=False, depth=qos.DEPTH)
         try:
             self.declared = node.create_client(
                 ros_class(service.type_name), name, qos_profile=profile

@@ -78,7 +78,8 @@ class _Heard(msgspec.Struct, eq=False):
     publishers: int
     subscription: RawSubscription | None = None
     numbers: dict[bytes, int] = msgspec.field(default_factory=dict)
-    """The last of each publisher; known to the next subscription, which latched messages reach again."""
+    """The last of each publisher; known to the next subscription, which transient local messages reach
+        again."""
 
 
 class _Waiting(msgspec.Struct):
@@ -352,7 +353,7 @@ class Tap:
                 self._executor.post(partial(self._keep_fewer, heard, ros, size))
             if taken.number:
                 if taken.number <= heard.numbers.get(taken.gid, 0):
-                    return True  # a latched one that this subscription's forerunner had
+                    return True  # a transient local one that this subscription's forerunner had
                 heard.numbers[taken.gid] = taken.number
             try:
                 data = read(taken.payload)

@@ -39,7 +39,7 @@ class Routes:
         self._world = world
         self._subscriptions: dict[str, list[Subscription]] = {}
         self._servers: dict[str, list[Server]] = {}
-        self.latched: dict[str, dict[str, Sent]] = {}
+        self.transient_local: dict[str, dict[str, Sent]] = {}
         """Channel → source → its last message."""
         self._taps: list[Tap] = []
         self._sequences: dict[tuple[str, str], int] = {}

@@ -90,8 +90,8 @@ class Publisher:
             copies = world.copies(world.conditions.loss) if self._lossy else 1
             for _ in range(copies):
                 subscription.send(sent)
-        if topic.latched:
-            node.routes.latched.setdefault(topic.name, {})[node.node] = sent
+        if topic.transient_local:
+            node.routes.transient_local.setdefault(topic.name, {})[node.node] = sent
         node.routes.message(sent, topic.name)
 
 
@@ -195,8 +195,8 @@ class SimulatedTransport:
         subscription = Subscription(self, topic, handler)
         self._subscriptions.append((topic.name, subscription))
         self.routes.subscriptions(topic.name).append(subscription)
-        if topic.latched:
-            for message in self.routes.latched.get(topic.name, {}).values():
+        if topic.transient_local:
+            for message in self.routes.transient_local.get(topic.name, {}).values():
                 subscription.send(message)
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
@@ -340,7 +340,7 @@ class SimulatedTransport:
             server.vanish()
         for client in self._clients:
             client.close()
-        for publishers in self.routes.latched.values():
+        for publishers in self.routes.transient_local.values():
             publishers.pop(self._node, None)
         if self._announced:
             self._tell_watchers(False)

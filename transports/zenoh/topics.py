@@ -81,8 +81,8 @@ def _declare_publisher(session: zenoh.Session, topic: Topic, codec: Codec) -> _D
     reliable = topic.reliability is Reliability.RELIABLE
     key = key_of(topic.name)
     congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
-    if topic.latched:
-        latched: _Declared = ext.declare_advanced_publisher(
+    if topic.transient_local:
+        transient_local: _Declared = ext.declare_advanced_publisher(
             session,
             key,
             encoding=codec.encoding,
@@ -90,7 +90,7 @@ def _declare_publisher(session: zenoh.Session, topic: Topic, codec: Codec) -> _D
             cache=ext.CacheConfig(max_samples=1),
             publisher_detection=True,
         )
-        return latched
+        return transient_local
     plain: _Declared = session.declare_publisher(
         key,
         encoding=codec.encoding,
@@ -133,7 +133,7 @@ def subscribe(
     callback: Any = zenoh.handlers.Callback(
         lambda sample: offer(sample, len(sample.payload)), indirect=False
     )
-    if topic.latched:
+    if topic.transient_local:
         return ext.declare_advanced_subscriber(
             session,
             key_of(topic.name),

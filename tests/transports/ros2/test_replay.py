@@ -20,7 +20,7 @@ from transports.networks import ThreadedNetwork
 
 pytestmark = [pytest.mark.ros2, pytest.mark.slow]
 
-LATCHED, LOSSY = "/map_version", "/laser_range"
+TRANSIENT_LOCAL, LOSSY = "/map_version", "/laser_range"
 GAP_NS = 20_000_000
 MESSAGES = 1500
 """Half a minute: discovery has time to find who listens, and the test ends when enough was heard."""
@@ -28,13 +28,13 @@ ENOUGH = 20
 
 
 def recorded(path: Path) -> None:
-    """A latched topic that had one message, and a best-effort one that had many."""
-    offers = {LATCHED: Offer(latched=True), LOSSY: Offer(best_effort=True)}
+    """A transient local topic that had one message, and a best-effort one that had many."""
+    offers = {TRANSIENT_LOCAL: Offer(transient_local=True), LOSSY: Offer(best_effort=True)}
     writer = RecordingWriter(
         path, Definitions(InterfaceLibrary.load([], DiagnosticLog())), offers=offers
     )
     for number in range(MESSAGES):
-        for channel in (LATCHED, LOSSY) if not number else (LOSSY,):
+        for channel in (TRANSIENT_LOCAL, LOSSY) if not number else (LOSSY,):
             stamp_ns = 10**18 + number * GAP_NS
             writer.add(
                 Observation(
@@ -58,16 +58,18 @@ def test_topics_are_offered_and_heard_in_the_qos_of_then(
     ranges: list[int] = []
     versions: list[int] = []
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    transient_local = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     bare.node.create_subscription(Int32, LOSSY, lambda m: ranges.append(m.data), best_effort)
     replaying = Process("moon", "replay", tmp_path / "run.mcap", "--transport", "ros2", "--stay")
     try:
         assert network.until(lambda: len(ranges) >= ENOUGH), replaying.err
-        # who subscribes so late hears the latched one all the same
-        bare.node.create_subscription(Int32, LATCHED, lambda m: versions.append(m.data), latched)
+        # who subscribes so late hears the transient local one all the same
+        bare.node.create_subscription(
+            Int32, TRANSIENT_LOCAL, lambda m: versions.append(m.data), transient_local
+        )
         assert network.until(lambda: versions), replaying.err
         for topic, reliability, durability in (
-            (LATCHED, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL),
+            (TRANSIENT_LOCAL, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL),
             (LOSSY, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE),
         ):
             (offered,) = bare.node.get_publishers_info_by_topic(topic)

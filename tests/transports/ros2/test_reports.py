@@ -10,8 +10,8 @@ import pytest
 from tests.transports.ros2.bare import Bare
 from transports.conformance import (
     DOUBLE,
-    LATCHED,
     NUMBERS,
+    TRANSIENT_LOCAL,
     Answer,
     Ask,
     Number,
@@ -49,10 +49,10 @@ def test_qos_that_does_not_match_is_reported(
     from rclpy.qos import qos_profile_sensor_data
 
     bare.node.create_publisher(RosNumber, NUMBERS.name, qos_profile_sensor_data)
-    bare.node.create_publisher(RosNumber, LATCHED.name, 10)
+    bare.node.create_publisher(RosNumber, TRANSIENT_LOCAL.name, 10)
     node = network.node("node")
     on(network, node, lambda: node.subscribe(NUMBERS, lambda message: None))
-    on(network, node, lambda: node.subscribe(LATCHED, lambda message: None))
+    on(network, node, lambda: node.subscribe(TRANSIENT_LOCAL, lambda message: None))
     assert says(
         network,
         reports,
@@ -62,7 +62,7 @@ def test_qos_that_does_not_match_is_reported(
     assert says(
         network,
         reports,
-        f"{LATCHED.name}: node cannot receive from bare",
+        f"{TRANSIENT_LOCAL.name}: node cannot receive from bare",
         "transient local durability is asked for, volatile is offered",
     )
 
@@ -181,8 +181,8 @@ def test_a_closed_node_says_so(network: ThreadedNetwork) -> None:
         lambda: kept[1].fail("too late"),
         lambda: publisher.publish(Number(1)),
         lambda: client.call(Ask(1), results.append),
-        lambda: node.publisher(LATCHED),
-        lambda: node.subscribe(LATCHED, lambda message: None),
+        lambda: node.publisher(TRANSIENT_LOCAL),
+        lambda: node.subscribe(TRANSIENT_LOCAL, lambda message: None),
         lambda: node.serve(DOUBLE, kept.append),
         lambda: node.client(DOUBLE),
         lambda: node.tap([], lambda observation: None),

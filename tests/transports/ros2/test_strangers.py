@@ -117,15 +117,15 @@ def test_nobody_dies_of_what_anybody_publishes(
     on(network, node, declare)
     tapper = network.node("tapper")
     tap = on(network, tapper, lambda: tapper.tap([], heard.append))
-    latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    transient_local = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     evil = [b"", b"\xff" * 40, HEADER, HEADER + b"\xff" * 4, string(b"\xff"), string(b"[" * 50_000)]
     deep = '{"m2c_type":"m2c/msg/Number","message":' + "[" * 50_000
     texts = ["", "{}", deep, '{"m2c_type":"x/msg/Y","message":{}}', '{"node":""}', '{"node":7}']
     for name, ros, profile in (
         ("/ours", String, 100),
         ("/number", Int32, 100),
-        ("/_m2c/nodes", String, latched),
-        ("/_m2c/call_errors", String, latched),
+        ("/_m2c/nodes", String, transient_local),
+        ("/_m2c/call_errors", String, transient_local),
     ):
         publisher = bare.node.create_publisher(ros, name, profile)
         assert network.until(lambda publisher=publisher: publisher.get_subscription_count() >= 2)

@@ -24,16 +24,16 @@ def test_the_graph_shows_what_was_asked_for(bare: Bare) -> None:
     from transports.ros2.interfaces import ros_class
     from transports.ros2.raw_subscription import RawSubscription
 
-    for number, (reliable, latched) in enumerate(
+    for number, (reliable, transient_local) in enumerate(
         [(True, True), (True, False), (False, True), (False, False)]
     ):
         subscription = RawSubscription(f"/raw{number}")
-        subscription.make(bare.node, ros_class(INT32), qos.profile(reliable, latched, 5000))
+        subscription.make(bare.node, ros_class(INT32), qos.profile(reliable, transient_local, 5000))
         (info,) = bare.node.get_subscriptions_info_by_topic(f"/raw{number}")
         shown = info.qos_profile
         assert info.topic_type == INT32
         assert (shown.reliability is ReliabilityPolicy.RELIABLE) == reliable
-        assert (shown.durability is DurabilityPolicy.TRANSIENT_LOCAL) == latched
+        assert (shown.durability is DurabilityPolicy.TRANSIENT_LOCAL) == transient_local
         assert shown.deadline.nanoseconds == shown.lifespan.nanoseconds > 10**18
         subscription.end(bare.node)
         subscription.end(bare.node)

@@ -19,7 +19,7 @@ from transports.interface import (
 )
 
 _NODES = {}
-_LATCHED = {}
+_TRANSIENT_LOCAL = {}
 _LOCK = threading.RLock()
 
 
@@ -71,8 +71,8 @@ class _Publisher:
     def publish(self, message):
         topic = self._topic
         message = _typed(message, topic.message, topic.type_name)
-        if topic.latched:
-            _LATCHED[topic.name] = message
+        if topic.transient_local:
+            _TRANSIENT_LOCAL[topic.name] = message
         for node in tuple(_NODES.values()):
             for other, handler in node.subscribed:
                 if other.name == topic.name and other.type_name == topic.type_name:
@@ -190,8 +190,8 @@ class Tiny:
 
     def subscribe(self, topic, handler):
         self.subscribed.append((topic, handler))
-        if topic.latched and topic.name in _LATCHED:
-            self.post(lambda: handler(_LATCHED[topic.name]))
+        if topic.transient_local and topic.name in _TRANSIENT_LOCAL:
+            self.post(lambda: handler(_TRANSIENT_LOCAL[topic.name]))
 
     def serve(self, service, handler):
         if service.name in self.served:
