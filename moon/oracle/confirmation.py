@@ -5,7 +5,7 @@ from __future__ import annotations
 from m2c.model.machine import OutputKind
 from moon.oracle.progress import Progress
 from moon.oracle.search import Search
-from moon.oracle.source_streams import Count, Lanes, Place
+from moon.oracle.source_streams import Count, Place, SourceStreams
 from moon.oracle.state import Hypothesis
 from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.unconfirmed import NOT_NEEDED, Losses, OtherEnds, Publishers, Waiting
@@ -42,7 +42,7 @@ class Confirmation:
         self,
         node: str,
         search: Search,
-        streams: Lanes,
+        streams: SourceStreams,
         progress: Progress,
         other_ends: OtherEnds,
         publishers: Publishers,

@@ -18,7 +18,7 @@ SHOWN = 4
 """So many possibilities are told; more would hide the point."""
 
 
-def told(fact: TraceEvent, wording: Wording) -> str:
+def described(fact: TraceEvent, wording: Wording) -> str:
     """An observation in one line."""
     observation = fact.observation
     kind = wording.kind(observation.type_name)
@@ -86,12 +86,12 @@ def explanation_of(
         state_text(search, instances): None
         for instances in befores or (h.instances for h in survivors)
     }
-    observed = "nothing in time" if fact is None else told(fact, search.wording)
+    observed = "nothing in time" if fact is None else described(fact, search.wording)
     return Explanation(
         tuple(expected)[:SHOWN],
         observed,
         tuple(states)[:SHOWN],
-        tuple(Evidence(item.stamp, told(item, search.wording)) for item in history),
+        tuple(Evidence(item.stamp, described(item, search.wording)) for item in history),
         tuple(places)[:SHOWN],
     )
 

@@ -18,13 +18,13 @@ from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.channels import Channels
 from moon.oracle.clock import Clock
 from moon.oracle.confirmation import Confirmation
-from moon.oracle.explain import explanation_of, told
+from moon.oracle.explain import described, explanation_of
 from moon.oracle.program import TooOpenError
 from moon.oracle.progress import Progress
 from moon.oracle.request_tracking import RequestTracking
 from moon.oracle.resynchronisation import Resynchronisation
 from moon.oracle.search import Search
-from moon.oracle.source_streams import Lanes
+from moon.oracle.source_streams import SourceStreams
 from moon.oracle.state import Hypothesis
 from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.trace_events import Role, TraceEvent
@@ -73,7 +73,7 @@ class Judging:
         self.bounds = bounds or Bounds()
         self.channels = Channels(machine, library, self.node)
         self.search = Search(machine, library, self.channels, self.bounds)
-        self._streams = Lanes(self.channels, self.node)
+        self._streams = SourceStreams(self.channels, self.node)
         self._latency = self.bounds.latency
         self._progress = Progress()
         self._takes = TakenMessages(self.bounds.deadline + self.bounds.skew)
@@ -92,7 +92,7 @@ class Judging:
         that is."""
         self._certain_since = 0
         """Since when (ns) what the machine does is known; what was lost before does not matter."""
-        self._anchoring = Resynchronisation(self._latency)
+        self._resynchronisation = Resynchronisation(self._latency)
         self.outcome = Outcome.CONFORMING
         self.violations = 0
         self.inputs = 0
@@ -110,7 +110,7 @@ class Judging:
         self._listening_since: int | None = None
         self._heard_since: int | None = None
         """From when on (ns) silence means that the machine did nothing, once it is heard at all."""
-        self._uptake = RequestTracking(self.bounds.deadline)
+        self._requests = RequestTracking(self.bounds.deadline)
         self._reason = ""
         self._next_due = FOREVER
         self._next_try = 0
@@ -141,7 +141,7 @@ class Judging:
         """
         if not self._is_ordered or self._base is None or not self._progress.heard:
             return FOREVER
-        due = min(self._next_due, self._uptake.due, self._takes.due)
+        due = min(self._next_due, self._requests.due, self._takes.due)
         return due if due > self._finished else FOREVER
 
     @property
@@ -170,12 +170,12 @@ class Judging:
         self._finished = settled
         if self._base is not None and self._next_due <= settled:
             verdicts += self._time_passed(settled)
-        if self._uptake.due <= settled:
+        if self._requests.due <= settled:
             verdicts += self._not_received(settled)
         if self._takes.due <= settled:
             verdicts += self._not_taken(settled)
         if self._is_to_be_found and settled >= self._next_try:
-            verdicts += self._try_to_anchor(settled)
+            verdicts += self._try_to_resynchronise(settled)
         self._wake_at(self._next_time())
         return verdicts
 
@@ -195,7 +195,7 @@ class Judging:
         """Until this time (ns) nothing is settled, due or to be found."""
         if self._base is None:
             return self._next_try if self._is_to_be_found else FOREVER
-        wake = self._next_due if self._next_due < self._uptake.due else self._uptake.due
+        wake = self._next_due if self._next_due < self._requests.due else self._requests.due
         if self._takes.due < wake:
             wake = self._takes.due
         if self._window and self._window[0].stamp < wake:
@@ -294,7 +294,7 @@ class Judging:
     def _not_received(self, settled: int) -> list[Verdict]:
         """Requests that others sent and the machine's node never received."""
         verdicts = []
-        for fact in self._uptake.overdue(settled):
+        for fact in self._requests.overdue(settled):
             if self.inputs or self._from_start:  # else perhaps its end is not instrumented
                 request = f"request {fact.call[1]} of {fact.call[0]} to be received"
                 verdicts += self._missing(fact, request, "the request was not taken up", settled)
@@ -313,7 +313,9 @@ class Judging:
         """``fact``, which another node sent, did not reach the machine."""
         if self._base is None:
             return []
-        evidence = tuple(Evidence(f.stamp, told(f, self.search.wording)) for f in self._history)
+        evidence = tuple(
+            Evidence(f.stamp, described(f, self.search.wording)) for f in self._history
+        )
         explanation = Explanation((expected,), f"nothing: {why}", (), evidence)
         verdict = self._verdict_of(fact.stamp, explanation, "unresponsive: ")
         place = (self.node, fact.observation.channel, False)
@@ -468,16 +470,16 @@ class Judging:
         self._next_try = 0
         self._wake_at(0)
         self._window.clear()
-        self._uptake.clear()
+        self._requests.clear()
         self._takes.forget()
         self._lost_until = stamp + self._latency
         self._listening_since = stamp
-        self._anchoring.begin(max(stamp, newest))
+        self._resynchronisation.begin(max(stamp, newest))
 
-    def _try_to_anchor(self, settled: int) -> list[Verdict]:
+    def _try_to_resynchronise(self, settled: int) -> list[Verdict]:
         """Begin anew where the machine was certainly between two steps."""
         self._next_try = settled + self._latency // TRIES
-        found = self._anchoring.find(settled)
+        found = self._resynchronisation.find(settled)
         if found is None:
             return []
         anchor, pending, later = found
@@ -487,7 +489,7 @@ class Judging:
             self._base = self.search.unconstrained_states(anchor, pending)
         except TooManyError:
             return []
-        self._anchoring.found()
+        self._resynchronisation.found()
         self.search.last = self._certain_since = anchor
         self._note_due()
         for fact in later:

@@ -53,7 +53,7 @@ class Oracle(Judging):
         self._synchronised = True
         self._heard_since = None
         self._window.clear()
-        self._uptake.clear()
+        self._requests.clear()
         self._other_ends.clear()
         self._unconfirmed.restart()
         self._streams.restart()
@@ -254,12 +254,12 @@ class Oracle(Judging):
 
     def _messages(self) -> list[TraceEvent]:
         """Those that are not judged yet, and that the node may still report to have taken."""
-        kept = self._anchoring.recent if self._base is None else self._window
+        kept = self._resynchronisation.recent if self._base is None else self._window
         return [f for f in kept if _is_numbered_message(f)]
 
     def _follow(self) -> None:
         """From here on, messages are taken when the node reports that."""
-        kept = self._anchoring.recent if self._base is None else self._window
+        kept = self._resynchronisation.recent if self._base is None else self._window
         messages = self._messages()
         self._takes.reported = True
         self._is_ordered = not self.search.program.takes_feedback
@@ -286,13 +286,13 @@ class Oracle(Judging):
         else:
             self.inputs += 1
             if fact.event is not None and fact.event[0] in _TAKEN_UP:
-                self._uptake.take(fact, self._finished)
+                self._requests.take(fact, self._finished)
         self.search.last = stamp
         self._base = [only]
         self._history.append(fact)
         self._finished = settled
         due = self._next_due = self.search.next_due(only)
-        self._wake_at(due if due < self._uptake.due else self._uptake.due)
+        self._wake_at(due if due < self._requests.due else self._requests.due)
         return True
 
     def advance(self, now_ns: int) -> list[Verdict]:
@@ -378,11 +378,11 @@ class Oracle(Judging):
             source = fact.observation.source
             is_known = source == fact.call[0] and self._publishers.is_caller(source)
             if is_known and stamp > self._lost_until and stamp > (self._heard_since or 0):
-                self._uptake.ask(fact)
-                self._wake_at(min(self.wake, self._uptake.due))
+                self._requests.ask(fact)
+                self._wake_at(min(self.wake, self._requests.due))
             return
         if role is _ANSWERED:  # that it was taken up was not heard, or not yet
-            self._uptake.take(fact, self._finished)
+            self._requests.take(fact, self._finished)
             self._imply(fact, ObservationKind.REQUEST_RECEIVED)
             self._imply(fact, ObservationKind.RESPONSE_SENT)
             return
@@ -399,13 +399,13 @@ class Oracle(Judging):
         elif role is _INPUT:
             self.inputs += 1
             if fact.event is not None and fact.event[0] in _TAKEN_UP:
-                self._uptake.take(fact, self._finished)
+                self._requests.take(fact, self._finished)
         elif role is Role.MESSAGE:
             self.inputs += 1
         if self._listening_since is None:
             self._listen(stamp)
         if self._base is None:
-            self._anchoring.remember(fact, self._finished)
+            self._resynchronisation.remember(fact, self._finished)
         elif stamp <= self._finished:
             self.late += 1
             text = f"an observation on {fact.observation.channel} came too late"
@@ -428,7 +428,7 @@ class Oracle(Judging):
         since = stamp if self._heard_since is None else min(stamp, self._heard_since)
         self._listening_since = since
         self._wake_at(0)
-        self._anchoring.begin(since)
+        self._resynchronisation.begin(since)
         self.outcome = Outcome.INCONCLUSIVE
         self._reason = "started in the middle of a run: waiting until its state is certain"
 

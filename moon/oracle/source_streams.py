@@ -1,4 +1,4 @@
-"""Lanes: what one source sends on one channel, read by one machine's oracle, and its numbers.
+"""Source streams: what one source sends on one channel, read by one machine's oracle, and its numbers.
 
 What the numbers tell is said in :mod:`transports.sequences`; here it is kept with what only an oracle needs.
 """
@@ -10,8 +10,8 @@ from moon.oracle.trace_events import Reader
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel, sequel_of
 
-KEPT_LANES = 4096
-"""Lanes that are remembered; their names come from the wire."""
+KEPT_STREAMS = 4096
+"""SourceStreams that are remembered; their names come from the wire."""
 
 NONE = -2
 """No number, and not one that is missing either (-1)."""
@@ -76,7 +76,7 @@ class SourceStream:
         self.count = count
 
 
-class Lanes:
+class SourceStreams:
     """The streams of one machine.
 
     Args:
@@ -97,7 +97,7 @@ class Lanes:
         return self.opened.get(key) or self._open(*key)
 
     def _open(self, source: str, channel: str, kind: ObservationKind) -> SourceStream:
-        if len(self.opened) >= KEPT_LANES:
+        if len(self.opened) >= KEPT_STREAMS:
             # those that are in use come back; a first number says nothing about losses
             self.opened.clear()
             self.counts.clear()

@@ -82,7 +82,7 @@ def test_a_strangers_flood_on_a_topic_is_followed_or_given_up_and_its_channel_na
     assert judged.most <= Bounds().hypotheses
     reasons = [v.reason for v in judged.said if v.outcome is Outcome.INCONCLUSIVE]
     assert any("/level from stranger" in reason for reason in reasons)
-    assert len(judged.oracle._anchoring.recent) <= resynchronisation.KEPT_FACTS
+    assert len(judged.oracle._resynchronisation.recent) <= resynchronisation.KEPT_FACTS
 
 
 def test_endless_requests_that_are_not_taken_up_are_not_kept_for_ever():
@@ -103,4 +103,4 @@ def test_endless_requests_that_are_not_taken_up_are_not_kept_for_ever():
         for number in range(5000)
     ]
     judged.hear(asked)
-    assert len(judged.oracle._uptake._asked) <= 1024
+    assert len(judged.oracle._requests._asked) <= 1024
