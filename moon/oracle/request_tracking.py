@@ -53,7 +53,11 @@ class RequestTracking:
                 del self._asked[other]
             client = ""
         place = (channel, client, call)
-        if self._asked.pop(place, None) is not None and not self._asked:
+        # a client calls one after the other: its earlier requests have had an answer, or it gave them up
+        before = [p for p in self._asked if p[0] == channel and p[1] == client and p[2] <= call]
+        for other in before:
+            del self._asked[other]
+        if before and not self._asked:
             self.due = FOREVER
         taken = self._taken
         taken[place] = fact.stamp

@@ -68,6 +68,15 @@ def test_a_request_that_is_not_received_is_a_violation() -> None:
     assert called.passed(LONG) == [Outcome.VIOLATED]
 
 
+def test_a_request_whose_client_sent_another_one_that_was_received_is_no_violation() -> None:
+    """Who calls one after the other has had its answer: both ends of that call were not heard."""
+    called = Called()
+    called.call(1)
+    called.hear(SENT, 2)
+    called.call(3)
+    assert called.passed(LONG) == []
+
+
 def test_a_request_that_was_answered_was_received_though_its_server_was_not_heard() -> None:
     """Its node did not know of the tap yet: who asked told, and who answered did not."""
     called = Called()
