@@ -54,11 +54,11 @@ class Silence:
                 next_ns = min(next_ns, due_ns + 1)
                 continue
             self._asked[node] = due_ns
-            tap.ask(node, functools.partial(self._take, node), self._within_s)
+            self.ask(tap, node)
         return next_ns
 
     def ask(self, tap: Tap, node: str) -> None:
-        """Ask ``node``, which has just come up: whether it answers tells what it reports."""
+        """Ask ``node`` now; of one that has just come up, an answer tells that it reports what it takes."""
         tap.ask(node, functools.partial(self._take, node), self._within_s)
 
     def _take(self, node: str, answer: Answer | None) -> None:

@@ -141,7 +141,7 @@ class Judging:
         """
         if not self._is_ordered or self._base is None or not self._progress.heard:
             return FOREVER
-        due = min(self._next_due, self._requests.due, self._takes.due)
+        due = min(self._next_due, self._requests.expected.due, self._takes.expected.due)
         return due if due > self._finished else FOREVER
 
     @property
@@ -170,9 +170,9 @@ class Judging:
         self._finished = settled
         if self._base is not None and self._next_due <= settled:
             verdicts += self._time_passed(settled)
-        if self._requests.due <= settled:
+        if self._requests.expected.due <= settled:
             verdicts += self._not_received(settled)
-        if self._takes.due <= settled:
+        if self._takes.expected.due <= settled:
             verdicts += self._not_taken(settled)
         if self._is_to_be_found and settled >= self._next_try:
             verdicts += self._try_to_resynchronise(settled)
@@ -195,9 +195,13 @@ class Judging:
         """Until this time (ns) nothing is settled, due or to be found."""
         if self._base is None:
             return self._next_try if self._is_to_be_found else FOREVER
-        wake = self._next_due if self._next_due < self._requests.due else self._requests.due
-        if self._takes.due < wake:
-            wake = self._takes.due
+        wake = (
+            self._next_due
+            if self._next_due < self._requests.expected.due
+            else self._requests.expected.due
+        )
+        if self._takes.expected.due < wake:
+            wake = self._takes.expected.due
         if self._window and self._window[0].stamp < wake:
             wake = self._window[0].stamp
         return wake
@@ -294,7 +298,7 @@ class Judging:
     def _not_received(self, settled: int) -> list[Verdict]:
         """Requests that others sent and the machine's node never received."""
         verdicts = []
-        for fact in self._requests.overdue(settled):
+        for fact in self._requests.expected.overdue(settled):
             if self.inputs or self._from_start:  # else perhaps its end is not instrumented
                 request = f"request {fact.call[1]} of {fact.call[0]} to be received"
                 verdicts += self._missing(fact, request, "the request was not taken up", settled)
@@ -303,7 +307,7 @@ class Judging:
     def _not_taken(self, settled: int) -> list[Verdict]:
         """Messages on the machine's topics that its node, which reports what it takes, never took."""
         verdicts = []
-        for fact in self._takes.overdue(settled):
+        for fact in self._takes.expected.overdue(settled):
             source, channel = fact.stream
             message = f"message {fact.observation.sequence} of {source} on {channel} to be taken"
             verdicts += self._missing(fact, message, "the message was not taken", settled)
@@ -470,7 +474,7 @@ class Judging:
         self._next_try = 0
         self._wake_at(0)
         self._window.clear()
-        self._requests.clear()
+        self._requests.expected.clear()
         self._takes.forget()
         self._lost_until = stamp + self._latency
         self._listening_since = stamp

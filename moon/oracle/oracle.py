@@ -1,8 +1,9 @@
 """The oracle of one machine: observations in, verdicts out.
 
-Observations of different channels do not come in the order in which things happened, so each is
-kept for one latency bound before it is judged, in its place among the others. A violation is
-therefore only said when nothing that could still come would explain it, and never taken back.
+What a node reports is judged as soon as all before it was received, where the node numbers its reports and
+they tell all that concerns the machine. Else observations of different channels do not come in the order in
+which things happened, so each is kept for one latency bound before it is judged, in its place among the
+others. A violation is only reported when nothing that could still come would explain it, and never withdrawn.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class Oracle(Judging):
         self._synchronised = True
         self._heard_since = None
         self._window.clear()
-        self._requests.clear()
+        self._requests.expected.clear()
         self._other_ends.clear()
         self._unconfirmed.restart()
         self._streams.restart()
@@ -218,8 +219,8 @@ class Oracle(Judging):
 
     def _note_message(self, message: TraceEvent) -> None:
         self._takes.publish(message, self._base is not None and self._is_to_be_taken(message))
-        if self._takes.due < self.wake:
-            self._wake_at(self._takes.due)
+        if self._takes.expected.due < self.wake:
+            self._wake_at(self._takes.expected.due)
 
     def _is_to_be_taken(self, message: TraceEvent) -> bool:
         """Whether the node has to take ``message``: it was there, and whoever published it is known."""
@@ -292,7 +293,7 @@ class Oracle(Judging):
         self._history.append(fact)
         self._finished = settled
         due = self._next_due = self.search.next_due(only)
-        self._wake_at(due if due < self._requests.due else self._requests.due)
+        self._wake_at(due if due < self._requests.expected.due else self._requests.expected.due)
         return True
 
     def advance(self, now_ns: int) -> list[Verdict]:
@@ -379,7 +380,7 @@ class Oracle(Judging):
             is_known = source == fact.call[0] and self._publishers.is_caller(source)
             if is_known and stamp > self._lost_until and stamp > (self._heard_since or 0):
                 self._requests.ask(fact)
-                self._wake_at(min(self.wake, self._requests.due))
+                self._wake_at(min(self.wake, self._requests.expected.due))
             return
         if role is _ANSWERED:  # that it was taken up was not heard, or not yet
             self._requests.take(fact, self._finished)

@@ -9,13 +9,11 @@ time within the latency bound.
 from __future__ import annotations
 
 from moon.oracle.bounds import FOREVER, LINKED_NS
+from moon.oracle.expected import Expected, Place
 from moon.oracle.trace_events import TraceEvent
 
 KEPT_MESSAGES = 1024
 """Messages that were not taken yet, and others that are remembered."""
-
-Reference = tuple[str, str, int]
-"""Source and channel of a message, and its number there."""
 
 
 class _Link:
@@ -44,35 +42,31 @@ class TakenMessages:
     Attributes:
         reported: whether the machine's node reports what it takes.
         started_ns: when the node started (ns); 0 where it is linked for long.
-        due: when a message that is known will be overdue (ns), or earlier.
+        expected: by source and channel of a message, and its number there.
         awaited_ns: the first that was taken and whose contents were not received yet, was taken then (ns).
     """
 
     __slots__ = (
         "_awaited",
         "_contents",
-        "_deadline",
-        "_expected",
         "_links",
         "awaited_ns",
-        "due",
+        "expected",
         "reported",
         "started_ns",
     )
 
     def __init__(self, deadline: int) -> None:
-        self._deadline = deadline
         self.reported = False
-        self.due = FOREVER
+        self.expected = Expected(deadline, KEPT_MESSAGES)
         self.awaited_ns = FOREVER
-        self._contents: dict[Reference, TraceEvent] = {}
-        self._awaited: dict[Reference, TraceEvent] = {}
-        self._expected: dict[Reference, TraceEvent] = {}
+        self._contents: dict[Place, TraceEvent] = {}
+        self._awaited: dict[Place, TraceEvent] = {}
         self._links: dict[tuple[str, str], _Link] = {}
         self.started_ns = 0
 
-    def publish(self, message: TraceEvent, is_expected: bool) -> bool:
-        """A message was published; whether it had been taken already, and its contents were awaited.
+    def publish(self, message: TraceEvent, is_expected: bool) -> None:
+        """A message was published; what was taken already, and awaited, has its contents now.
 
         Args:
             message: as its publisher reports it.
@@ -84,18 +78,17 @@ class TakenMessages:
         taken = self._awaited.pop(reference, None)
         if taken is not None:
             _fill(taken, message)
-            self._note_awaited()
-            return True
+            stamps = (each.stamp for each in self._awaited.values())
+            self.awaited_ns = min(stamps, default=FOREVER)
+            return
         contents = self._contents
         contents[reference] = message
         if len(contents) > KEPT_MESSAGES:
             oldest = next(iter(contents))
             del contents[oldest]
-            self._expected.pop(oldest, None)
+            self.expected.remove(oldest)
         if is_expected:
-            self._expected[reference] = message
-            self.due = min(self.due, message.stamp + self._deadline)
-        return False
+            self.expected.add(reference, message)
 
     def _is_linked(self, message: TraceEvent) -> bool:
         """Whether what the publisher of ``message`` publishes reaches the node."""
@@ -118,25 +111,14 @@ class TakenMessages:
             self._awaited[reference] = taken
             self.awaited_ns = min(self.awaited_ns, taken.stamp)
             return
-        if self._expected.pop(reference, None) is not None and not self._expected:
-            self.due = FOREVER
+        self.expected.remove(reference)
         _fill(taken, message)
-
-    def overdue(self, settled: int) -> list[TraceEvent]:
-        """Those that should have been taken by ``settled`` (ns); they are expected no more."""
-        limit = settled - self._deadline
-        found = {place: each for place, each in self._expected.items() if each.stamp <= limit}
-        for place in found:
-            del self._expected[place]
-        stamps = (message.stamp for message in self._expected.values())
-        self.due = min(stamps, default=FOREVER - self._deadline) + self._deadline
-        return list(found.values())
 
     def forget(self) -> None:
         """It is not known any more what the node takes; what it will have taken may still come."""
-        self._expected.clear()
+        self.expected.clear()
         self._awaited.clear()
-        self.due = self.awaited_ns = FOREVER
+        self.awaited_ns = FOREVER
 
     def restart(self) -> None:
         """Another life of the node begins: whether it reports what it takes is not known yet."""
@@ -145,11 +127,8 @@ class TakenMessages:
         self._links.clear()
         self.reported = False
 
-    def _note_awaited(self) -> None:
-        self.awaited_ns = min((each.stamp for each in self._awaited.values()), default=FOREVER)
 
-
-def reference_of(message: TraceEvent) -> Reference:
+def reference_of(message: TraceEvent) -> Place:
     """By what a report of the node that took it names a message."""
     source, channel = message.stream
     return source, channel, message.observation.sequence

@@ -2,8 +2,8 @@
 
 It listens to the policy's own end of its calls: they come from one process, one after the other, so
 their stamps order them. What is newer than the latency bound waits, as something older may still be
-heard; then each call is compared with what the very tree, given the answers so far, ticks or halts
-next (``moon.policy.follow``).
+received, unless the policy's node numbers its reports and none is missing; then each call is compared with
+what the very tree, given the answers so far, ticks or halts next (``moon.policy.follow``).
 
 What is checked: which leaf is ticked or halted next; that the next call comes while a tick is not
 over; that no call is made before the last one is answered; that no tick begins sooner than the rate

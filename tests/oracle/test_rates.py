@@ -103,4 +103,4 @@ def test_endless_requests_that_are_not_taken_up_are_not_kept_for_ever():
         for number in range(5000)
     ]
     judged.hear(asked)
-    assert len(judged.oracle._requests._asked) <= 1024
+    assert len(judged.oracle._requests.expected.events) <= 1024

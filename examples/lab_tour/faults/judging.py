@@ -120,15 +120,15 @@ def _ignored(node: str, said: Said, run: Run) -> Onset | None:
     """The message that ``said`` is about, if it is that ``node`` never took one, and it did not."""
     if not said.verdict.reason.endswith("the message was not taken"):
         return None
-    seen = [item for item in run.heard if item.stamp_ns == said.verdict.stamp_ns]
-    for message in (item for item in seen if item.kind is ObservationKind.MESSAGE):
-        place = (node, message.channel, message.source, message.sequence)
-        if place not in {
-            (item.source, item.channel, item.client, item.call)
-            for item in run.heard
-            if item.kind is ObservationKind.MESSAGE_TAKEN
-        }:
-            return Onset(message.stamp_ns, f"message {message.sequence} was not taken")
+    taken = {
+        (item.channel, item.client, item.call)
+        for item in run.heard
+        if item.kind is ObservationKind.MESSAGE_TAKEN and item.source == node
+    }
+    for item in run.heard:
+        is_it = item.stamp_ns == said.verdict.stamp_ns and item.kind is ObservationKind.MESSAGE
+        if is_it and (item.channel, item.source, item.sequence) not in taken:
+            return Onset(item.stamp_ns, f"message {item.sequence} was not taken")
     return None
 
 
