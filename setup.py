@@ -14,11 +14,12 @@ from pathlib import Path
 from setuptools import Extension, setup
 
 MODULES = {
-    "moon/monitor": "models nodes event_time_clock patience properties reception turns watch",
+    "moon/monitor": "models nodes patience properties reception turns watch",
     "moon/offline": "engine playing",
     "moon/oracle": "*",
+    "moon/ordering": "event_time_clock held judge progress",
     "moon/policy": "calls follow oracle remembered",
-    "moon/properties": "monitor_group three_valued foresight gaps held monitor ordering",
+    "moon/properties": "monitor_group three_valued foresight gaps monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
     "transports": "cdr sequences",
 }

@@ -138,10 +138,10 @@ def _monitor(
     """Monitor until it is to end; how many violations there were."""
     import msgspec
 
-    from moon.monitor.event_time_clock import NS
     from moon.monitor.joining import Joining
     from moon.monitor.screen import screen_for
     from moon.monitor.watch import SystemWatch
+    from moon.ordering.event_time_clock import NS
     from moon.recording.recorded import RecordedConnection, RecordedRun
     from moon.sinks.file import VerdictFile
     from moon.sinks.topic import VerdictTopic

@@ -9,7 +9,7 @@ lag: who shares its processors is held up, too.
 
 from __future__ import annotations
 
-from moon.monitor.event_time_clock import NS
+from moon.ordering.event_time_clock import NS
 
 LEAST_NS = 25_000_000
 """Several times what a message takes on an idle machine, service events' 3.5 ms at their node included (12

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from moon.monitor.connection import Connection
-from moon.monitor.event_time_clock import NS, PERIOD_NS, USUAL_GAP_NS
+from moon.ordering.event_time_clock import NS, PERIOD_NS, USUAL_GAP_NS
 from transports.interface import Timer
 
 _SOON_NS = 20_000_000

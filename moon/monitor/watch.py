@@ -12,16 +12,16 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.connection import Connection, Sink
-from moon.monitor.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception
-from moon.monitor.silence import Silence
 from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
 from moon.monitor.turns import Turns
 from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.oracle import Oracle
+from moon.ordering.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
+from moon.ordering.silence import Silence
 from moon.policy.oracle import PolicyOracle
 from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from moon.monitor.event_time_clock import NS
+from moon.ordering.event_time_clock import NS
 from moon.recording.entries import (
     UNUSUAL_NS,
     Answered,

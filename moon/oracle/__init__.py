@@ -25,7 +25,7 @@ The search, by composition; a module uses only those above it:
 
 What is received, put in order, and judged:
 
-* ``progress``, ``source_streams``: how far a node has reported, and what is missing, by numbers;
+* ``source_streams``: what is missing, by numbers;
 * ``expected``, ``request_tracking``, ``taken_messages``: what others sent, until the machine's node has it;
 * ``resynchronisation``, ``clock``: a moment to begin at in the middle of a run; the time of all oracles;
 * ``unconfirmed``, ``confirmation``: violations until no lost observation can be the reason;

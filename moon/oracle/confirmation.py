@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from m2c.model.machine import OutputKind
-from moon.oracle.progress import Progress
 from moon.oracle.search import Search
 from moon.oracle.source_streams import Count, Place, SourceStreams
 from moon.oracle.state import Hypothesis
 from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.unconfirmed import NOT_NEEDED, Losses, OtherEnds, Publishers, Waiting
+from moon.ordering.progress import Progress
 from moon.verdict import Verdict
 
 _PARTS = {

@@ -20,7 +20,6 @@ from moon.oracle.clock import Clock
 from moon.oracle.confirmation import Confirmation
 from moon.oracle.explain import described, explanation_of
 from moon.oracle.program import TooOpenError
-from moon.oracle.progress import Progress
 from moon.oracle.request_tracking import RequestTracking
 from moon.oracle.resynchronisation import Resynchronisation
 from moon.oracle.search import Search
@@ -36,6 +35,7 @@ from moon.oracle.unconfirmed import (
     Unconfirmed,
     Waiting,
 )
+from moon.ordering.progress import Progress
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 
 EVIDENCE = 12

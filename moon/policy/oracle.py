@@ -23,8 +23,8 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.progress import Progress
 from moon.oracle.unconfirmed import UNCONFIRMED, Unconfirmed, Waiting
+from moon.ordering.progress import Progress
 from moon.policy.calls import Call, HeardElsewhere, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.run import Ask, Life

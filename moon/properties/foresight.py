@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from moon.properties.held import Held
+from moon.ordering.held import Held
 from moon.properties.monitor import PropertySet
 from moon.properties.nodes import NEVER
 from moon.properties.property import Property

@@ -15,9 +15,9 @@ from typing import Any
 
 import msgspec
 
+from moon.ordering.held import Held
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.foresight import Foresight
-from moon.properties.held import Held
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.nodes import NEVER
 from moon.properties.property import Property

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from moon.monitor.event_time_clock import NS
 from moon.offline.playing import QUIET_AT_FIRST_NS, QUIET_PER_ENTRY_NS, Player
+from moon.ordering.event_time_clock import NS
 from moon.recording.entries import Began, Entry
 from tests.offline.test_same_verdicts import checked
 from transports.interface import Observation, ObservationKind

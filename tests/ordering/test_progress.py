@@ -8,7 +8,7 @@ import pytest
 
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
-from moon.oracle.progress import KEPT_AHEAD, Progress
+from moon.ordering.progress import KEPT_AHEAD, Progress
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
 from transports.interface import Observation, ObservationKind

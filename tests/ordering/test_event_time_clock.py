@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from moon.monitor.event_time_clock import EventTimeClock, read_together
+from moon.ordering.event_time_clock import EventTimeClock, read_together
 
 MS = 1_000_000
 LATENCY = 200 * MS

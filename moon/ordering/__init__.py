@@ -1,0 +1,17 @@
+"""Event time: observations arrive late, twice or not at all, and judges are handed them in order.
+
+How far a judge can be handed what concerns it is its *watermark* (Akidau et al., *The Dataflow Model*,
+VLDB 2015): all that is stamped up to it has been received, or is known to be missing. It is decided by the
+first of these that applies (decisions 13, 29 and 30):
+
+1. *complete by number*: nodes number all that they report, in order (``progress``);
+2. *complete by asking*: a node says up to which number it has reported everything (``silence``);
+3. *bounded lateness*: nothing is received later than the latency bound after its stamp
+   (``event_time_clock``).
+
+* ``judge``: what a judge is handed, besides observations;
+* ``progress``: up to when all that a node reported has been received;
+* ``held``: what is not handed over yet, in order of stamps;
+* ``event_time_clock``: the clock of the judges, never ahead of what can have been received;
+* ``silence``: asks nodes how far they have reported, where only that stands in the way.
+"""
