@@ -14,12 +14,12 @@ from pathlib import Path
 from setuptools import Extension, setup
 
 MODULES = {
-    "moon/monitor": "models nodes patience properties reception turns watch",
+    "moon/monitor": "models nodes properties reception turns watch",
     "moon/offline": "engine playing",
     "moon/oracle": "*",
-    "moon/ordering": "event_time_clock held judge progress",
+    "moon/ordering": "event_time_clock held judge progress sources",
     "moon/policy": "calls follow oracle remembered",
-    "moon/properties": "monitor_group three_valued foresight gaps monitor ordering",
+    "moon/properties": "monitor_group three_valued gaps monitor ordering presumption",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
     "transports": "cdr sequences",
 }

@@ -28,13 +28,12 @@ QUIET_S = 0.002
 """For how long a node must have told nothing: longer than between two calls of a policy."""
 AT_MOST_S = 0.012
 """How long anything waits where a node is seldom at work, and how long it is at least from one burst to the
-next: half of the 25 ms that a monitor allows for at least (``moon.monitor.patience.LEAST_NS``)."""
+next."""
 IN_A_ROW = 3
 """A node that so often had something to tell again within ``AT_MOST_S`` of a burst is at work all the time,
 not only in the middle of a tick."""
 GROWTH = 1.5
-"""By how much its bursts get rarer each time: less than what a monitor allows for beyond the longest lag so
-far (``moon.monitor.patience.MARGIN``)."""
+"""By how much its bursts get rarer each time."""
 SELDOM_S = 0.05
 """How rare they get: a quarter of the latency that is allowed for by default."""
 

@@ -192,7 +192,7 @@ def _monitor(
                 run.note_problems(watch.listener.problems())
 
         def is_over() -> bool:
-            return exit_on_violation and watch.certain_violations > 0
+            return exit_on_violation and watch.violations > 0
 
         gc.freeze()  # models and modules stay: looking for garbage among them held a tick up by 50 ms
         settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS

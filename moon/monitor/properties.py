@@ -1,24 +1,27 @@
-"""Properties at work in a monitor: what it heard goes to them in order of stamps, with what it missed.
+"""Properties at work in a monitor: what it received goes to them in order of stamps, with what it missed.
 
-Observations count for good once the latency bound is over. A violation is said earlier: when nothing that
-could mend it is to be expected any more, going by how late things have been (:mod:`moon.monitor.patience`).
-Should it come all the same, the violation is taken back. What was missed (gaps in the numbers of a
-source, what came too late) makes whatever depends on it inconclusive, from the instant at which it was
-missed (:meth:`moon.properties.monitor.PropertySet.lose`). What is told of a loss before its first instant
-counts says nothing that a lost message could contradict; told later, it takes back what it leaves open.
+Observations count once all that was stamped before was received: by the numbers of all nodes that may send
+on the channels of the properties, else when the latency bound is over. Where only silence stands in the way
+of a violation (:mod:`moon.properties.presumption`), those nodes are asked how far they have reported.
+
+What was missed (gaps in the numbers of a source, what came too late) makes whatever depends on it
+inconclusive, from the instant at which it was missed (:meth:`moon.properties.monitor.PropertySet.lose`).
+Where nodes number their reports it is found before anything later counts. Where they do not, a number
+that comes later can show that a violation rested on what was lost: then it is withdrawn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
 from moon.monitor.departures import PREFIX, Departures
-from moon.monitor.patience import LEAST_NS, Patience
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
+from moon.ordering.judge import Gap
+from moon.ordering.sources import Sources
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.describe import duration
 from moon.properties.monitor import TimeOrderError
@@ -36,8 +39,10 @@ SHOWN_FACTS = 8
 MOST_PLACES = 10_000
 """Sources and channels whose numbers are kept; names come from the wire, and never end."""
 REMEMBERED = 256
-"""Violations of a property that a loss that is told of later than it should can still take back."""
-TAKEN_BACK = "the violation is withdrawn: what was missing came later than any message lately"
+"""Violations of a property that can still be withdrawn, as a loss is found later than they are."""
+LOOK_NS = 10_000_000
+"""So long after an observation it is looked at whether something is presumably false by it: what was stamped
+before has mostly been received then. Where things are later than that, so long as they were of late."""
 
 _NEXT = Sequel.NEXT
 
@@ -59,7 +64,7 @@ class _Loss(msgspec.Struct):
 class _Tally:
     """What was heard and said of one property."""
 
-    __slots__ = ("channels", "foreseen_ns", "heard", "last", "outcome", "since", "violations")
+    __slots__ = ("channels", "heard", "last", "outcome", "since", "violations")
 
     def __init__(self, channels: frozenset[str]) -> None:
         self.channels = channels
@@ -67,9 +72,7 @@ class _Tally:
         self.outcome: Outcome | None = None
         self.violations = 0
         self.since: list[int] = []
-        """Since when, of the latest :data:`REMEMBERED`: they may have to be taken back."""
-        self.foreseen_ns: int | None = None
-        """Since when it is violated, if that was said and is not certain yet."""
+        """Since when, of the latest :data:`REMEMBERED`."""
         self.last = ""
 
     def concerns(self, channel: str) -> bool:
@@ -102,32 +105,53 @@ class PropertyWatch:
         """Observations that came too late to be judged."""
         self.turns = 0
         """Turns at which there was something to look at."""
-        self.patience = Patience(latency_ns)
-        self.taken_back: Callable[[str, int], None] = lambda name, since_ns: None
+        self.withdrawn: Callable[[str, int], None] = lambda name, since_ns: None
         """Told which violation (of which property, since when) does not count any more."""
         self._latency_ns = latency_ns
         self._tallies = {
             name: _Tally(frozenset(port.channel for port in item.ports))
             for name, item in self.properties.items()
         }
+        self._sources = Sources(latency_ns)
+        self._sends: dict[str, set[str]] = {}
+        """Who may send on the channels of the properties, and on which of them."""
+        self._is_anybody = False
+        self._to_ask: list[str] = []
         self._clear()
 
     def _clear(self) -> None:
         self._ordered = OrderedProperties(self._departures.properties, self._latency_ns)
-        self._ordered.foresee(-1)  # compiles now what would hold it up later
+        self._ordered.presume(-1)  # compiles now what would hold it up later
         self.channels = frozenset(
             name for name in self._ordered.channels() if not name.startswith(PREFIX)
         )
         self._sequences = Sequences(MOST_PLACES)
         self._losses: list[_Loss] = []
         self._reached_ns = -1
-        self._quiet_until = 0
-        """Before this instant (ns) time alone changes nothing, if ``_foresees`` is as it was then."""
-        self._wanted_ns = 0
-        """When a turn is wanted, under the same condition."""
-        self._foresaw = False
-        for tally in self._tallies.values():
-            tally.foreseen_ns = None
+        self._due_ns = 0
+        """Nothing changes before all until this instant (ns) is known, if nothing is received."""
+        self._presume_ns = 0
+        """The same of what is presumed."""
+        self._wait_ns = LOOK_NS
+
+    def rely_on(self, sources: Sources, senders: Mapping[str, Iterable[str]]) -> None:
+        """Nodes number what they report, and can be asked.
+
+        Args:
+            sources: how far all of them are; kept up to date by whoever calls this.
+            senders: the nodes that may report something on each channel, by their models; empty: there are
+                no models, and any node that comes up may.
+        """
+        self._sources = sources
+        self._is_anybody = not senders
+        for channel, names in senders.items():
+            if self.concerns(channel):
+                for name in names:
+                    self._note_sender(name, channel)
+
+    def _note_sender(self, name: str, channel: str) -> None:
+        if name in self._sends or len(self._sends) < MOST_PLACES:
+            self._sends.setdefault(name, set()).add(channel)
 
     def start(self, now_ns: int) -> list[Verdict]:
         """Listening begins at ``now_ns``; the verdicts that this brings about."""
@@ -145,12 +169,16 @@ class PropertyWatch:
             return
         for tally in self._tallies.values():
             tally.heard += seen.channel in tally.channels
+        if seen.channel not in self._sends.get(seen.source, ()):
+            self._note_sender(seen.source, seen.channel)
         if seen.channel in self._departures.channels:
             self._departures.heard(seen)
         self._hold(seen)
 
     def node_changed(self, node: str, up: bool, now_ns: int) -> None:
         """``node`` came up or went away: who is not there owes no response."""
+        if self._is_anybody and up and (node in self._sends or len(self._sends) < MOST_PLACES):
+            self._sends.setdefault(node, set())
         for departure in self._departures.changed(node, up, now_ns):
             self._hold(departure)
 
@@ -161,9 +189,8 @@ class PropertyWatch:
             self.late += 1
             self.lose(seen.channel, seen.stamp_ns, seen.stamp_ns + 1)
         else:
-            soon_ns = seen.stamp_ns + LEAST_NS
-            self._quiet_until = min(self._quiet_until, soon_ns)
-            self._wanted_ns = min(self._wanted_ns, soon_ns)
+            self._due_ns = min(self._due_ns, seen.stamp_ns)
+            self._presume_ns = min(self._presume_ns, seen.stamp_ns)
 
     def _is_repeated(self, seen: Observation) -> bool:
         """Look at its number: whether it was heard before; what is missing before it is lost."""
@@ -187,9 +214,13 @@ class PropertyWatch:
     def lose(self, channel: str, start_ns: int, end_ns: int) -> None:
         """Messages of ``channel`` stamped in ``[start_ns, end_ns)`` were missed."""
         if self.concerns(channel):
-            self.patience.distrust()
-            self._quiet_until = self._wanted_ns = 0
+            self._due_ns = 0
             self._losses.append(_Loss(min(start_ns, end_ns), end_ns, channel))
+
+    def gap(self, gap: Gap) -> None:
+        """Something that one source reported is missing: it may be of any channel on which it sends."""
+        for channel in sorted(self._sends.get(gap.source, ())):
+            self.lose(channel, gap.from_ns, gap.until_ns)
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
         """Whatever was sent in ``[start_ns, end_ns)`` may have been missed."""
@@ -209,70 +240,74 @@ class PropertyWatch:
             self._hold(departure)
         return found
 
-    def advance(self, now_ns: int) -> list[Verdict]:
-        """The time is ``now_ns``; the verdicts that changed."""
-        if now_ns < self.next_ns:
+    def advance(self, now_ns: int, lag_ns: int = 0) -> list[Verdict]:
+        """The time is ``now_ns``; the verdicts that changed.
+
+        Args:
+            now_ns: what was stamped the latency bound before was received, or is lost.
+            lag_ns: how late observations were of late.
+        """
+        self._wait_ns = min(max(LOOK_NS, lag_ns), self._latency_ns)
+        if now_ns < self._look_ns and self._known_ns(now_ns) < self._due_ns:
             return []
         self.turns += 1
-        found, until = self._count_for_good(now_ns - self._latency_ns)
-        found += self._taken_back(until) + self._foreseen(now_ns)
-        self._look_ahead()
-        return found
-
-    @property
-    def next_ns(self) -> int:
-        """Until then (ns) time alone changes nothing; 0: it may at once."""
-        return 0 if self._foresees and not self._foresaw else self._quiet_until
-
-    @property
-    def turn_ns(self) -> int:
-        """When a turn is wanted (ns); 0: at once. It is :attr:`next_ns`, or up to :data:`BEHIND_NS` later."""
-        return 0 if self._foresees and not self._foresaw else self._wanted_ns
-
-    def _look_ahead(self) -> None:
-        """When there is something to do next, if nothing is heard."""
-        self._foresaw = self._foresees
-        if self._losses:
-            self._quiet_until = self._wanted_ns = 0
-            return
-        for_good = [
-            tally.foreseen_ns + self._latency_ns
-            for tally in self._tallies.values()
-            if tally.foreseen_ns is not None
-        ]
-        if (due_ns := self._ordered.next_deadline()) is not None:
-            for_good.append(due_ns)
-        next_ns = min(for_good, default=FOREVER)
-        self._quiet_until, self._wanted_ns = next_ns, next_ns + BEHIND_NS * bool(self._ordered.held)
-        if self._foresaw:
-            soon_ns = self._ordered.foreseen_next_ns + LEAST_NS
-            self._quiet_until = min(self._quiet_until, soon_ns)
-            self._wanted_ns = min(self._wanted_ns, soon_ns)
-
-    @property
-    def _foresees(self) -> bool:
-        """Whether violations are said before the latency bound is over."""
-        return bool(self.properties) and self.patience.wait_ns < self._latency_ns
-
-    def _count_for_good(self, until: int) -> tuple[list[Verdict], int]:
-        """Everything stamped up to ``until`` counts, and what was missed is unknown; the instant."""
         found: list[Verdict] = []
         for loss in self._losses:
             found += self._missed(loss)
         self._losses.clear()
-        return found + self._pass_to(until), max(until, self._reached_ns)
+        found += self._pass_to(self._known_ns(now_ns))
+        self._presume(now_ns)
+        self._due_ns = self._ordered.due_ns
+        return found
+
+    def _known_ns(self, now_ns: int) -> int:
+        """All that was stamped until then (ns) was received, or is lost."""
+        return max(now_ns - self._latency_ns, self._sources.known_ns(self._sends, now_ns))
+
+    @property
+    def _look_ns(self) -> int:
+        """Until then (ns) time alone changes nothing."""
+        return min(self._due_ns + self._latency_ns, self._presume_ns + self._wait_ns)
+
+    @property
+    def next_ns(self) -> int:
+        """Until then (ns) time alone changes nothing; 0: it may at once."""
+        return self._look_ns if self._due_ns else 0
+
+    @property
+    def turn_ns(self) -> int:
+        """When a turn is wanted (ns); 0: at once. It is :attr:`next_ns`, or up to :data:`BEHIND_NS` later."""
+        if not self._due_ns:
+            return 0
+        due_ns = self._due_ns + self._latency_ns + BEHIND_NS * bool(self._ordered.held)
+        return min(due_ns, self._presume_ns + self._wait_ns)
+
+    def take_questions(self) -> Sequence[str]:
+        """The nodes to be asked now how far they have reported."""
+        names, self._to_ask = self._to_ask, []
+        return names
+
+    def _presume(self, now_ns: int) -> None:
+        """Ask nodes, if their silence would make something false."""
+        until_ns = now_ns - self._wait_ns
+        names = self._sources.behind(self._sends, until_ns, now_ns) if self.properties else []
+        if not names:
+            self._ordered.presume_nothing()
+            self._presume_ns = FOREVER
+            return
+        if self._ordered.presume(until_ns):
+            self._to_ask = names
+        self._presume_ns = self._ordered.presume_ns
 
     def _missed(self, loss: _Loss) -> list[Verdict]:
-        """Tell the properties of ``loss``; what it leaves nothing of is taken back."""
+        """Tell the properties of ``loss``; a violation of which it leaves nothing is withdrawn."""
         changes = dict(self._ordered.lose(loss.channel, loss.start, loss.end))
         verdicts = self._ordered.verdicts()
         found: list[Verdict] = []
         for name, tally in self._tallies.items():
             standing = verdicts[name]
-            stands = [tally.foreseen_ns]
-            if standing.status is Status.FALSE:
-                stands.append(standing.since_ns)
-            doubted = [ns for ns in tally.since if ns >= loss.start and ns not in stands]
+            stands = standing.since_ns if standing.status is Status.FALSE else None
+            doubted = [ns for ns in tally.since if ns >= loss.start and ns != stands]
             if not doubted or not tally.concerns(loss.channel):
                 if name in changes:
                     found += self._said(name, changes[name])
@@ -280,40 +315,10 @@ class PropertyWatch:
             tally.since = [ns for ns in tally.since if ns not in doubted]
             tally.violations -= len(doubted)
             for since_ns in doubted:
-                self.taken_back(name, since_ns)
+                self.withdrawn(name, since_ns)
             if standing.status is not Status.FALSE:
                 why = f"the violation is withdrawn: messages on {loss.channel} were missed"
                 found += self._told(name, msgspec.structs.replace(standing, reason=why))
-        return found
-
-    def _foreseen(self, now_ns: int) -> list[Verdict]:
-        """Violations that only something later than is to be expected could mend."""
-        if self._losses or not self._foresees:
-            self._ordered.foresee_nothing()
-            return []
-        wait_ns = self.patience.wait_ns
-        found: list[Verdict] = []
-        for name, verdict in self._ordered.foresee(now_ns - wait_ns):
-            tally = self._tallies[name]
-            if tally.foreseen_ns != verdict.since_ns:
-                tally.foreseen_ns = verdict.since_ns
-                found += self._told(name, verdict)
-        return found
-
-    def _taken_back(self, until: int) -> list[Verdict]:
-        """What was foreseen up to ``until`` and did not come true."""
-        found: list[Verdict] = []
-        for name, tally in self._tallies.items():
-            if tally.foreseen_ns is None or tally.foreseen_ns > until:
-                continue
-            foreseen_ns, tally.foreseen_ns = tally.foreseen_ns, None
-            tally.violations -= 1
-            self.taken_back(name, foreseen_ns)
-            tally.since = [ns for ns in tally.since if ns != foreseen_ns]
-            if tally.outcome is Outcome.VIOLATED:
-                standing = self._ordered.verdicts()[name]
-                reason = standing.reason or TAKEN_BACK
-                found += self._told(name, msgspec.structs.replace(standing, reason=reason))
         return found
 
     def _pass_to(self, instant: int) -> list[Verdict]:
@@ -324,11 +329,10 @@ class PropertyWatch:
         """
         if instant <= self._reached_ns:
             return []
-        due = self._ordered.next_deadline()
-        if self._reached_ns >= 0 and (due is None or due > instant + self._latency_ns):
+        if self._reached_ns >= 0 and self._ordered.due_ns > instant:
             return []
         self._reached_ns = instant
-        return self._changes(self._ordered.advance(instant + self._latency_ns))
+        return self._changes(self._ordered.seal(instant))
 
     # --- what is said ------------------------------------------------------------------------------
 
@@ -338,10 +342,6 @@ class PropertyWatch:
     def _said(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
         """What is certain now is said, unless it was before."""
         tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
-        if tally.foreseen_ns is not None and verdict.since_ns <= tally.foreseen_ns:
-            if outcome is Outcome.VIOLATED and verdict.since_ns == tally.foreseen_ns:
-                tally.foreseen_ns = None
-            return []  # what was said is of later
         if outcome is tally.outcome and outcome is not Outcome.VIOLATED:
             return []
         return self._told(name, verdict)
@@ -361,12 +361,6 @@ class PropertyWatch:
     def violations(self) -> int:
         """How often a property was broken."""
         return sum(tally.violations for tally in self._tallies.values())
-
-    @property
-    def certain_violations(self) -> int:
-        """Those of them that will not be taken back."""
-        foreseen = sum(tally.foreseen_ns is not None for tally in self._tallies.values())
-        return self.violations - foreseen
 
     def statuses(self) -> list[MachineStatus]:
         """Each property as it stands."""

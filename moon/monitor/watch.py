@@ -12,16 +12,18 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.connection import Connection, Sink
+from moon.monitor.departures import senders
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reception import Reception
-from moon.monitor.status import PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
+from moon.monitor.status import POLICY, PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
 from moon.monitor.turns import Turns
 from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.oracle import Oracle
 from moon.ordering.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
 from moon.ordering.silence import Silence
+from moon.ordering.sources import Sources
 from moon.policy.oracle import PolicyOracle
 from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
@@ -80,6 +82,8 @@ class SystemWatch:
         everything = (*system.nodes, *system.plugins)
         self._reception = Reception(everything, system.library, bounds.latency, self.counts)
         self._reception.know(self._properties.channels)
+        self._sources = Sources(bounds.latency)
+        self._properties.rely_on(self._sources, _reporters(system))
         if policy is None:
             policy = {machine.name for machine in machines} >= {node.name for node in system.nodes}
         self._policy_of = system if policy and system.policy is not None else None
@@ -127,6 +131,9 @@ class SystemWatch:
             for oracle in self._concerned(seen):
                 self._lose(oracle, f"several sessions claim to be {seen.source}")
             return
+        gap = self._sources.take(seen, pace.clock_ns)
+        if gap is not None:
+            self._properties.gap(gap)
         judged = self._reception.judge(seen, now_ns)
         if isinstance(judged, Rejected):
             if judged.reason:
@@ -142,7 +149,6 @@ class SystemWatch:
             self._too_late(seen, lag_ns, now_ns)
             return
         pace.heard(lag_ns)
-        self._properties.patience.heard(now_ns - seen.stamp_ns, now_ns)
         node = self._nodes.get(seen.source)
         if node is not None:
             node.lags.append(lag_ns)
@@ -170,7 +176,6 @@ class SystemWatch:
     def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""
         self._late[seen.source] = now_ns
-        self._properties.patience.heard(lag_ns, now_ns)
         self.counts.late += 1
         if seen.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
             self._properties.lose(seen.channel, seen.stamp_ns, now_ns)
@@ -225,8 +230,9 @@ class SystemWatch:
                     self._node_up(name, self._nodes[name])
         if clock_ns >= self._listening_since:
             self._take(self._models.advance(clock_ns))
-        self._properties.patience.held_up(self._transport.now_ns() - self._turns.due_ns)
-        self._tell_properties(self._properties.advance(clock_ns))
+        for gap in self._sources.settle(clock_ns):
+            self._properties.gap(gap)
+        self._advance_properties(clock_ns)
         for name, node in self._gone:
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
                 self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
@@ -241,8 +247,17 @@ class SystemWatch:
     def _answered(self, node: str, answer: Answer) -> None:
         """``node`` says up to where it has reported everything."""
         reach_ns = self._pace.reach_ns(self._transport.now_ns())
-        oracle = self._models.watched[node]
-        self._take(oracle.reported(answer.next_order, answer.stamp_ns, reach_ns))
+        self._sources.answered(node, answer.next_order, answer.stamp_ns)
+        oracle = self._models.watched.get(node)
+        if oracle is not None:
+            self._take(oracle.reported(answer.next_order, answer.stamp_ns, reach_ns))
+        self._advance_properties(reach_ns)
+
+    def _advance_properties(self, now_ns: int) -> None:
+        self._tell_properties(self._properties.advance(now_ns, self._pace.lag_ns))
+        for node in self._properties.take_questions():
+            if self.listener is not None:
+                self._silence.ask(self.listener, node)
 
     def _look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is said."""
@@ -261,6 +276,7 @@ class SystemWatch:
     def _start_anew(self, now_ns: int, monotonic_ns: int, why: str, held_up: bool = False) -> None:
         """Find every machine in the middle of what it does: something is not known to be heard."""
         self.counts.stalls += 1
+        self._sources.restart()
         for name, oracle in self._models.watched.items():
             self._nodes[name].leave(oracle)
         self._models = self._fresh_models()
@@ -310,6 +326,7 @@ class SystemWatch:
     def _node_changed(self, name: str, up: bool) -> None:
         now_ns = self._transport.now_ns()
         self._turns.heard(now_ns)
+        self._sources.changed(name, up, self._transport.up_since(name) if up else now_ns)
         self._properties.node_changed(name, up, now_ns)
         node = self._nodes.get(name)
         if up and self._transport.up_since(name) < self._listening_since:
@@ -420,11 +437,6 @@ class SystemWatch:
         """How often a model or a property was violated."""
         return self._violations + self._properties.violations
 
-    @property
-    def certain_violations(self) -> int:
-        """Those of them that will not be taken back."""
-        return self._violations + self._properties.certain_violations
-
     def oracles(self) -> Mapping[str, Oracle | PolicyOracle]:
         """The oracle of each watched node, until all are resynchronised."""
         return self._models.watched
@@ -479,6 +491,14 @@ class SystemWatch:
         )
         seconds = (self._transport.now_ns() - self._began_ns) / NS
         return Summary(seconds, statuses, counts, tuple(self.problems()))
+
+
+def _reporters(system: System) -> dict[str, set[str]]:
+    """The nodes that may report something on each channel, by their models; the policy calls and listens."""
+    found: dict[str, set[str]] = {}
+    for (channel, _), names in senders([*system.nodes, *system.plugins]).items():
+        found.setdefault(channel, {POLICY}).update(names)
+    return found
 
 
 def _received_at(seen: Observation, clock_ns: int) -> Observation:

@@ -52,7 +52,7 @@ class _Collector:
         if self._repeats <= MAX_REPEATS:
             self.counted.append(Said(self._player.now_ns(), verdict))
 
-    def take_back(self, name: str, since_ns: int) -> None:
+    def withdraw(self, name: str, since_ns: int) -> None:
         for place in range(len(self.counted) - 1, -1, -1):
             verdict = self.counted[place].verdict
             if (verdict.kind, verdict.node) == (PROPERTY, name) and verdict.stamp_ns == since_ns:
@@ -99,7 +99,7 @@ def check_recording(
         monotonic_ns=player.monotonic_ns,
         repeated=collector.repeat,
     )
-    properties.taken_back = collector.take_back
+    properties.withdrawn = collector.withdraw
     timelines = Timelines(watch, player) if with_timelines else None
     first, last, recorded = _play(recording, watch, player, timelines, progress, attribution)
     faults = tuple(recording.faults())

@@ -94,6 +94,11 @@ class EventTimeClock:
         return max(self.clock_ns, min(now_ns, self.now_ns + self._reach_ns))
 
     @property
+    def lag_ns(self) -> int:
+        """The longest lag of the last second or two."""
+        return max(self._late_ns, self._late_before_ns)
+
+    @property
     def is_lost(self) -> bool:
         """Whether the clock is further behind than oracles can bear."""
         return self.now_ns - self.clock_ns > 3 * self._latency_ns

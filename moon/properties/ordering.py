@@ -17,9 +17,9 @@ import msgspec
 
 from moon.ordering.held import Held
 from moon.properties.binding import ANY_CHANNEL
-from moon.properties.foresight import Foresight
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.nodes import NEVER
+from moon.properties.presumption import Presumption
 from moon.properties.property import Property
 from moon.properties.snapshot import Snapshot
 from moon.properties.verdict import Status, Verdict
@@ -49,7 +49,7 @@ class OrderedProperties:
     ) -> None:
         self._properties = tuple(properties)
         self._set = PropertySet(self._properties)
-        self._foresight: Foresight | None = None
+        self._presumption: Presumption | None = None
         self._channels = self._set.channels()
         self._latency_ns = latency_ns
         self._uncertainty_ns = uncertainty_ns
@@ -76,13 +76,17 @@ class OrderedProperties:
             )
         if observation.channel in self._channels or ANY_CHANNEL in self._channels:
             self._held.add(observation)
-            if self._foresight is not None:
-                self._foresight.observe(observation)
+            if self._presumption is not None:
+                self._presumption.observe(observation)
         return ()
 
     def advance(self, now_ns: int) -> Sequence[tuple[str, Verdict]]:
         """The time is ``now_ns``: whatever is older than the latency bound counts. Changed verdicts."""
-        until = now_ns - self._latency_ns - self._uncertainty_ns
+        return self.seal(now_ns - self._latency_ns)
+
+    def seal(self, until_ns: int) -> Sequence[tuple[str, Verdict]]:
+        """All that is stamped up to ``until_ns`` was received, or is known to be lost. Changed verdicts."""
+        until = until_ns - self._uncertainty_ns
         if until <= self._closed_ns:
             return ()
         ready = self._held.take(self._count(until))
@@ -101,31 +105,31 @@ class OrderedProperties:
             found += self._each(lambda: self._set.advance(limit))
         return found
 
-    def foresee(self, until_ns: int) -> Sequence[tuple[str, Verdict]]:
-        """What :meth:`advance` will find false if nothing stamped up to ``until_ns`` is on its way.
+    def presume(self, until_ns: int) -> Sequence[tuple[str, Verdict]]:
+        """What :meth:`seal` will find false if nothing stamped up to ``until_ns`` is on its way.
 
         Each is returned once; again, if something came after all that had to be considered. Nothing is
-        foreseen while something is unknown, or an order may be another.
+        presumed while something is unknown, or an order may be another.
         """
         if self._uncertainty_ns:
             return ()
-        if self._foresight is None:
-            self._foresight = Foresight(self._properties)
-        return self._foresight.advance(until_ns, self._set, self._held.observations)
+        if self._presumption is None:
+            self._presumption = Presumption(self._properties)
+        return self._presumption.advance(until_ns, self._set, self._held.observations)
 
     @property
-    def foreseen_next_ns(self) -> int:
-        """Before this instant :meth:`foresee` finds nothing, if nothing is heard; 0: not known."""
-        if self._foresight is None:
+    def presume_ns(self) -> int:
+        """Before this instant :meth:`presume` finds nothing, if nothing is received; 0: not known."""
+        if self._presumption is None:
             return 0
-        if self._uncertainty_ns or not (self._foresight.follows or self._set.is_certain):
+        if self._uncertainty_ns or not (self._presumption.follows or self._set.is_certain):
             return NEVER
-        return self._foresight.due_ns
+        return self._presumption.due_ns
 
-    def foresee_nothing(self) -> None:
-        """Foresee nothing for a while: it costs nothing then."""
-        if self._foresight is not None:
-            self._foresight.stop()
+    def presume_nothing(self) -> None:
+        """Presume nothing for a while: it costs nothing then."""
+        if self._presumption is not None:
+            self._presumption.stop()
 
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost (:meth:`PropertySet.lose`).
@@ -136,7 +140,7 @@ class OrderedProperties:
         Raises:
             TimeOrderError: ``until_ns`` is before ``from_ns``, or one of them is no time.
         """
-        self.foresee_nothing()
+        self.presume_nothing()
         reach = self._uncertainty_ns if from_ns < until_ns else 0
         start = max(0, from_ns - reach)
         for name, verdict in self._verdicts.items():
@@ -150,11 +154,17 @@ class OrderedProperties:
 
     def next_deadline(self) -> int | None:
         """When to call :meth:`advance` next at the latest (ns); None: with the next observation."""
-        wait = self._latency_ns + self._uncertainty_ns
-        instants = self._held.stamps[:1]
-        if (own := self._set.next_deadline()) is not None:
-            instants.append(own)
-        return min(instants) + wait if instants else None
+        due = self.due_ns
+        return None if due == NEVER else due + self._latency_ns
+
+    @property
+    def due_ns(self) -> int:
+        """Before this instant (ns), or ``NEVER``, :meth:`seal` changes nothing if nothing is received."""
+        own = self._set.next_deadline()
+        due = NEVER if own is None else own
+        if self._held.stamps:
+            due = min(due, self._held.stamps[0])
+        return due if due == NEVER else due + self._uncertainty_ns
 
     @property
     def held(self) -> Sequence[int]:

@@ -9,23 +9,44 @@ import msgspec
 import pytest
 
 from m2c.launch.in_process import Program
-from moon.monitor import properties
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.subject import Monitored
+from moon.offline import engine
 from moon.offline.engine import check_recording
 from tests.offline.live import SUBJECT, faulty_program, live_run, monitored, program
 from tests.offline.test_same_verdicts import ROUGH, UNEVEN
 from transports.simulated import Conditions
 
-ALWAYS = 1 << 61
-"""Longer ago than all stamps: there is always something to do."""
+NEVER = 1 << 61
+"""Later than all stamps."""
 
 
-def said(path: Path) -> list[bytes]:
+class Kept(Monitored, frozen=True):
+    """Keeps the property watches of a check."""
+
+    watches: list[PropertyWatch] = msgspec.field(default_factory=list)
+
+    def property_watch(self) -> PropertyWatch:
+        self.watches.append(super().property_watch())
+        return self.watches[-1]
+
+
+def kept() -> Kept:
+    return Kept(*msgspec.structs.astuple(monitored()), watches=[])
+
+
+def said(path: Path, at_every_turn: bool = False) -> list[bytes]:
     """What a check says, and when."""
-    return [
-        msgspec.json.encode(item) for item in check_recording(path, SUBJECT, monitored()).verdicts
-    ]
+    subject = kept()
+
+    def give_it_work(_: int) -> None:
+        (watch,) = subject.watches
+        for channel in sorted(watch.channels):
+            watch.lose(channel, NEVER, NEVER)  # nothing was lost
+
+    progress = give_it_work if at_every_turn else None
+    verdicts = check_recording(path, SUBJECT, subject, progress=progress).verdicts
+    return [msgspec.json.encode(item) for item in verdicts]
 
 
 @pytest.mark.parametrize(
@@ -42,19 +63,13 @@ def test_a_monitor_that_does_its_work_at_every_turn_says_the_same_at_the_same_mo
     live_run(path, code(), 11, 15.0, conditions)
     idle = said(path)
     assert idle
-    monkeypatch.setattr(properties, "LEAST_NS", -ALWAYS)
-    assert said(path) == idle
+    monkeypatch.setattr(engine, "PROGRESS_EVERY", 1)
+    assert said(path, at_every_turn=True) == idle
 
 
 def test_most_turns_are_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     live_run(path, program(), 2, 5.0, UNEVEN)
-    watches: list[PropertyWatch] = []
-
-    class Kept(Monitored, frozen=True):
-        def property_watch(self) -> PropertyWatch:
-            watches.append(super().property_watch())
-            return watches[-1]
-
-    check_recording(path, SUBJECT, Kept(*msgspec.structs.astuple(monitored())))
-    assert 0 < watches[0].turns < 5.0 * 100 / 2
+    subject = kept()
+    check_recording(path, SUBJECT, subject)
+    assert 0 < subject.watches[0].turns < 5.0 * 100 / 2

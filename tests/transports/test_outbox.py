@@ -6,7 +6,6 @@ import heapq
 import itertools
 from collections.abc import Callable
 
-from moon.monitor.patience import LEAST_NS, MARGIN, Patience
 from moon.oracle.bounds import Bounds
 from transports.outbox import (
     AT_MOST_S,
@@ -106,19 +105,16 @@ def test_a_node_that_is_never_quiet_tells_each_event_in_time():
     assert len({left_s for left_s, _ in node.left}) < 18  # bursts
 
 
-def test_its_bursts_get_rare_no_faster_than_a_monitor_learns_how_late_they_are():
+def test_its_bursts_get_rare_step_by_step():
     node = Node()
     told = at_work_all_the_time(node)
-    patience = Patience(latency_ns=round(1e9))
     at_first = [left_s for left_s, _ in node.left if left_s < 0.04]
-    assert (
-        max(left_s - told[number] for left_s, number in node.left[: len(at_first)])
-        <= AT_MOST_S + 1e-9
-    )
-    for left_s, number in node.left:
-        lag_ns, now_ns = round((left_s - told[number]) * 1e9), round(left_s * 1e9)
-        assert lag_ns < patience.wait_ns
-        patience.heard(lag_ns, now_ns)
+    lags_s = [left_s - told[number] for left_s, number in node.left]
+    assert max(lags_s[: len(at_first)]) <= AT_MOST_S + 1e-9
+    longest_s = AT_MOST_S
+    for lag_s in lags_s:
+        assert lag_s <= GROWTH * longest_s + 0.001
+        longest_s = max(longest_s, lag_s)
 
 
 def test_after_a_pause_they_are_as_before():
@@ -155,8 +151,7 @@ def test_a_long_tick_makes_them_no_rarer():
 
 
 def test_an_event_waits_for_less_than_a_monitor_allows_for():
-    assert DELAY_S + QUIET_S <= AT_MOST_S <= LEAST_NS / 1e9 / 2
-    assert GROWTH < MARGIN
+    assert DELAY_S + QUIET_S <= AT_MOST_S
     assert Bounds().latency / 1e9 >= 4 * SELDOM_S
 
 

@@ -1,4 +1,4 @@
-"""What is foreseen is what will be said, unless something comes late; what is certain stays as it is."""
+"""What is presumably false will be false, unless something comes late; what is certain stays as it is."""
 
 from __future__ import annotations
 
@@ -38,27 +38,27 @@ def some_run(choice: random.Random, latest: int) -> tuple[list[Property], list]:
         name = choice.choice("pqr")
         value: object = choice.random() < 0.5
         if choice.random() < 0.03:
-            value = "?"  # unknown: for a while nothing is foreseen
+            value = "?"  # unknown: for a while nothing is presumed
         kind = choice.choice(KINDS) if name == "r" else ObservationKind.MESSAGE
         heard.append((stamp + choice.randint(0, latest), seen(stamp, f"/{name}", kind, v=value)))
     return properties, heard
 
 
-def said(properties: list[Property], heard: list, foreseeing: bool = True):
-    """What was foreseen and what was certain, as (tick, property, status, since)."""
+def said(properties: list[Property], heard: list, presuming: bool = True):
+    """What was presumed and what was certain, as (tick, property, status, since)."""
     ordered = OrderedProperties(properties, LATENCY)
     ordered.advance(LATENCY)  # time begins at 0
-    foreseen, certain = [], []
+    presumed, certain = [], []
     for tick in range(max((when for when, _ in heard), default=0) + 30):
         for when, observation in heard:
             if when == tick:
                 ordered.observe(observation)
         for name, verdict in ordered.advance(tick):
             certain.append((tick, name, verdict.status, verdict.since_ns))
-        if foreseeing:
-            for name, verdict in ordered.foresee(tick - WAIT):
-                foreseen.append((tick, name, verdict.status, verdict.since_ns))
-    return foreseen, certain
+        if presuming:
+            for name, verdict in ordered.presume(tick - WAIT):
+                presumed.append((tick, name, verdict.status, verdict.since_ns))
+    return presumed, certain
 
 
 def known(value: Observation) -> bool:
@@ -67,16 +67,16 @@ def known(value: Observation) -> bool:
 
 @given(seed=st.integers(0, 2**40))
 @settings(max_examples=300, deadline=None)
-def test_every_violation_is_foreseen_and_comes_true_if_nothing_is_late(seed):
+def test_every_violation_is_presumed_and_comes_true_if_nothing_is_late(seed):
     choice = random.Random(seed)
     properties, heard = some_run(choice, latest=WAIT)
     heard = [item for item in heard if known(item[1])] or [(11, seen(11, "/p", v=True))]
-    foreseen, certain = said(properties, heard)
+    presumed, certain = said(properties, heard)
     violations = [item for item in certain if item[2] is Status.FALSE]
     end = max(tick for tick, _ in heard) + 30 - 1 - LATENCY
-    assert {item[1:] for item in violations} <= {item[1:] for item in foreseen}
-    assert {item[1:] for item in foreseen if item[3] <= end} == {item[1:] for item in violations}
-    for tick, name, _, since in foreseen:
+    assert {item[1:] for item in violations} <= {item[1:] for item in presumed}
+    assert {item[1:] for item in presumed if item[3] <= end} == {item[1:] for item in violations}
+    for tick, name, _, since in presumed:
         later = [when for when, other, _, at in violations if (other, at) == (name, since)]
         assert not later or (tick <= later[0] and tick - since <= later[0] - since)
 
@@ -85,16 +85,16 @@ def test_every_violation_is_foreseen_and_comes_true_if_nothing_is_late(seed):
 @example(seed=1_003_346)  # unknown, then false
 @example(seed=1_004_655)  # values replaced at their own stamp
 @settings(max_examples=300, deadline=None)
-def test_what_is_certain_does_not_depend_on_what_was_foreseen(seed):
+def test_what_is_certain_does_not_depend_on_what_was_presumed(seed):
     properties, heard = some_run(random.Random(seed), latest=LATENCY - 1)
-    foreseen, certain = said(properties, heard)
-    assert certain == said(properties, heard, foreseeing=False)[1]
-    for tick, name, _, since in foreseen:
+    presumed, certain = said(properties, heard)
+    assert certain == said(properties, heard, presuming=False)[1]
+    for tick, name, _, since in presumed:
         # as it would be if what was heard by then were all that happened, in the same order
         by_then = sorted((pair for pair in heard if pair[0] <= tick), key=lambda pair: pair[0])
         so_far = [(item.stamp_ns, item) for _, item in by_then]
         assert (name, Status.FALSE, since) in [
-            item[1:] for item in said(properties, so_far, foreseeing=False)[1]
+            item[1:] for item in said(properties, so_far, presuming=False)[1]
         ]
 
 
@@ -107,11 +107,11 @@ def response(bound: str) -> Property:
     return Property("f", parse_formula(source, ticks_per_unit=1), ports)
 
 
-def test_a_deadline_shorter_than_the_latency_bound_is_foreseen():
+def test_a_deadline_shorter_than_the_latency_bound_is_presumed():
     ordered = OrderedProperties([response("5")], latency_ns=100)
     ordered.advance(101)
     ordered.observe(seen(50, "/a", ObservationKind.REQUEST_SENT))
-    ((_, verdict),) = ordered.foresee(55)
+    ((_, verdict),) = ordered.presume(55)
     assert (verdict.status, verdict.since_ns) == (Status.FALSE, 55)
     assert ordered.verdicts()["f"].status is not Status.FALSE
 
@@ -120,9 +120,9 @@ def test_an_answer_that_comes_late_is_seen_when_looked_at_again():
     ordered = OrderedProperties([response("5")], latency_ns=100)
     ordered.advance(101)
     ordered.observe(seen(50, "/a", ObservationKind.REQUEST_SENT))
-    assert ordered.foresee(60)
+    assert ordered.presume(60)
     ordered.observe(seen(52, "/a", ObservationKind.RESPONSE_SENT))
-    assert ordered.foresee(80) == []
+    assert ordered.presume(80) == []
     ordered.advance(300)
     assert ordered.verdicts()["f"].status is Status.TRUE
 
@@ -134,12 +134,12 @@ def test_the_end_of_a_call_that_counts_is_the_same_for_both():
     ordered.observe(seen(11, "/a", ObservationKind.RESPONSE_SENT))
     ordered.advance(140)
     ordered.observe(seen(50, "/a", ObservationKind.REQUEST_SENT))  # its other end counts
-    assert ordered.foresee(90) == []
+    assert ordered.presume(90) == []
 
 
-def test_after_a_loss_nothing_is_foreseen_until_it_does_not_matter():
+def test_after_a_loss_nothing_is_presumed_until_it_does_not_matter():
     ordered = OrderedProperties([response("5")], latency_ns=100)
     ordered.advance(101)
     ordered.observe(seen(50, "/a", ObservationKind.REQUEST_SENT))
     ordered.lose("/a", 51, 52)
-    assert ordered.foresee(90) == []
+    assert ordered.presume(90) == []

@@ -1,8 +1,8 @@
-"""What properties will say when the latency bound is over, unless something is still on its way.
+"""What is presumably false (RV-LTL): false, if nothing is on its way any more that was stamped earlier.
 
-Verdicts that must not be wrong wait for the latency bound. A violation is known much earlier if nothing
-that matters comes late: a second set of monitors is given what was heard so far, in order of stamps.
-When something does come late, or was lost, it goes back to where the first set stands.
+It is never reported. It tells when it is worth asking nodes how far they have reported: what they answer
+makes it certain. A second set of monitors is given what was received so far, in order of stamps; when
+something comes late, or was lost, it goes back to where the first set stands.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from moon.properties.verdict import Status, Verdict
 from transports.interface import Observation
 
 
-class Foresight:
+class Presumption:
     """Monitors ahead of a set of monitors.
 
     Args:
@@ -32,7 +32,7 @@ class Foresight:
         """Whether the monitors stand where the others will."""
 
     def observe(self, seen: Observation) -> None:
-        """``seen`` was heard."""
+        """``seen`` was received."""
         if not self._follows:
             return
         if seen.stamp_ns <= self._reached_ns:
@@ -41,18 +41,18 @@ class Foresight:
             self._waiting.add(seen)
 
     def stop(self) -> None:
-        """What was heard is not all: look at the first set again before anything is said."""
+        """What was received is not all: look at the first set again before anything is presumed."""
         self._follows = False
         self._waiting.clear()
 
     @property
     def follows(self) -> bool:
-        """Whether it foresees; else it begins when all that is behind is certain."""
+        """Whether it runs ahead; else it begins when all that is behind is certain."""
         return self._follows
 
     @property
     def due_ns(self) -> int:
-        """Before this instant :meth:`advance` finds nothing, if nothing is heard; 0: not known."""
+        """Before this instant :meth:`advance` finds nothing, if nothing is received; 0: not known."""
         if not self._follows:
             return 0
         own = self._set.next_deadline()
@@ -68,7 +68,7 @@ class Foresight:
         Args:
             until_ns: the instant.
             behind: the monitors whose verdicts are certain; how far they are, is where to begin.
-            held: what was heard that they do not know yet.
+            held: what was received that they do not know yet.
         """
         if not self._follows:
             if not behind.is_certain:

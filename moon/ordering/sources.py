@@ -1,0 +1,143 @@
+"""How far all nodes of a system have reported, and so up to when a judge of several of them knows all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from moon.ordering.judge import Gap
+from moon.ordering.progress import Progress
+from transports.interface import Observation
+
+KEPT_SOURCES = 10_000
+"""Sources that are remembered; their names come from the wire, and never end."""
+
+
+class Source:
+    """One node, as far as it was received.
+
+    Attributes:
+        progress: by the numbers of its reports.
+        is_numbered: whether it numbers all that it reports, as far as is known.
+        is_up: whether it is there; None: only its observations say so.
+        gone_ns: when it went away (ns), if it is not.
+    """
+
+    __slots__ = ("gone_ns", "is_numbered", "is_up", "progress")
+
+    def __init__(self) -> None:
+        self.progress = Progress()
+        self.is_numbered = True
+        self.is_up: bool | None = None
+        self.gone_ns = 0
+
+
+class Sources:
+    """The nodes of one system.
+
+    Args:
+        latency_ns: nothing is received later than this after its stamp.
+    """
+
+    def __init__(self, latency_ns: int) -> None:
+        self._latency_ns = latency_ns
+        self.known: dict[str, Source] = {}
+        """By name."""
+
+    def _of(self, name: str) -> Source:
+        source = self.known.get(name)
+        if source is None:
+            if len(self.known) >= KEPT_SOURCES:
+                del self.known[next(iter(self.known))]
+            source = self.known[name] = Source()
+        return source
+
+    def take(self, seen: Observation, now_ns: int) -> Gap | None:
+        """``seen`` was received at ``now_ns``; what is missing before it, if that is certain by now."""
+        source = self.known.get(seen.source) or self._of(seen.source)
+        progress, order, stamp = source.progress, seen.order, seen.stamp_ns
+        if order == progress.next and not progress.ahead and progress.answer is None:
+            progress.next, progress.heard = order + 1, stamp
+            return None
+        if order < 0:
+            source.is_numbered = False
+            return None
+        source.is_numbered = True
+        if order < progress.next and stamp > progress.heard:
+            progress.restart()  # it has started again, and numbers anew
+        before = progress.heard, progress.gap
+        progress.take(order, stamp, now_ns - self._latency_ns)
+        return _gap_of(seen.source, progress, before)
+
+    def settle(self, now_ns: int) -> Iterator[Gap]:
+        """What was not received up to now (ns) and does not come any more."""
+        settled = now_ns - self._latency_ns
+        for name, source in self.known.items():
+            if source.progress.ahead:
+                before = source.progress.heard, source.progress.gap
+                source.progress.settle(settled)
+                gap = _gap_of(name, source.progress, before)
+                if gap is not None:
+                    yield gap
+
+    def answered(self, name: str, number: int, stamp_ns: int) -> None:
+        """``name`` says that all that it did until ``stamp_ns`` has a number below ``number``."""
+        self._of(name).progress.answered(number, stamp_ns)
+
+    def changed(self, name: str, is_up: bool, when_ns: int) -> None:
+        """``name`` came up, having begun to connect at ``when_ns``, or went away then."""
+        source = self._of(name)
+        if is_up and source.progress.heard < when_ns:
+            source.progress.restart()  # it numbers anew
+        source.is_up, source.gone_ns = is_up, when_ns
+
+    def restart(self) -> None:
+        """Nothing is known any more of what any of them reported."""
+        for source in self.known.values():
+            source.progress.restart()
+
+    def known_ns(self, names: Iterable[str], now_ns: int) -> int:
+        """All that ``names`` did until then (ns) was received, by their numbers; 0: numbers do not tell.
+
+        A node that was never there does nothing; one that has gone has done nothing since, which is certain
+        when the latency bound is over.
+        """
+        known_ns = now_ns
+        is_any = False
+        for name in names:
+            source = self.known.get(name)
+            if source is None or self._is_over(source, now_ns):
+                continue
+            if not source.is_numbered:
+                return 0
+            is_any = True
+            heard_ns = source.progress.heard
+            if heard_ns < known_ns:
+                known_ns = heard_ns
+        return known_ns if is_any else 0
+
+    def behind(self, names: Iterable[str], until_ns: int, now_ns: int) -> list[str]:
+        """Those of ``names`` of which it is not known what they did until ``until_ns``, and who can say so.
+
+        Empty, too, where one of them does not number what it reports: then it does not help to ask others.
+        """
+        found = []
+        for name in names:
+            source = self.known.get(name)
+            if source is None or self._is_over(source, now_ns):
+                continue
+            if not source.is_numbered:
+                return []
+            if source.progress.heard < until_ns:
+                found.append(name)
+        return found
+
+    def _is_over(self, source: Source, now_ns: int) -> bool:
+        return source.is_up is False and source.gone_ns < now_ns - self._latency_ns
+
+
+def _gap_of(name: str, progress: Progress, before: tuple[int, int]) -> Gap | None:
+    """What is missing of what ``name`` reported, if that was found since it was as ``before``."""
+    heard_ns, gap_ns = before
+    if progress.gap == gap_ns or not heard_ns:
+        return None  # of what it did before it was received first, nothing is missing
+    return Gap("", name, heard_ns + 1, progress.gap + 1, f"observations of {name} were lost")

@@ -1,0 +1,101 @@
+"""How far several nodes are, by their numbers and their answers."""
+
+from __future__ import annotations
+
+import pytest
+
+from moon.ordering.sources import KEPT_SOURCES, Sources
+from transports.interface import Observation, ObservationKind
+
+MS = 1_000_000
+LATENCY = 200 * MS
+NOW = 10_000 * MS
+
+
+def seen(source: str, order: int, stamp: int) -> Observation:
+    return Observation(
+        stamp_ns=stamp,
+        received_ns=stamp,
+        channel="/c",
+        kind=ObservationKind.MESSAGE,
+        type_name="t",
+        data={},
+        source=source,
+        order=order,
+    )
+
+
+@pytest.fixture
+def both() -> Sources:
+    """Two nodes, one of which reported something later than the other."""
+    sources = Sources(LATENCY)
+    for name, stamp in (("a", NOW - 5 * MS), ("b", NOW - 90 * MS)):
+        sources.changed(name, True, NOW - 1000 * MS)
+        assert sources.take(seen(name, 0, stamp), NOW) is None
+    return sources
+
+
+def test_all_is_known_up_to_what_the_slowest_reported_last(both) -> None:
+    assert both.known_ns(["a", "b"], NOW) == NOW - 90 * MS
+    assert both.known_ns(["a"], NOW) == NOW - 5 * MS
+    assert both.behind(["a", "b"], NOW - 50 * MS, NOW) == ["b"]
+
+
+def test_an_answer_moves_it_once_all_that_it_names_was_received(both) -> None:
+    both.answered("b", 2, NOW - MS)
+    assert both.known_ns(["b"], NOW) == NOW - 90 * MS
+    both.take(seen("b", 1, NOW - 20 * MS), NOW)
+    assert both.known_ns(["b"], NOW) == NOW - MS
+
+
+def test_it_is_never_later_than_now(both) -> None:
+    assert both.known_ns(["a"], NOW - 50 * MS) == NOW - 50 * MS
+
+
+def test_who_does_not_number_its_reports_tells_nothing(both) -> None:
+    both.take(seen("stranger", -1, NOW), NOW)
+    assert both.known_ns(["a", "stranger"], NOW) == 0
+    assert both.behind(["a", "b", "stranger"], NOW, NOW) == []
+
+
+def test_who_was_never_there_is_not_waited_for_and_alone_tells_nothing(both) -> None:
+    assert both.known_ns(["a", "nobody"], NOW) == NOW - 5 * MS
+    assert both.known_ns(["nobody"], NOW) == 0
+
+
+def test_who_has_gone_is_waited_for_as_long_as_the_latency_bound(both) -> None:
+    both.changed("b", False, NOW)
+    assert both.known_ns(["a", "b"], NOW + LATENCY) == NOW - 90 * MS
+    assert both.known_ns(["a", "b"], NOW + LATENCY + 1) == NOW - 5 * MS
+
+
+def test_what_is_missing_is_a_gap_once_the_latency_bound_is_over(both) -> None:
+    assert both.take(seen("b", 3, NOW), NOW) is None
+    assert list(both.settle(NOW + LATENCY - 1)) == []
+    assert both.known_ns(["b"], NOW) == NOW - 90 * MS
+    (gap,) = both.settle(NOW + LATENCY)
+    assert (gap.source, gap.from_ns, gap.until_ns) == ("b", NOW - 90 * MS + 1, NOW + 1)
+    assert both.known_ns(["b"], NOW + LATENCY) == NOW
+
+
+def test_a_node_that_starts_again_numbers_anew(both) -> None:
+    for number in (1, 2, 3):
+        both.take(seen("b", number, NOW - 80 * MS), NOW)
+    assert both.take(seen("b", 0, NOW), NOW) is None
+    assert both.known_ns(["b"], NOW) == NOW
+    both.changed("b", True, NOW + MS)
+    assert both.known_ns(["b"], NOW + 2 * MS) == 0
+
+
+def test_of_what_was_before_the_first_report_nothing_is_missing() -> None:
+    sources = Sources(LATENCY)
+    assert sources.take(seen("late", 70, NOW), NOW) is None
+    assert list(sources.settle(NOW + LATENCY)) == []
+    assert sources.known_ns(["late"], NOW + LATENCY) == NOW
+
+
+def test_only_so_many_names_are_remembered() -> None:
+    sources = Sources(LATENCY)
+    for number in range(KEPT_SOURCES + 10):
+        sources.take(seen(f"n{number}", 0, NOW), NOW)
+    assert len(sources.known) == KEPT_SOURCES
