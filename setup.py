@@ -18,7 +18,7 @@ MODULES = {
     "moon/offline": "engine playing",
     "moon/oracle": "*",
     "moon/ordering": "event_time_clock held judge progress sources",
-    "moon/policy": "calls follow oracle remembered",
+    "moon/policy": "calls follow judge oracle remembered",
     "moon/properties": "monitor_group three_valued gaps monitor ordering presumption",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
     "transports": "cdr sequences",

@@ -1,0 +1,368 @@
+"""The judge of a behaviour-tree policy: what it calls must be what its tree would tick.
+
+It is handed the policy's own end of its calls, in order: they come from one process, one after the other.
+Each call is compared with what the very tree, given the answers so far, ticks or halts next
+(``moon.policy.follow``).
+
+What is checked: which leaf is ticked or halted next; that the next call comes while a tick is not
+over; that no call is made before the last one is answered; that no tick begins sooner than the rate
+allows. The policy waits from when a tick was due, so a late tick may be followed by an early one: the
+tick after the next comes no sooner than a period after this one was over.
+
+What is not: what plugins do inside the policy, and when the clock ends a ``Sleep``, ``Delay`` or
+``Timeout`` (either is accepted); that a tick begins at all.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+
+from m2c.model.machine import Machine
+from m2c.policy.program import Policy
+from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.unconfirmed import UNCONFIRMED, Unconfirmed, Waiting
+from moon.ordering.judge import Gap
+from moon.ordering.progress import Progress
+from moon.policy.calls import Call, HeardElsewhere, call_of, doing_of, status_of
+from moon.policy.follow import Fit, Follower, TooManyError
+from moon.policy.run import Ask, Life
+from moon.policy.shape import shape_of
+from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from transports.interface import Observation, ObservationKind
+
+EVIDENCE = 12
+"""So many calls and answers are kept for explanations."""
+
+KEPT_CALLS = 256
+"""Calls that were reported by their other end only, or that were not seen to end."""
+
+
+class PolicyJudge:
+    """Judges a running policy by its behaviour tree; see :class:`moon.policy.oracle.PolicyOracle`.
+
+    Args:
+        policy: the tree and its leaves.
+        node: the node that runs it.
+        bounds: deadlines and tolerances.
+        synchronised: whether the first call comes from a policy that has just started.
+        plugins: the machines that run leaves of the tree.
+        places: ``file:line:column`` of each leaf, by its id.
+        rate_hz: at which the tree is ticked; 0 if it is not known.
+        progress: of all that the policy's node reports, where it numbers that.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        node: str,
+        bounds: Bounds,
+        synchronised: bool,
+        plugins: Iterable[Machine],
+        places: Mapping[str, Sequence[str]],
+        rate_hz: float,
+        progress: Progress,
+    ) -> None:
+        self.name = policy.name
+        self.node = node
+        self.bounds = bounds
+        self.outcome = Outcome.CONFORMING
+        self.violations = 0
+        self.inputs = 0
+        self.outputs = 0
+        self._shape = shape_of(policy, plugins)
+        self._places = places
+        self._follower = Follower(policy, self._shape, rate_hz, bounds.tolerance)
+        self.leaves: dict[str, str] = {}
+        """What a call of a channel does."""
+        for leaf in policy.leaves:
+            if leaf.plugin:
+                continue
+            for channel, what in ((leaf.tick, "tick"), (leaf.halt, "halt")):
+                if channel:
+                    self.leaves.setdefault(channel, f"{what} {leaf.name}")
+        self._synchronised = synchronised
+        self.is_fresh = synchronised
+        """Whether all that the policy ever did was judged."""
+        self._pending: Observation | None = None
+        self._last_ns = 0
+        self._owed = False
+        """Whether the next call has to come within the deadline."""
+        self._elsewhere = HeardElsewhere(KEPT_CALLS)
+        """Calls of the policy that their server reported, and the policy did not."""
+        self._own: dict[Call, None] = {}
+        """The last calls of the policy that were judged."""
+        self._progress = progress
+        self._since = 0
+        """What was lost before (ns) does not matter: the policy was resynchronised then."""
+        self.unconfirmed = Unconfirmed()
+        self._unanswered: dict[Call, Observation] = {}
+        """Calls that were followed by another before their answer was received."""
+        self._life = Life(self._follower.close)  # its runs' threads end with it
+        self._history: deque[Evidence] = deque(maxlen=EVIDENCE)
+        self._reason = ""
+        if self._shape.unchecked:
+            self.outcome, self._reason = Outcome.INCONCLUSIVE, self._shape.unchecked
+
+    # --- what it is handed -------------------------------------------------------------------------
+
+    def start(self, stamp_ns: int) -> None:
+        """The policy starts at ``stamp_ns`` (ns since the epoch), its tree is fresh."""
+        self._synchronised = self.is_fresh = True
+        self._since = stamp_ns
+        self.unconfirmed.restart()
+        self._elsewhere.clear()
+        self._unanswered.clear()
+        self._own.clear()
+        self._pending = None
+        self._owed = False
+        if self.is_judging:
+            self._follower.start()
+            self.outcome, self._reason = Outcome.CONFORMING, ""
+
+    def restart(self) -> None:
+        """Its node numbers its calls anew."""
+        self._unanswered.clear()
+        self._own.clear()
+        self.unconfirmed.restart()
+
+    @property
+    def is_judging(self) -> bool:
+        """Whether such a tree can be checked."""
+        return not self._shape.unchecked
+
+    def choose(self, events: Sequence[Observation]) -> int:
+        """Which of ``events``, all of one stamp, comes first: what is possible, else the first.
+
+        Clocks may be too coarse to tell an answer from the call that follows it.
+        """
+        pending = self._pending
+        for place, event in enumerate(events):
+            is_answer = event.kind is ObservationKind.RESPONSE_RECEIVED
+            if pending is None:
+                if not is_answer:
+                    return place
+            elif is_answer and call_of(event) == call_of(pending):
+                return place
+        return 0
+
+    def observe(self, event: Observation) -> list[Verdict]:
+        """Take the next thing that the policy did."""
+        if event.kind is ObservationKind.REQUEST_SENT:
+            return self._judge_call(event)
+        return self._judge_answer(event)
+
+    def note_elsewhere(self, event: Observation) -> None:
+        """The other end of a call of the policy reported it: the policy's own end must, too."""
+        call = call_of(event)
+        if event.client != self.node or call in self._own:
+            return
+        if event.channel not in self._shape.hidden:
+            self._elsewhere.note(call, event.stamp_ns)
+
+    def gap(self, gap: Gap) -> list[Verdict]:
+        """Something is missing: nothing of before is judged any more."""
+        self._pending = None
+        return self._doubt(gap.until_ns, gap.why)
+
+    def advance(self, until_ns: int) -> list[Verdict]:
+        """All that happened until ``until_ns`` was handed over."""
+        if self._owed and until_ns - self._last_ns > self.bounds.deadline:
+            return self._overdue(until_ns)
+        return []
+
+    @property
+    def due_ns(self) -> int:
+        """From then on (ns) the next call is missing; FOREVER: none is expected."""
+        return self._last_ns + self.bounds.deadline + 1 if self._owed else FOREVER
+
+    # --- what it says ------------------------------------------------------------------------------
+
+    def verdict(self, stamp_ns: int) -> Verdict:
+        """The verdict as it stands."""
+        return Verdict(self.name, self.node, self.outcome, stamp_ns, self._reason)
+
+    @property
+    def hypotheses(self) -> Sequence[object]:
+        """What the policy may be doing, as far as is known."""
+        return self._follower.runs
+
+    def states(self) -> list[str]:
+        """What the policy may be doing."""
+        return sorted({doing_of(run, self._pending) for run in self._follower.runs})
+
+    # --- judging -----------------------------------------------------------------------------------
+
+    def _judge_call(self, observation: Observation) -> list[Verdict]:
+        channel, stamp = observation.channel, observation.stamp_ns
+        if channel in self._shape.hidden or (channel not in self.leaves and self._shape.strangers):
+            return []  # a plugin's
+        self._begin()
+        self._keep_own(call_of(observation))
+        verdicts: list[Verdict] = []
+        self.outputs += 1
+        if self._pending is not None:
+            # its answer was lost on the way to here, or the policy did not wait for it
+            unanswered = self._pending
+            self._keep_unanswered(call_of(unanswered), observation)
+            verdicts += self._doubt(stamp, f"no answer to {self._told(unanswered)} was received")
+        if self._missed_before(stamp):
+            verdicts += self._doubt(
+                stamp, f"a call of {self.node} was reported by its other end only"
+            )
+        follower = self._follower
+        try:
+            fit = follower.called(channel, stamp)
+        except TooManyError as error:
+            fit = Fit.UNKNOWN
+            verdicts += self._doubt(stamp, str(error))
+        if fit is Fit.WRONG:
+            verdicts += self._violation(observation)
+        elif follower.certain and not verdicts and not self.unconfirmed.kept:
+            self.outcome, self._reason = Outcome.CONFORMING, ""
+        self._remember(stamp, self._told(observation))
+        self._pending, self._last_ns, self._owed = observation, stamp, False
+        return verdicts
+
+    def _judge_answer(self, observation: Observation) -> list[Verdict]:
+        stamp, call = observation.stamp_ns, call_of(observation)
+        self._keep_own(call)
+        later = self._unanswered.pop(call, None)
+        if later is not None:
+            return self._impatient(observation, later)
+        pending = self._pending
+        if pending is None or call_of(pending) != call:
+            if observation.channel not in self.leaves or not self._follower.certain:
+                return []
+            return self._doubt(
+                stamp, f"an answer on {observation.channel} to a call that was not observed"
+            )
+        self._pending, self._last_ns = None, stamp
+        self.inputs += 1
+        tick = self.leaves.get(observation.channel, "").startswith("tick")
+        status = status_of(observation) if tick else "done"
+        if status is None:
+            return self._doubt(stamp, f"an answer on {observation.channel} cannot be read")
+        self._remember(stamp, f"answer {status} on {observation.channel}")
+        self._follower.answered(status, stamp)
+        self._owed = bool(self._follower.owes())
+        return []
+
+    def _begin(self) -> None:
+        """Before a call is judged: what is known of the policy, if nothing was so far."""
+        if self._follower.certain:
+            return
+        if self._synchronised:
+            self._follower.start()
+        elif self.outcome is Outcome.CONFORMING:
+            self.outcome = Outcome.INCONCLUSIVE
+            self._reason = "started in the middle of a run: waiting until its state is certain"
+        self._synchronised = False
+
+    def _keep_unanswered(self, call: Call, later: Observation) -> None:
+        kept = self._unanswered
+        kept[call] = later
+        if len(kept) > KEPT_CALLS:
+            del kept[next(iter(kept))]
+
+    def _keep_own(self, call: Call) -> None:
+        self._elsewhere.forget(call)
+        self._own[call] = None
+        if len(self._own) > KEPT_CALLS:
+            del self._own[next(iter(self._own))]
+
+    def _missed_before(self, stamp_ns: int) -> bool:
+        """Whether a server heard a call of the policy by then that was not heard from the policy."""
+        return self._elsewhere.forget_until(stamp_ns - self.bounds.skew) > 0
+
+    def _told(self, observation: Observation) -> str:
+        """What a call does, in words."""
+        channel = observation.channel
+        if channel not in self.leaves:
+            return f"a call of {channel}, which no leaf of the tree makes"
+        return f"{self.leaves[channel]} ({channel})"
+
+    def _remember(self, stamp_ns: int, text: str) -> None:
+        self._history.append(Evidence(stamp_ns, text))
+
+    # --- verdicts ----------------------------------------------------------------------------------
+
+    def _violation(self, observation: Observation) -> list[Verdict]:
+        """A call that the tree does not make: say so, and find the policy anew."""
+        follower = self._follower
+        observed = self._told(observation)
+        if follower.early_ns:
+            observed += f" {follower.early_ns / 1e6:.1f} ms before the next tick of the tree is due"
+        return self._say(observation.stamp_ns, follower.wanted, observed)
+
+    def _overdue(self, settled: int) -> list[Verdict]:
+        if self._missed_before(settled):
+            return self._doubt(settled, f"a call of {self.node} was reported by its other end only")
+        return self._say(settled, self._follower.owes(), "nothing", "unresponsive: ")
+
+    def _impatient(self, answer: Observation, later: Observation) -> list[Verdict]:
+        expected = f"the answer on {answer.channel}"
+        observed = f"{self._told(later)} before it"
+        explanation = Explanation((expected,), observed)
+        return self._convict(self._verdict_of(later.stamp_ns, explanation))
+
+    def _say(
+        self, stamp: int, wanted: Sequence[Ask], observed: str, prefix: str = ""
+    ) -> list[Verdict]:
+        expected: list[str] = []
+        places: list[str] = []
+        for ask in wanted:
+            if ask.leaf is not None:
+                expected.append(f"{ask.kind.value} {ask.leaf.name} ({ask.channel})")
+                places += self._places.get(ask.leaf.id, ())
+        told = tuple(dict.fromkeys(expected)), observed, tuple(self.states())
+        found = tuple(dict.fromkeys(places))
+        verdict = self._verdict_of(stamp, Explanation(*told, tuple(self._history), found), prefix)
+        said = self._convict(verdict, is_silence=bool(prefix))
+        self._forget(stamp)
+        return said
+
+    def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
+        expected = " or ".join(explanation.expected) or "nothing"
+        reason = f"{prefix}expected {expected}, observed {explanation.observed}"
+        return Verdict(self.name, self.node, Outcome.VIOLATED, stamp, reason, explanation)
+
+    def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
+        """Say ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
+        progress, by = self._progress, verdict.stamp_ns + is_silence
+        is_reported = progress.heard >= verdict.stamp_ns and progress.gap <= self._since
+        if is_reported or not progress.heard:
+            return self._confirm([verdict])
+        lost = "observations were lost; "
+        if progress.gap <= self._since:
+            self.unconfirmed.add(Waiting(verdict, None, by, self._since))
+            lost = ""
+            if self.outcome is Outcome.VIOLATED:
+                return []  # it is, whether this one is certain or not
+        was, self.outcome = self.outcome, Outcome.INCONCLUSIVE
+        self._reason = f"{lost}{UNCONFIRMED}{verdict.reason}"
+        return [] if was is Outcome.INCONCLUSIVE else [self.verdict(verdict.stamp_ns)]
+
+    def look_at_reports(self) -> list[Verdict]:
+        """What the node reported since may confirm a violation."""
+        return self._confirm(self.unconfirmed.reported(self._progress.heard, self._progress.gap))
+
+    def _confirm(self, verdicts: list[Verdict]) -> list[Verdict]:
+        if verdicts:
+            self.violations += len(verdicts)
+            self.outcome, self._reason = Outcome.VIOLATED, verdicts[-1].reason
+        return verdicts
+
+    def _doubt(self, stamp: int, text: str) -> list[Verdict]:
+        """Something is missing: nothing is said until the policy's doing is certain again."""
+        self._forget(stamp)
+        if self.outcome is Outcome.INCONCLUSIVE:
+            return []
+        self.outcome = Outcome.INCONCLUSIVE
+        self._reason = text
+        return [self.verdict(stamp)]
+
+    def _forget(self, stamp: int) -> None:
+        self._since = max(self._since, stamp)
+        self._synchronised = self.is_fresh = self._owed = False
+        self._follower.forget()
