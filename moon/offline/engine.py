@@ -11,8 +11,8 @@ from moon.monitor.subject import Monitored, Subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.playing import Player
 from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
-from moon.offline.settling import settled
 from moon.offline.timelines import Timelines
+from moon.ordering.settling import settled
 from moon.recording.attribution import Attribution
 from moon.recording.entries import Entry, Said
 from moon.recording.reader import OWN, ROSBAG, Recording, open_recording

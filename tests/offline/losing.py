@@ -18,7 +18,7 @@ import msgspec
 
 from moon.monitor.watch import SystemWatch
 from moon.offline.playing import Player
-from moon.offline.settling import settled
+from moon.ordering.settling import settled
 from moon.recording.entries import Entry
 from moon.recording.reader import open_recording
 from moon.verdict import Outcome, Verdict

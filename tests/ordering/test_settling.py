@@ -9,8 +9,8 @@ from msgspec.structs import replace
 
 from moon.monitor.subject import Subject, read_subject
 from moon.offline.engine import check_recording
-from moon.offline.settling import LATEST_NS, USUAL_NS, settled
 from moon.oracle.bounds import Bounds
+from moon.ordering.settling import LATEST_NS, USUAL_NS, settled
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry, NodeChange, Pulse, Turn
 from moon.recording.writer import RecordingWriter
