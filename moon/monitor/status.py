@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import msgspec
+
+from moon.ordering.counts import Counts
 
 UNSEEN = "unseen"
 """The verdict on a machine of which nothing was heard yet."""
@@ -40,42 +40,6 @@ class MachineStatus(msgspec.Struct, frozen=True):
     lag_ms: float | None
     last: str
     kind: str = "model"
-
-
-class Counts(msgspec.Struct):
-    """What a monitor heard, and what it could not use.
-
-    Attributes:
-        heard: observations.
-        unconcerned: observations that concern no monitored machine.
-        future: observations whose stamp lies in the future.
-        unnamed: messages that do not say who sent them; their stamps are taken with caution.
-        mistyped: messages that are not of the type that the models say: nodes drop those too.
-        late: observations that came too late to be judged.
-        before: observations of before the monitor listened (or listened again).
-        stalls: how often the monitor was held up, or the clock was set.
-        unknown: how many observations there were on channels that no model names.
-    """
-
-    heard: int = 0
-    unconcerned: int = 0
-    future: int = 0
-    unnamed: int = 0
-    mistyped: int = 0
-    late: int = 0
-    before: int = 0
-    stalls: int = 0
-    unknown: Counter[str] = msgspec.field(default_factory=Counter)
-
-
-class Rejected(msgspec.Struct, frozen=True):
-    """An observation that cannot be judged.
-
-    Attributes:
-        reason: what its machines missed by that; "" if they missed nothing.
-    """
-
-    reason: str = ""
 
 
 class Summary(msgspec.Struct, frozen=True):

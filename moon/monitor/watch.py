@@ -16,14 +16,16 @@ from moon.monitor.departures import senders
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.properties import PropertyWatch
-from moon.monitor.reception import Reception
-from moon.monitor.status import POLICY, PROPERTY, UNSEEN, Counts, MachineStatus, Rejected, Summary
+from moon.monitor.status import POLICY, PROPERTY, UNSEEN, MachineStatus, Summary
 from moon.monitor.turns import Turns
 from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.oracle import Oracle
-from moon.ordering.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
+from moon.ordering.counts import Counts
+from moon.ordering.event_order import EventOrder
+from moon.ordering.event_time_clock import NS
+from moon.ordering.judge import Gap
+from moon.ordering.reception import Reception
 from moon.ordering.silence import Silence
-from moon.ordering.sources import Sources
 from moon.policy.oracle import PolicyOracle
 from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
@@ -80,10 +82,19 @@ class SystemWatch:
         self._say = say
         self._properties = properties or PropertyWatch((), bounds.latency)
         everything = (*system.nodes, *system.plugins)
-        self._reception = Reception(everything, system.library, bounds.latency, self.counts)
-        self._reception.know(self._properties.channels)
-        self._sources = Sources(bounds.latency)
-        self._properties.rely_on(self._sources, _reporters(system))
+        reception = Reception(everything, system.library, bounds.latency, self.counts)
+        reception.know(self._properties.channels)
+        self._order = EventOrder(
+            transport.now_ns,
+            monotonic_ns,
+            bounds.latency,
+            transport.repair_s,
+            reception,
+            self.counts,
+            self,
+        )
+        self._clock = self._order.clock
+        self._properties.rely_on(self._order.sources, _reporters(system))
         if policy is None:
             policy = {machine.name for machine in machines} >= {node.name for node in system.nodes}
         self._policy_of = system if policy and system.policy is not None else None
@@ -93,17 +104,8 @@ class SystemWatch:
         """The nodes that are up, and since when each is."""
         self._up_since: list[int] = []
         self._gone: list[tuple[str, WatchedNode]] = []
-        self._first: dict[tuple[str, str], int] = {}
-        """Number of the first message heard of each source and channel."""
-        self._late: dict[str, int] = {}
-        """When each source was last heard too late."""
-        self._listening_since = 0
-        """What is stamped before is not judged."""
-        self._pace = EventTimeClock(transport.now_ns(), bounds.latency)
         self._turns = Turns(transport, self._turn, bounds.latency)
         self._silence = Silence(self._answered, bounds.latency / NS)
-        self._read_monotonic = monotonic_ns
-        self._monotonic_ns = monotonic_ns()
         self._began_ns = 0
         self.listener: Tap | None = None
 
@@ -111,127 +113,59 @@ class SystemWatch:
         """Begin to listen (on the executor, or before it spins)."""
         transport = self._transport
         self.listener = transport.tap([], self._observe)
-        self._listening_since = self._began_ns = transport.now_ns()
-        self._pace.restart(self._listening_since)
+        self._began_ns = self._order.start(self.listener)
         transport.watch_nodes(self._node_changed)
         self._turns.plan(0)
-        self._tell_properties(self._properties.start(self._listening_since))
+        self._tell_properties(self._properties.start(self._began_ns))
 
-    # --- what is heard -----------------------------------------------------------------------------
+    # --- what is received --------------------------------------------------------------------------
 
     def _observe(self, seen: Observation) -> None:
-        transport, pace = self._transport, self._pace
-        now_ns = transport.now_ns()
+        now_ns = self._transport.now_ns()
         self._turns.heard(now_ns)
-        if not -self._bounds.latency <= now_ns - pace.now_ns <= pace.limit_ns:
-            self._look_at_clock(*read_together(transport.now_ns, self._read_monotonic))
-        if self.listener is not None and self.listener.is_contested(seen.source):
-            # from the node of this name or from another: nothing is concluded from it
-            self._properties.lose(seen.channel, pace.clock_ns, now_ns)
-            for oracle in self._concerned(seen):
-                self._lose(oracle, f"several sessions claim to be {seen.source}")
+        judged = self._order.take(seen, now_ns)
+        if judged is None:
             return
-        gap = self._sources.take(seen, pace.clock_ns)
-        if gap is not None:
-            self._properties.gap(gap)
-        judged = self._reception.judge(seen, now_ns)
-        if isinstance(judged, Rejected):
-            if judged.reason:
-                self._properties.lose(seen.channel, pace.clock_ns, now_ns)
-                for oracle in self._concerned(seen):
-                    self._lose(oracle, judged.reason)
-            return
-        if judged.stamp_ns < self._listening_since:
-            self.counts.before += 1
-            return
-        lag_ns = now_ns - judged.stamp_ns
-        if lag_ns > pace.limit_ns:
-            self._too_late(seen, lag_ns, now_ns)
-            return
-        pace.heard(lag_ns)
         node = self._nodes.get(seen.source)
         if node is not None:
-            node.lags.append(lag_ns)
+            node.lags.append(now_ns - judged.stamp_ns)
             if not (node.up or node.heard):
                 node.heard = True
                 self._models.node_found(seen.source, now_ns + LINKED_NS)
-        if seen.kind is ObservationKind.MESSAGE and seen.sequence >= 0:
-            self._look_at_first(seen)
-        limit_ns = pace.reach_ns(now_ns)
-        if judged.received_ns > limit_ns + 2 * PERIOD_NS:
-            judged = _received_at(judged, limit_ns)
         self._properties.observe(seen)
         self._take(self._models.feed(judged))
 
-    def _note_dropped(self, now_ns: int) -> None:
-        """Lose what the tap has dropped: on which channels is known, of what kind it was is not."""
-        for channel, source in () if self.listener is None else self.listener.take_dropped():
-            self._properties.lose(channel, self._pace.clock_ns - self._bounds.latency, now_ns)
-            for name, oracle in self._models.watched.items():
-                if self._nodes[name].is_seen and any(
-                    oracle.concerns(channel, source, kind) for kind in ObservationKind
-                ):
-                    self._lose(oracle, f"messages on {channel} came faster than they were judged")
-
-    def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
-        """One node's observations come too late, or (if not only one's) this monitor is slow."""
-        self._late[seen.source] = now_ns
-        self.counts.late += 1
-        if seen.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
-            self._properties.lose(seen.channel, seen.stamp_ns, now_ns)
-        why = f"observations arrive {lag_ns / NS:.1f} s late"
-        recent = [source for source, at in self._late.items() if now_ns - at < NS]
-        if len(recent) > 1:
-            self._late.clear()
-            now_ns, monotonic_ns = read_together(self._transport.now_ns, self._read_monotonic)
-            self._start_anew(now_ns, monotonic_ns, why, held_up=True)
+    def gap(self, gap: Gap) -> None:
+        """Something was not received (``moon.ordering.event_order.Judges``)."""
+        if not gap.channel:
+            self._properties.gap(gap)  # the oracles follow their nodes' numbers themselves
             return
-        for oracle in self._concerned(seen):
-            self._lose(oracle, f"{why} from {seen.source}")
-
-    def _look_at_first(self, seen: Observation) -> None:
-        """The first message of a node that came up while the monitor listened has number 0."""
-        place = (seen.source, seen.channel)
-        if place in self._first:
-            return
-        self._first[place] = seen.sequence
-        node = self._nodes.get(seen.source)
-        if seen.sequence and node is not None and node.since >= self._listening_since:
-            self._properties.lose(seen.channel, node.since, seen.stamp_ns)
-            for oracle in self._concerned(seen):
-                self._lose(oracle, f"what {seen.source} sent first on {seen.channel} was missed")
-
-    def _concerned(self, seen: Observation) -> list[Oracle | PolicyOracle]:
-        return [
-            oracle
-            for oracle in self._models.watched.values()
-            if oracle.concerns(seen.channel, seen.source, seen.kind)
-        ]
+        if gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
+            self._properties.lose(gap.channel, gap.from_ns, gap.until_ns)
+        kinds = ObservationKind if gap.kind is None else (gap.kind,)
+        for name, oracle in self._models.watched.items():
+            if gap.kind is None and not self._nodes[name].is_seen:
+                continue
+            if any(oracle.concerns(gap.channel, gap.source, kind) for kind in kinds):
+                self._lose(oracle, gap.why)
 
     # --- time --------------------------------------------------------------------------------------
 
     def _turn(self) -> None:
-        now_ns, monotonic_ns = read_together(self._transport.now_ns, self._read_monotonic)
-        self._look_at_clock(now_ns, monotonic_ns)
+        now_ns, monotonic_ns = self._order.read_clocks()
+        self._order.look_at_clock(now_ns, monotonic_ns)
         # behind what the tap has already handed over
         self._transport.post(functools.partial(self._advance, now_ns, monotonic_ns))
 
     def _advance(self, now_ns: int, monotonic_ns: int) -> None:
-        self._monotonic_ns = monotonic_ns
-        clock_ns = self._pace.tick(now_ns)
-        if self._pace.is_lost:
-            why = "this monitor does not keep up with what it receives"
-            self._start_anew(now_ns, monotonic_ns, why, held_up=True)
-        self._note_dropped(now_ns)
+        clock_ns = self._order.tick(now_ns, monotonic_ns)
         up_since = list(map(self._transport.up_since, self._up))
         if up_since != self._up_since:  # hardly ever
             for name, since in zip(self._up, up_since, strict=True):
                 if since != self._nodes[name].since:
                     self._node_up(name, self._nodes[name])
-        if clock_ns >= self._listening_since:
+        if clock_ns >= self._order.since_ns:
             self._take(self._models.advance(clock_ns))
-        for gap in self._sources.settle(clock_ns):
-            self._properties.gap(gap)
         self._advance_properties(clock_ns)
         for name, node in self._gone:
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
@@ -246,50 +180,28 @@ class SystemWatch:
 
     def _answered(self, node: str, answer: Answer) -> None:
         """``node`` says up to where it has reported everything."""
-        reach_ns = self._pace.reach_ns(self._transport.now_ns())
-        self._sources.answered(node, answer.next_order, answer.stamp_ns)
+        reach_ns = self._clock.reach_ns(self._transport.now_ns())
+        self._order.sources.answered(node, answer.next_order, answer.stamp_ns)
         oracle = self._models.watched.get(node)
         if oracle is not None:
             self._take(oracle.reported(answer.next_order, answer.stamp_ns, reach_ns))
         self._advance_properties(reach_ns)
 
     def _advance_properties(self, now_ns: int) -> None:
-        self._tell_properties(self._properties.advance(now_ns, self._pace.lag_ns))
+        self._tell_properties(self._properties.advance(now_ns, self._clock.lag_ns))
         for node in self._properties.take_questions():
             if self.listener is not None:
                 self._silence.ask(self.listener, node)
 
-    def _look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
-        """Whether time goes on as it should; else what was missed is said."""
-        gap_ns = now_ns - self._pace.now_ns
-        if gap_ns > self._pace.limit_ns:
-            passed_ns = monotonic_ns - self._monotonic_ns
-            if passed_ns > gap_ns // 2:
-                what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
-            else:
-                what = f"the clock was set forward by {(gap_ns - passed_ns) / NS:.1f} s"
-            self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self._bounds.latency)
-        elif gap_ns < -self._bounds.latency:
-            what = f"the clock was set back by {-gap_ns / NS:.1f} s"
-            self._start_anew(now_ns, monotonic_ns, what)
-
-    def _start_anew(self, now_ns: int, monotonic_ns: int, why: str, held_up: bool = False) -> None:
-        """Find every machine in the middle of what it does: something is not known to be heard."""
-        self.counts.stalls += 1
-        self._sources.restart()
+    def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
+        """Find every machine in the middle of what it does (``moon.ordering.event_order.Judges``)."""
         for name, oracle in self._models.watched.items():
             self._nodes[name].leave(oracle)
         self._models = self._fresh_models()
-        since_ns = now_ns
-        if now_ns < self._pace.now_ns:
-            self._tell_properties(self._properties.begin_anew(now_ns, why))
+        if was_set_back:
+            self._tell_properties(self._properties.begin_anew(since_ns, why))
         else:
-            if held_up:  # what is missing cannot be told from what is on its way
-                since_ns += round(self._transport.repair_s * NS)
-            self._properties.lose_all(self._pace.clock_ns - self._bounds.latency, since_ns)
-        self._listening_since = since_ns
-        self._monotonic_ns = monotonic_ns
-        self._pace.restart(now_ns, held_up)
+            self._properties.lose_all(from_ns, since_ns)
         self._say(f"warning: {why}: all machines are resynchronised")
         for name, node in self._nodes.items():
             if node.is_seen:
@@ -318,7 +230,7 @@ class SystemWatch:
         for name in models.oracles:
             models.node_found(name, FOREVER)  # it is not known to be there
         for name in self._others_up:
-            models.node_found(name, self._listening_since)
+            models.node_found(name, self._order.since_ns)
         return models
 
     # --- nodes -------------------------------------------------------------------------------------
@@ -326,12 +238,12 @@ class SystemWatch:
     def _node_changed(self, name: str, up: bool) -> None:
         now_ns = self._transport.now_ns()
         self._turns.heard(now_ns)
-        self._sources.changed(name, up, self._transport.up_since(name) if up else now_ns)
+        self._order.sources.changed(name, up, self._transport.up_since(name) if up else now_ns)
         self._properties.node_changed(name, up, now_ns)
         node = self._nodes.get(name)
-        if up and self._transport.up_since(name) < self._listening_since:
+        if up and self._transport.up_since(name) < self._order.since_ns:
             # what it did before is not known, so nothing is said of what should have been before
-            since_ns = self._listening_since
+            since_ns = self._order.since_ns
             self._properties.lose_all(since_ns, max(since_ns, now_ns) + 1)
         if node is None:
             if up and name in self._others:
@@ -357,7 +269,7 @@ class SystemWatch:
         the node could declare anything (opening a connection waits for those who are there).
         """
         before, node.since = node.since, self._transport.up_since(name)
-        started = node.since >= self._listening_since and node.since != before
+        started = node.since >= self._order.since_ns and node.since != before
         heard, node.heard = node.heard, False
         again = before != 0
         node.up, node.gone_ns = True, None
@@ -365,15 +277,14 @@ class SystemWatch:
         if not started or heard:
             if again or heard:
                 self._lose(self._models.watched[name], MIDDLE)
-            found_ns = max(self._transport.now_ns(), self._listening_since)
+            found_ns = max(self._transport.now_ns(), self._order.since_ns)
             self._models.node_found(name, found_ns + LINKED_NS)
             return
-        for place in [place for place in self._first if place[0] == name]:
-            del self._first[place]
+        self._order.started(name)
         if again:
             self._say(f"{name} has started again")
         # what it did while it came up is heard from now on: half the bound, before it is too late
-        reach_ns = self._pace.reach_ns(self._transport.now_ns())
+        reach_ns = self._clock.reach_ns(self._transport.now_ns())
         stamp_ns = reach_ns - self._bounds.latency // 2
         started_ns = max(stamp_ns, node.since)
         self._models.node_started(name, started_ns)
@@ -385,7 +296,7 @@ class SystemWatch:
     # --- verdicts ----------------------------------------------------------------------------------
 
     def _lose(self, oracle: Oracle | PolicyOracle, why: str) -> None:
-        self._take(oracle.lose(self._pace.now_ns, why))
+        self._take(oracle.lose(self._clock.now_ns, why))
 
     def _take(self, verdicts: Sequence[Verdict]) -> None:
         for verdict in verdicts:
@@ -499,8 +410,3 @@ def _reporters(system: System) -> dict[str, set[str]]:
     for (channel, _), names in senders([*system.nodes, *system.plugins]).items():
         found.setdefault(channel, {POLICY}).update(names)
     return found
-
-
-def _received_at(seen: Observation, clock_ns: int) -> Observation:
-    """``seen``, as if received at ``clock_ns``: the oracles' clock is behind the time of day."""
-    return msgspec.structs.replace(seen, received_ns=clock_ns)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
-from moon.monitor.status import UNSEEN, Counts, MachineStatus
+from moon.monitor.status import UNSEEN, MachineStatus
+from moon.ordering.counts import Counts
 from moon.recording.entries import Said
 from moon.verdict import Outcome
 

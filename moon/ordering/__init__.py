@@ -9,9 +9,11 @@ first of these that applies (decisions 13, 29 and 30):
 3. *bounded lateness*: nothing is received later than the latency bound after its stamp
    (``event_time_clock``).
 
-* ``judge``: what a judge is handed, besides observations;
-* ``progress``: up to when all that a node reported has been received;
+* ``judge``: what a judge is handed, and what it is told of that is missing;
+* ``event_order``: what a tap hands over, made fit for judges (``reception``: stamps, types, sources);
+* ``sources``: up to when all that several nodes reported has been received (``progress``: of one);
 * ``held``: what is not handed over yet, in order of stamps;
 * ``event_time_clock``: the clock of the judges, never ahead of what can have been received;
-* ``silence``: asks nodes how far they have reported, where only that stands in the way.
+* ``silence``: asks nodes how far they have reported, where only that stands in the way;
+* ``settling``: what a recorder that is no monitor received late, where a monitor would have received it.
 """

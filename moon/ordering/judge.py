@@ -17,16 +17,26 @@ class Gap:
         source: from whom; empty: from anybody.
         from_ns, until_ns: what is missing has a stamp in ``[from_ns, until_ns)``, ns since the epoch.
         why: for people.
+        kind: of what is missing; None: of any.
     """
 
-    __slots__ = ("channel", "from_ns", "source", "until_ns", "why")
+    __slots__ = ("channel", "from_ns", "kind", "source", "until_ns", "why")
 
-    def __init__(self, channel: str, source: str, from_ns: int, until_ns: int, why: str) -> None:
+    def __init__(
+        self,
+        channel: str,
+        source: str,
+        from_ns: int,
+        until_ns: int,
+        why: str,
+        kind: ObservationKind | None = None,
+    ) -> None:
         self.channel = channel
         self.source = source
         self.from_ns = from_ns
         self.until_ns = until_ns
         self.why = why
+        self.kind = kind
 
 
 class Judge(Protocol):

@@ -19,16 +19,16 @@ class Source:
         progress: by the numbers of its reports.
         is_numbered: whether it numbers all that it reports, as far as is known.
         is_up: whether it is there; None: only its observations say so.
-        gone_ns: when it went away (ns), if it is not.
+        since_ns: since when it is there (ns), or when it went away; 0: that is not known.
     """
 
-    __slots__ = ("gone_ns", "is_numbered", "is_up", "progress")
+    __slots__ = ("is_numbered", "is_up", "progress", "since_ns")
 
     def __init__(self) -> None:
         self.progress = Progress()
         self.is_numbered = True
         self.is_up: bool | None = None
-        self.gone_ns = 0
+        self.since_ns = 0
 
 
 class Sources:
@@ -88,7 +88,12 @@ class Sources:
         source = self._of(name)
         if is_up and source.progress.heard < when_ns:
             source.progress.restart()  # it numbers anew
-        source.is_up, source.gone_ns = is_up, when_ns
+        source.is_up, source.since_ns = is_up, when_ns
+
+    def up_since(self, name: str) -> int:
+        """When ``name`` began to connect (ns); 0: that is not known, or it is not there."""
+        source = self.known.get(name)
+        return source.since_ns if source is not None and source.is_up else 0
 
     def restart(self) -> None:
         """Nothing is known any more of what any of them reported."""
@@ -132,7 +137,7 @@ class Sources:
         return found
 
     def _is_over(self, source: Source, now_ns: int) -> bool:
-        return source.is_up is False and source.gone_ns < now_ns - self._latency_ns
+        return source.is_up is False and source.since_ns < now_ns - self._latency_ns
 
 
 def _gap_of(name: str, progress: Progress, before: tuple[int, int]) -> Gap | None:

@@ -17,7 +17,8 @@ from moon.cli import main as moon
 from moon.explain.command import explain
 from moon.monitor.command import monitor
 from moon.monitor.report import HEADER
-from moon.monitor.status import Counts, MachineStatus, Summary
+from moon.monitor.status import MachineStatus, Summary
+from moon.ordering.counts import Counts
 from moon.sinks.topic import VerdictMessage
 from tests.monitor.hand_driven import write_models
 from tests.monitor.processes import free_endpoint

@@ -35,7 +35,6 @@ class Repairing(HandDriven):
 @pytest.fixture
 def held_up(tmp_path: Path) -> Repairing:
     hand = Repairing(tmp_path)
-    hand.watch._read_monotonic = hand.now_ns
     hand.node("Level", True)
     hand.pass_time(1000)
     hand.message(90)

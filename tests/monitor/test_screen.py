@@ -14,7 +14,8 @@ import time
 import pytest
 
 from moon.monitor.report import cells, closing, table, verdict_lines
-from moon.monitor.status import Counts, MachineStatus, Summary
+from moon.monitor.status import MachineStatus, Summary
+from moon.ordering.counts import Counts
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from tests.monitor.hand_driven import write_models
 from tests.monitor.processes import WAIT_S, free_endpoint

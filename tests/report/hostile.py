@@ -8,8 +8,9 @@ from xml.sax.saxutils import quoteattr
 
 from m2c.model import DiagnosticLog, load
 from m2c.printable import printable
-from moon.monitor.status import PROPERTY, Counts, MachineStatus
+from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import Band, CheckResult, RecordingFacts, Timeline
+from moon.ordering.counts import Counts
 from moon.recording.entries import Said
 from moon.report import write_report
 from moon.verdict import Evidence, Explanation, Outcome, Verdict

@@ -1,0 +1,214 @@
+"""What a tap hands over, made fit for judges: in time, of its type, with what is missing told before it.
+
+The only code that knows that observations arrive late, twice or not at all, that a clock may be set and
+that a monitor may stand still. Live, recorded and simulated runs go through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+import msgspec
+
+from moon.ordering.counts import Counts, Rejected
+from moon.ordering.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
+from moon.ordering.judge import Gap
+from moon.ordering.reception import Reception
+from moon.ordering.sources import Sources
+from transports.interface import Observation, ObservationKind, Tap
+
+KEPT_PLACES = 10_000
+"""Sources and channels whose first number is remembered; names come from the wire, and never end."""
+
+
+class Judges(Protocol):
+    """Who is told of what is missing."""
+
+    def gap(self, gap: Gap) -> None:
+        """Something is missing."""
+        ...
+
+    def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
+        """Nothing from ``from_ns`` to ``since_ns`` is known: all begin in the middle of the run.
+
+        Args:
+            from_ns: ns since the epoch, on the clock of before.
+            since_ns: the same, on the clock of now.
+            was_set_back: stamps begin elsewhere.
+            why: for people.
+        """
+        ...
+
+
+class EventOrder:
+    """Event time, for the judges of one tap.
+
+    Args:
+        now_ns: the time of day.
+        monotonic_ns: a clock that nobody sets: with it, standing still is told from a clock that was set.
+        latency_ns: nothing is received later than this after its stamp.
+        repair_s: of the middleware (``Transport.repair_s``).
+        reception: looks at stamps, types and sources.
+        counts: what is counted.
+        judges: told of what is missing.
+
+    Attributes:
+        sources: how far all nodes have reported.
+        clock: of the judges.
+        since_ns: what is stamped before is not judged.
+        listener: the tap, once there is one.
+    """
+
+    def __init__(
+        self,
+        now_ns: Callable[[], int],
+        monotonic_ns: Callable[[], int],
+        latency_ns: int,
+        repair_s: float,
+        reception: Reception,
+        counts: Counts,
+        judges: Judges,
+    ) -> None:
+        self._now_ns = now_ns
+        self._read_monotonic = monotonic_ns
+        self._latency_ns = latency_ns
+        self._repair_ns = round(repair_s * NS)
+        self._reception = reception
+        self._counts = counts
+        self._judges = judges
+        self.sources = Sources(latency_ns)
+        self.clock = EventTimeClock(now_ns(), latency_ns)
+        self.since_ns = 0
+        self.listener: Tap | None = None
+        self._monotonic_ns = monotonic_ns()
+        self._first: dict[tuple[str, str], int] = {}
+        """Number of the first message received of each source and channel."""
+        self._late: dict[str, int] = {}
+        """When an observation of each source was last received too late."""
+
+    def start(self, listener: Tap) -> int:
+        """Listening begins now; the time (ns)."""
+        self.listener = listener
+        self.since_ns = self._now_ns()
+        self.clock.restart(self.since_ns)
+        return self.since_ns
+
+    # --- what is received --------------------------------------------------------------------------
+
+    def take(self, seen: Observation, now_ns: int) -> Observation | None:
+        """``seen``, received at ``now_ns``, as it is to be judged; None: it is not."""
+        clock = self.clock
+        if not -self._latency_ns <= now_ns - clock.now_ns <= clock.limit_ns:
+            self.look_at_clock(*self.read_clocks())
+        if self.listener is not None and self.listener.is_contested(seen.source):
+            # from the node of this name or from another: nothing is concluded from it
+            self._miss(seen, clock.clock_ns, now_ns, f"several sessions claim to be {seen.source}")
+            return None
+        gap = self.sources.take(seen, clock.clock_ns)
+        if gap is not None:
+            self._judges.gap(gap)
+        judged = self._reception.judge(seen, now_ns)
+        if isinstance(judged, Rejected):
+            if judged.reason:
+                self._miss(seen, clock.clock_ns, now_ns, judged.reason)
+            return None
+        if judged.stamp_ns < self.since_ns:
+            self._counts.before += 1
+            return None
+        lag_ns = now_ns - judged.stamp_ns
+        if lag_ns > clock.limit_ns:
+            self._too_late(seen, lag_ns, now_ns)
+            return None
+        clock.heard(lag_ns)
+        if seen.kind is ObservationKind.MESSAGE and seen.sequence >= 0:
+            self._look_at_first(seen)
+        limit_ns = clock.reach_ns(now_ns)
+        if judged.received_ns > limit_ns + 2 * PERIOD_NS:
+            # the judges' clock is behind the time of day
+            return msgspec.structs.replace(judged, received_ns=limit_ns)
+        return judged
+
+    def _miss(self, seen: Observation, from_ns: int, until_ns: int, why: str) -> None:
+        self._judges.gap(Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind))
+
+    def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
+        """One node's observations come too late, or (if not only one's) this monitor is slow."""
+        self._late[seen.source] = now_ns
+        self._counts.late += 1
+        why = f"observations arrive {lag_ns / NS:.1f} s late"
+        recent = [source for source, at in self._late.items() if now_ns - at < NS]
+        if len(recent) == 1:
+            self._miss(seen, seen.stamp_ns, now_ns, f"{why} from {seen.source}")
+            return
+        self._late.clear()
+        self._start_anew(*self.read_clocks(), why, held_up=True)
+
+    def _look_at_first(self, seen: Observation) -> None:
+        """The first message of a node that came up while the monitor listened has number 0."""
+        place = (seen.source, seen.channel)
+        if place in self._first:
+            return
+        if len(self._first) >= KEPT_PLACES:
+            self._first.clear()
+        self._first[place] = seen.sequence
+        started_ns = self.sources.up_since(seen.source)
+        if seen.sequence and started_ns and started_ns >= self.since_ns:
+            why = f"what {seen.source} sent first on {seen.channel} was missed"
+            self._miss(seen, started_ns, seen.stamp_ns, why)
+
+    def started(self, node: str) -> None:
+        """``node`` numbers anew what it sends."""
+        for place in [place for place in self._first if place[0] == node]:
+            del self._first[place]
+
+    # --- time --------------------------------------------------------------------------------------
+
+    def read_clocks(self) -> tuple[int, int]:
+        """The time of day and of the clock that nobody sets, at one moment (ns)."""
+        return read_together(self._now_ns, self._read_monotonic)
+
+    def tick(self, now_ns: int, monotonic_ns: int) -> int:
+        """Time has passed, and all that the tap had by then was taken: the time for the judges (ns)."""
+        self._monotonic_ns = monotonic_ns
+        clock_ns = self.clock.tick(now_ns)
+        if self.clock.is_lost:
+            why = "this monitor does not keep up with what it receives"
+            self._start_anew(now_ns, monotonic_ns, why, held_up=True)
+        for gap in self._gaps(now_ns, clock_ns):
+            self._judges.gap(gap)
+        return clock_ns
+
+    def _gaps(self, now_ns: int, clock_ns: int) -> Iterator[Gap]:
+        """What the tap has dropped, and what does not come any more."""
+        for channel, source in () if self.listener is None else self.listener.take_dropped():
+            why = f"messages on {channel} came faster than they were judged"
+            yield Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why)
+        yield from self.sources.settle(clock_ns)
+
+    def look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
+        """Whether time goes on as it should; else what was missed is told."""
+        gap_ns = now_ns - self.clock.now_ns
+        if gap_ns > self.clock.limit_ns:
+            passed_ns = monotonic_ns - self._monotonic_ns
+            if passed_ns > gap_ns // 2:
+                what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
+            else:
+                what = f"the clock was set forward by {(gap_ns - passed_ns) / NS:.1f} s"
+            self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self._latency_ns)
+        elif gap_ns < -self._latency_ns:
+            what = f"the clock was set back by {-gap_ns / NS:.1f} s"
+            self._start_anew(now_ns, monotonic_ns, what)
+
+    def _start_anew(self, now_ns: int, monotonic_ns: int, why: str, held_up: bool = False) -> None:
+        """Something is not known to be received, of any node."""
+        self._counts.stalls += 1
+        was_set_back = now_ns < self.clock.now_ns
+        from_ns = self.clock.clock_ns - self._latency_ns
+        self.since_ns = now_ns
+        if held_up and not was_set_back:  # what is missing cannot be told from what is on its way
+            self.since_ns += self._repair_ns
+        self._monotonic_ns = monotonic_ns
+        self.sources.restart()
+        self.clock.restart(now_ns, held_up)
+        self._judges.start_anew(from_ns, self.since_ns, was_set_back, why)
