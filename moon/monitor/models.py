@@ -15,6 +15,7 @@ from moon.oracle.unconfirmed import Losses, Publishers
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
+from transports.sequences import Sequel
 
 
 class ModelMonitor:
@@ -76,17 +77,22 @@ class ModelMonitor:
         self._by_channel = {channel: tuple(found) for channel, found in by_channel.items()}
         self._targets: dict[tuple[str, str, ObservationKind], Sequence[Oracle | PolicyOracle]] = {}
 
-    def feed(self, observation: Observation) -> list[Verdict]:
-        """Take one observation; the verdicts it brings about."""
+    def feed(self, observation: Observation, sequel: Sequel | None = None) -> list[Verdict]:
+        """Take one observation; the verdicts it brings about.
+
+        Args:
+            observation: what was received.
+            sequel: how its number follows, where that is known.
+        """
         place = (observation.channel, observation.source, observation.kind)
         targets = self._targets.get(place)
         if targets is None:
             targets = self._targets[place] = self._find_targets(*place)
         if len(targets) == 1:
-            return targets[0].feed(observation)
+            return targets[0].feed(observation, sequel)
         verdicts: list[Verdict] = []
         for oracle in targets:
-            verdicts += oracle.feed(observation)
+            verdicts += oracle.feed(observation, sequel)
         if not targets:
             self.unconcerned += 1
         return verdicts

@@ -32,19 +32,16 @@ from moon.properties.verdict import Verdict as PropertyVerdict
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from moon.wording import Wording, value_text
 from transports.interface import Observation, ObservationKind
-from transports.sequences import Sequel, Sequences
 
 SHOWN_FACTS = 8
 """So many facts explain a violation, the latest; more would hide the point."""
 MOST_PLACES = 10_000
-"""Sources and channels whose numbers are kept; names come from the wire, and never end."""
+"""Sources that are remembered; their names come from the wire, and never end."""
 REMEMBERED = 256
 """Violations of a property that can still be withdrawn, as a loss is found later than they are."""
 LOOK_NS = 10_000_000
 """So long after an observation it is looked at whether something is presumably false by it: what was stamped
 before has mostly been received then. Where things are later than that, so long as they were of late."""
-
-_NEXT = Sequel.NEXT
 
 _OUTCOMES = {
     Status.TRUE: Outcome.CONFORMING,
@@ -125,7 +122,6 @@ class PropertyWatch:
         self.channels = frozenset(
             name for name in self._ordered.channels() if not name.startswith(PREFIX)
         )
-        self._sequences = Sequences(MOST_PLACES)
         self._losses: list[_Loss] = []
         self._reached_ns = -1
         self._due_ns = 0
@@ -165,8 +161,6 @@ class PropertyWatch:
         """Take ``seen`` in; it counts when :meth:`advance` says that its latency is over."""
         if seen.kind is ObservationKind.MESSAGE_TAKEN or not self.concerns(seen.channel):
             return
-        if self._is_repeated(seen):
-            return
         for tally in self._tallies.values():
             tally.heard += seen.channel in tally.channels
         if seen.channel not in self._sends.get(seen.source, ()):
@@ -191,25 +185,6 @@ class PropertyWatch:
         else:
             self._due_ns = min(self._due_ns, seen.stamp_ns)
             self._presume_ns = min(self._presume_ns, seen.stamp_ns)
-
-    def _is_repeated(self, seen: Observation) -> bool:
-        """Look at its number: whether it was heard before; what is missing before it is lost."""
-        if seen.sequence < 0:
-            return False
-        place = (seen.source, seen.channel, seen.kind is ObservationKind.MESSAGE)
-        sequel, last = self._sequences.follow(place, seen.sequence, seen.stamp_ns)
-        if sequel is _NEXT:
-            return False
-        if sequel is Sequel.AGAIN:
-            return True
-        # a node that has started again sends 0 first
-        is_gap = sequel is Sequel.AFTER_A_GAP or (sequel is Sequel.ANEW and seen.sequence > 0)
-        if is_gap and last is not None:
-            start, end = last[1] + 1, seen.stamp_ns
-            if start >= end:  # stamps that do not increase: it was sent at one of them
-                start, end = min(last[1], end), max(last[1], end) + 1
-            self.lose(seen.channel, start, end)
-        return False
 
     def lose(self, channel: str, start_ns: int, end_ns: int) -> None:
         """Messages of ``channel`` stamped in ``[start_ns, end_ns)`` were missed."""

@@ -92,6 +92,7 @@ class SystemWatch:
             reception,
             self.counts,
             self,
+            (POLICY, *(node.name for node in everything)),
         )
         self._clock = self._order.clock
         self._properties.rely_on(self._order.sources, _reporters(system))
@@ -132,8 +133,11 @@ class SystemWatch:
             if not (node.up or node.heard):
                 node.heard = True
                 self._models.node_found(seen.source, now_ns + LINKED_NS)
+        gap = self._order.gap
+        if gap is not None:
+            self._properties.lose(gap.channel, gap.from_ns, gap.until_ns)
         self._properties.observe(seen)
-        self._take(self._models.feed(judged))
+        self._take(self._models.feed(judged, self._order.sequel))
 
     def gap(self, gap: Gap) -> None:
         """Something was not received (``moon.ordering.event_order.Judges``)."""
@@ -280,7 +284,7 @@ class SystemWatch:
             found_ns = max(self._transport.now_ns(), self._order.since_ns)
             self._models.node_found(name, found_ns + LINKED_NS)
             return
-        self._order.started(name)
+        self._order.numbers.forget(name, node.since)
         if again:
             self._say(f"{name} has started again")
         # what it did while it came up is heard from now on: half the bound, before it is too late

@@ -90,7 +90,7 @@ class Oracle(Judging):
         """Whether observations like this can mean anything to the machine."""
         return self.channels.concerns(channel, source, kind)
 
-    def feed(self, observation: Observation) -> list[Verdict]:
+    def feed(self, observation: Observation, sequel: Sequel | None = None) -> list[Verdict]:
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
         key = (observation.source, observation.channel, observation.kind)
         stream = self._streams.opened.get(key) or self._streams.of(observation)

@@ -16,6 +16,7 @@ class Counts(msgspec.Struct):
         future: observations whose stamp lies in the future.
         unnamed: messages that do not say who sent them; their stamps are taken with caution.
         mistyped: messages that are not of the type that the models say: nodes drop those too.
+        repeated: observations received twice.
         late: observations that came too late to be judged.
         before: observations of before the monitor listened (or listened again).
         stalls: how often the monitor was held up, or the clock was set.
@@ -27,6 +28,7 @@ class Counts(msgspec.Struct):
     future: int = 0
     unnamed: int = 0
     mistyped: int = 0
+    repeated: int = 0
     late: int = 0
     before: int = 0
     stalls: int = 0

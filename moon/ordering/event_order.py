@@ -6,7 +6,7 @@ that a monitor may stand still. Live, recorded and simulated runs go through it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
 import msgspec
@@ -14,12 +14,13 @@ import msgspec
 from moon.ordering.counts import Counts, Rejected
 from moon.ordering.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
 from moon.ordering.judge import Gap
+from moon.ordering.numbers import Numbers
 from moon.ordering.reception import Reception
 from moon.ordering.sources import Sources
 from transports.interface import Observation, ObservationKind, Tap
+from transports.sequences import Sequel
 
-KEPT_PLACES = 10_000
-"""Sources and channels whose first number is remembered; names come from the wire, and never end."""
+_NEXT = Sequel.NEXT
 
 
 class Judges(Protocol):
@@ -52,10 +53,14 @@ class EventOrder:
         reception: looks at stamps, types and sources.
         counts: what is counted.
         judges: told of what is missing.
+        known: the nodes of the system.
 
     Attributes:
         sources: how far all nodes have reported.
         clock: of the judges.
+        numbers: the last one of each source and channel.
+        sequel: how the number of what was taken last follows.
+        gap: what is missing before it, by that; None: nothing.
         since_ns: what is stamped before is not judged.
         listener: the tap, once there is one.
     """
@@ -69,6 +74,7 @@ class EventOrder:
         reception: Reception,
         counts: Counts,
         judges: Judges,
+        known: Iterable[str] = (),
     ) -> None:
         self._now_ns = now_ns
         self._read_monotonic = monotonic_ns
@@ -82,8 +88,9 @@ class EventOrder:
         self.since_ns = 0
         self.listener: Tap | None = None
         self._monotonic_ns = monotonic_ns()
-        self._first: dict[tuple[str, str], int] = {}
-        """Number of the first message received of each source and channel."""
+        self.numbers = Numbers(known)
+        self.sequel = _NEXT
+        self.gap: Gap | None = None
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
@@ -121,8 +128,8 @@ class EventOrder:
             self._too_late(seen, lag_ns, now_ns)
             return None
         clock.heard(lag_ns)
-        if seen.kind is ObservationKind.MESSAGE and seen.sequence >= 0:
-            self._look_at_first(seen)
+        if not self._is_new(seen):
+            return None
         limit_ns = clock.reach_ns(now_ns)
         if judged.received_ns > limit_ns + 2 * PERIOD_NS:
             # the judges' clock is behind the time of day
@@ -144,23 +151,41 @@ class EventOrder:
         self._late.clear()
         self._start_anew(*self.read_clocks(), why, held_up=True)
 
+    def _is_new(self, seen: Observation) -> bool:
+        """Look at its number: whether it was not received before, and what is missing before it."""
+        number, stamp = seen.sequence, seen.stamp_ns
+        self.sequel, self.gap = _NEXT, None
+        if number < 0:
+            return True
+        count = self.numbers.of(seen)
+        if number == count.next:
+            count.next, count.stamp = number + 1, stamp
+            return True
+        before_ns = count.stamp
+        self.sequel = sequel = count.sequel(number, stamp)
+        match sequel:
+            case Sequel.AGAIN:
+                self._counts.repeated += 1
+                return False
+            case Sequel.FIRST if number and seen.kind is ObservationKind.MESSAGE:
+                self._look_at_first(seen)
+            case Sequel.AFTER_A_GAP | Sequel.ANEW if sequel is Sequel.AFTER_A_GAP or number:
+                # a node that has started again sends 0 first
+                start, end = before_ns + 1, stamp
+                if start >= end:  # stamps that do not increase: it was sent at one of them
+                    start, end = min(before_ns, end), max(before_ns, end) + 1
+                why = f"observations on {seen.channel} from {seen.source} were lost"
+                self.gap = Gap(seen.channel, seen.source, start, end, why, seen.kind)
+            case _:
+                pass
+        return True
+
     def _look_at_first(self, seen: Observation) -> None:
         """The first message of a node that came up while the monitor listened has number 0."""
-        place = (seen.source, seen.channel)
-        if place in self._first:
-            return
-        if len(self._first) >= KEPT_PLACES:
-            self._first.clear()
-        self._first[place] = seen.sequence
         started_ns = self.sources.up_since(seen.source)
-        if seen.sequence and started_ns and started_ns >= self.since_ns:
+        if started_ns and started_ns >= self.since_ns:
             why = f"what {seen.source} sent first on {seen.channel} was missed"
             self._miss(seen, started_ns, seen.stamp_ns, why)
-
-    def started(self, node: str) -> None:
-        """``node`` numbers anew what it sends."""
-        for place in [place for place in self._first if place[0] == node]:
-            del self._first[place]
 
     # --- time --------------------------------------------------------------------------------------
 
@@ -210,5 +235,7 @@ class EventOrder:
             self.since_ns += self._repair_ns
         self._monotonic_ns = monotonic_ns
         self.sources.restart()
+        if was_set_back:
+            self.numbers.clear()
         self.clock.restart(now_ns, held_up)
         self._judges.start_anew(from_ns, self.since_ns, was_set_back, why)

@@ -7,21 +7,19 @@ handed to the judge (``moon.policy.judge``), in order.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.ordering.held import Held
 from moon.ordering.judge import Gap
+from moon.ordering.numbers import Numbers
 from moon.ordering.progress import Progress
 from moon.policy.judge import PolicyJudge
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
-from transports.sequences import Sequel, Sequences
-
-KEPT_CHANNELS = 4096
-"""Channels of which the last number is remembered; names come from the wire."""
+from transports.sequences import Sequel
 
 _OWN = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 _PARTS = "/_action/"
@@ -77,8 +75,10 @@ class PolicyOracle:
         )
         self._held = Held()
         self._finished = 0
-        self._sequences = Sequences(KEPT_CHANNELS)
-        """Of the policy's node, by channel."""
+        self._judged_ns = -1
+        """The newest that was judged happened then."""
+        self._numbers = Numbers()
+        """Of the policy's node, where nobody else looks at them."""
         self._unclear_until = 0
         """Something is known to be missing of what happened until then."""
 
@@ -95,15 +95,14 @@ class PolicyOracle:
             self._progress.restart()
         # what has come of it already stays, if that is all of it
         self._held.take(self._held.count(stamp_ns - 1))
-        numbers = self._sequences.last
-        for channel in [c for c, (_, last_ns) in numbers.items() if last_ns < stamp_ns]:
-            del numbers[channel]
-        self._sequences.complete = True
-        begun: set[Hashable] = {e.channel for e in self._held.observations if e.sequence <= 0}
+        self._numbers.forget(self.node, stamp_ns)
+        held = self._held.observations
+        begun = {event.channel for event in held if event.sequence <= 0}
+        is_whole = self._judged_ns < stamp_ns and begun.issuperset(e.channel for e in held)
         self._unclear_until = 0
         self._finished = max(self._finished, stamp_ns - self.bounds.latency)
         self._judge.start(stamp_ns)
-        if self._judge.is_judging and not begun.issuperset(numbers):
+        if self._judge.is_judging and not is_whole:
             self.lose(self._finished, f"what {self.node} did first was missed")
 
     def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
@@ -141,8 +140,13 @@ class PolicyOracle:
         """Calls judged."""
         return self._judge.outputs
 
-    def feed(self, observation: Observation) -> list[Verdict]:
-        """Take one observation; verdicts that it, and the time that has passed, bring about."""
+    def feed(self, observation: Observation, sequel: Sequel | None = None) -> list[Verdict]:
+        """Take one observation; verdicts that it, and the time that has passed, bring about.
+
+        Args:
+            observation: what was received.
+            sequel: how its number follows, where that is known; else it is looked up.
+        """
         judge = self._judge
         if not judge.is_judging:
             return []
@@ -156,7 +160,7 @@ class PolicyOracle:
             if judge.unconfirmed.kept:
                 verdicts = judge.look_at_reports()
             if kind in _OWN and _PARTS not in channel:
-                verdicts += self._take(observation)
+                verdicts += self._take(observation, sequel)
         elif self.concerns(channel, observation.source, kind):
             judge.note_elsewhere(observation)
         return verdicts if settled <= self._finished else verdicts + self._settle(settled)
@@ -180,7 +184,8 @@ class PolicyOracle:
         if judge.unconfirmed.kept:
             verdicts += judge.look_at_reports()
         while held.stamps and held.stamps[0] <= settled:
-            together = held.take(held.count(held.stamps[0]))
+            self._judged_ns = held.stamps[0]
+            together = held.take(held.count(self._judged_ns))
             while together:
                 verdicts += judge.observe(together.pop(judge.choose(together)))
         return verdicts + judge.advance(settled)
@@ -218,18 +223,18 @@ class PolicyOracle:
 
     # --- what is received --------------------------------------------------------------------------
 
-    def _take(self, observation: Observation) -> list[Verdict]:
+    def _take(self, observation: Observation, sequel: Sequel | None) -> list[Verdict]:
         verdicts: list[Verdict] = []
-        number, stamp = observation.sequence, observation.stamp_ns
+        number, stamp, channel = observation.sequence, observation.stamp_ns, observation.channel
         if number >= 0:
-            sequences, channel = self._sequences, observation.channel
-            sequel, _ = sequences.follow(channel, number, stamp)
+            if sequel is None:
+                sequel = self._numbers.of(observation).sequel(number, stamp)
             if sequel is Sequel.AGAIN:
                 self.repeated += 1
                 return []
-            is_start = sequel is Sequel.FIRST and self._judge.is_fresh and sequences.complete
+            is_start = sequel is Sequel.FIRST and self._judge.is_fresh
             if sequel is Sequel.ANEW:
-                sequences.last = {channel: (number, stamp)}  # all are numbered anew
+                self._numbers.forget(self.node)
                 self._progress.restart()
                 self._judge.restart()
                 verdicts = self.lose(stamp - 1, f"{self.node} was restarted")

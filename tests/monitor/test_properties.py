@@ -488,24 +488,17 @@ def test_a_violation_from_before_a_loss_stands(watched) -> None:
     assert watched.standing()["high"] == "violated"
 
 
-def numbered(stamp_ns: int, sequence: int, status: int = 0) -> Observation:
-    return Observation(
-        stamp_ns=stamp_ns,
-        received_ns=stamp_ns,
-        channel="/Level/tick",
-        kind=ObservationKind.RESPONSE_SENT,
-        type_name="t/srv/Tick_Response",
-        data={"status": status},
-        source="Level",
-        sequence=sequence,
-    )
-
-
 @pytest.mark.parametrize("later", [0, 1, 2, 5])
 def test_a_gap_in_the_numbers_is_a_loss_however_close_the_stamps_are(tmp_path, later) -> None:
-    watch = Watched(tmp_path, FILE.replace("before: battery < 30, ", "")).properties
-    said = watch.start(START)
-    watch.observe(numbered(START + S, 5))
-    watch.observe(numbered(START + S + later, 7))  # 6 may have been wrong
-    said += watch.advance(START + 3 * S)
-    assert [str(item.outcome) for item in said if item.node == "high"][-1] == "inconclusive"
+    watched = Watched(tmp_path, FILE.replace("before: battery < 30, ", ""))
+    watched.pass_time(1000)
+    sent_ns = watched.now
+    for sequence, stamp_ns in ((5, sent_ns), (7, sent_ns + later)):  # 6 may have been wrong
+        watched.hear(
+            *("/Level/tick", ObservationKind.RESPONSE_SENT, "t/srv/Tick_Response", {"status": 0}),
+            *("Level",),
+            stamp_ns=stamp_ns,
+            sequence=sequence,
+        )
+    watched.pass_time(1000)
+    assert watched.of("high")[-1] == "inconclusive"
