@@ -78,7 +78,7 @@ unit-interpreted: $(VENV)/.installed compiled
 benchmarks: $(VENV)/.installed compiled
 	$(BIN)/python -m benchmarks
 
-# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md and docs/overhead-growth.md (55 minutes).
+# What monitoring costs, beside monitors in the middle; rewrites docs/overhead.md (35 minutes).
 overhead: $(VENV)/.installed compiled
 	$(BIN)/python -m examples.overhead --full --update-docs -o build/overhead
 

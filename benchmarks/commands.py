@@ -2,54 +2,22 @@
 
 from __future__ import annotations
 
-import statistics
+import functools
+import itertools
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.page import Row, command, slower
+from benchmarks.page import Row, beside, command
 from benchmarks.processes import ROOT
+from benchmarks.sampling import measured
 
 SYSTEM = ROOT / "examples/lab_tour/system.xml"
 BIN = Path(sys.executable).parent
-
-
-def seconds(command: list[str]) -> float:
-    """Wall time of one run of ``command``, which must succeed."""
-    began = time.perf_counter()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return time.perf_counter() - began
-
-
-def per_model(rounds: int) -> Row:
-    """Filling in the templates of a node, beside what CPython takes to compile what comes out.
-
-    Without ruff, which formats a whole system at once: its time is in that of ``m2c generate``.
-    """
-    from m2c.codegen.package import node_texts
-    from m2c.model import DiagnosticLog, load
-
-    system = load([SYSTEM], DiagnosticLog())
-    assert system is not None
-    ours, theirs = [], []
-    for _ in range(rounds):
-        for machine in system.nodes:
-            began = time.perf_counter()
-            files = node_texts(machine, system.library, "package")
-            ours.append(time.perf_counter() - began)
-            began = time.perf_counter()
-            for name, text in files.items():
-                if name.endswith(".py"):
-                    compile(text, name, "exec")
-            theirs.append(time.perf_counter() - began)
-    mine, peer = statistics.median(ours) * 1e3, statistics.median(theirs) * 1e3
-    return slower(
-        "filling in the templates of a node", mine, "ms", "CPython compiling the result", peer
-    )
-
-
+BARE = "import click"
 TARGETS = {
     "m2c generate system.xml": 1.5,
     "m2c check system.xml": 0.7,
@@ -59,27 +27,28 @@ TARGETS = {
 """Seconds, by command."""
 
 
+def taken(name: str, folders: Iterator[Path]) -> list[float]:
+    """Wall time in seconds of one run, which must succeed."""
+    first, *words = name.replace("system.xml", str(SYSTEM)).split()
+    if "generate" in words:  # into a new folder: writing the files is part of the cost
+        words += ["-o", str(next(folders))]
+    line = [sys.executable, "-c", BARE] if name == BARE else [str(BIN / first), *words]
+    began = time.perf_counter()
+    subprocess.run(line, check=True, stdout=subprocess.DEVNULL)
+    return [time.perf_counter() - began]
+
+
 def rows(runs: int = 5) -> list[Row]:
     """What is shown: medians of so many runs."""
-    bare = "import click"
-    taken: dict[str, list[float]] = {name: [] for name in (bare, *TARGETS)}
     with tempfile.TemporaryDirectory() as scratch:
-        for run in range(runs + 1):  # in turns, so that a busy moment hits all of them alike
-            for name, times in taken.items():
-                words = name.replace("system.xml", str(SYSTEM)).split()
-                if "generate" in words:  # into a new folder: writing the files is part of the cost
-                    words += ["-o", str(Path(scratch) / str(run))]
-                ours = [str(BIN / words[0]), *words[1:]]
-                elapsed = seconds([sys.executable, "-c", bare] if name == bare else ours)
-                if run:  # the first run only warms the file cache
-                    times.append(elapsed)
-    theirs, *medians = map(statistics.median, taken.values())
-    peer = f"`{bare}`"
-    found = [
-        Row(f"`{name}`", own, "s", peer, theirs, own / theirs, most=most, is_of_value=True)
-        for (name, most), own in zip(TARGETS.items(), medians, strict=True)
+        folders = (Path(scratch) / str(number) for number in itertools.count())
+        turns = {name: functools.partial(taken, name, folders) for name in (BARE, *TARGETS)}
+        measured(turns, 1)  # which only warms the file cache
+        found = measured(turns, runs)
+    return [
+        beside(f"`{name}`", "s", found[name], f"`{BARE}`", found[BARE], most, is_of_value=True)
+        for name, most in TARGETS.items()
     ]
-    return [*found, per_model(runs)]
 
 
 if __name__ == "__main__":

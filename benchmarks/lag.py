@@ -17,7 +17,6 @@ from typing import Any, cast
 
 from benchmarks.page import Row, command
 from benchmarks.processes import ROOT, Child, free_endpoint
-from benchmarks.processes import busy as kept_busy
 from benchmarks.sampling import quantile
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
@@ -124,22 +123,19 @@ def watched(
     return lookers, watch.violations
 
 
-def rows(ticks: int = 300, busy: int = 0) -> list[Row]:
-    """What is shown, of so many ticks; ``busy`` processes keep processors busy meanwhile."""
-    with kept_busy(busy):
-        lookers, violations = measured(ticks)
-    bound_ms = Bounds().latency / MS
-    where = f", {busy} processes busy" if busy else ""
+def rows(ticks: int = 300) -> list[Row]:
+    """What is shown, of so many ticks."""
+    lookers, violations = measured(ticks)
     found = []
     for alone, what, most, most_p99 in (
         (True, "no concurrent input open", 5.0, None),
         (False, "topics of others taken", 10.0, 30.0),
     ):
         lags = [lag for looker in lookers if looker.alone is alone for lag in looker.lags_ms]
-        name = f"from event to verdict, {what}, median{where}"
+        name = f"from event to verdict, {what}, median"
         found.append(Row(name, statistics.median(lags), "ms", most=most))
-        found.append(Row(f"the same, p99{where}", quantile(lags, 0.99), "ms", most=most_p99))
-    print(f"latency bound {bound_ms:g} ms; {violations} violations (a nominal run)")
+        found.append(Row("the same, p99", quantile(lags, 0.99), "ms", most=most_p99))
+    print(f"{violations} violations (a nominal run)")
     return found
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
-import os
 import sys
 import tempfile
 import time
@@ -12,8 +12,9 @@ from pathlib import Path
 
 from statemachine import State, StateMachine
 
-from benchmarks.page import Row, command, faster
-from benchmarks.processes import ROOT, Child, say
+from benchmarks.page import Row, beside, command
+from benchmarks.processes import ROOT
+from benchmarks.sampling import measured
 from m2c.codegen.package import node_modules
 from m2c.model import DiagnosticLog, load
 
@@ -53,8 +54,8 @@ class BatteryLevelChart(StateMachine):
         self.answered()
 
 
-def compiled(folder: Path) -> Callable[[int], float]:
-    """A function that feeds the generated machine pairs of message and tick; seconds taken."""
+def compiled(folder: Path) -> Callable[[int], list[float]]:
+    """A function that feeds the generated machine pairs of message and tick; events per second."""
     system = load([MODEL], DiagnosticLog())
     assert system is not None
     package = folder / "battery"
@@ -69,20 +70,21 @@ def compiled(folder: Path) -> Callable[[int], float]:
     machine.start()
     message, request = messages.Int32(data=50), messages.TickConditionRequest()
 
-    def run(pairs: int) -> float:
+    def run(pairs: int) -> list[float]:
+        before = answers.count
         began = time.perf_counter()
         for _ in range(pairs):
             machine.on_level_message(message)
             machine.on_tick_request(request)
         taken = time.perf_counter() - began
-        assert answers.count >= pairs
-        return taken
+        assert answers.count == before + pairs
+        return [2 * pairs / taken]
 
     return run
 
 
-def peer(pairs: int) -> float:
-    """The same events for python-statemachine; seconds taken."""
+def peer(pairs: int) -> list[float]:
+    """The same events for python-statemachine."""
     chart = BatteryLevelChart()
     began = time.perf_counter()
     for _ in range(pairs):
@@ -90,79 +92,19 @@ def peer(pairs: int) -> float:
         chart.send("tick")
     taken = time.perf_counter() - began
     assert chart.count == pairs
-    return taken
+    return [2 * pairs / taken]
 
 
-QT_CHART = """
-<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" initial="idle">
-  <datamodel><data id="percentage" expr="100"/><data id="count" expr="0"/></datamodel>
-  <state id="idle">
-    <transition event="level"><assign location="percentage" expr="_event.data"/></transition>
-    <transition event="tick" target="answer"/>
-  </state>
-  <state id="answer">
-    <onentry>
-      <if cond="percentage &gt;= 30"><assign location="count" expr="count + 1"/>
-      <else/><assign location="count" expr="count + 1"/></if>
-    </onentry>
-    <transition target="idle"/>
-  </state>
-</scxml>
-"""
-
-
-QT_PAIRS = 1000
-
-
-def qt() -> float:
-    """The same events for Qt's SCXML engine; seconds that ``QT_PAIRS`` took.
-
-    In a process of its own: PySide6 6.12 counts a reference to None too few at each submitEvent, and an
-    interpreter that ends after thousands of them aborts.
-    """
-    with Child.calling("Qt", qt_here) as child:
-        return float(child.answer()["seconds"])
-
-
-def qt_here() -> None:
-    """The same in this process, which it ends."""
-    from PySide6 import QtCore, QtScxml
-
-    application = QtCore.QCoreApplication.instance() or QtCore.QCoreApplication([])
-    buffer = QtCore.QBuffer()
-    buffer.setData(QtCore.QByteArray(QT_CHART.encode()))
-    buffer.open(QtCore.QBuffer.OpenModeFlag.ReadOnly)
-    chart = QtScxml.QScxmlStateMachine.fromData(buffer)
-    assert chart.parseErrors() == []
-    chart.start()
-    application.processEvents()
-    began = time.perf_counter()
-    for _ in range(QT_PAIRS):
-        chart.submitEvent("level", 50)
-        chart.submitEvent("tick")
-        application.processEvents()
-    taken = time.perf_counter() - began
-    assert int(chart.dataModel().scxmlProperty("count")) == QT_PAIRS
-    say({"seconds": taken})
-    os._exit(0)
-
-
-def rows(events: int = 400_000) -> list[Row]:
-    """What is shown, of so many events."""
+def rows(events: int = 80_000, rounds: int = 5) -> list[Row]:
+    """What is shown, of so many events in each round."""
     pairs = events // 2
     with tempfile.TemporaryDirectory() as scratch:
         run = compiled(Path(scratch))
-        run(pairs // 10)
-        ours = 2 * pairs / run(pairs)
-    few = max(pairs // 50, 1)
-    peers = {
-        "python-statemachine": (2 * few / peer(few), 10.0),
-        "Qt SCXML": (2 * QT_PAIRS / qt(), None),
-    }
-    return [
-        faster("compiled machine", ours, "events/s", name, theirs, least)
-        for name, (theirs, least) in peers.items()
-    ]
+        run(pairs)  # which warms the caches
+        few = functools.partial(peer, max(pairs // 50, 1))
+        found = measured({"ours": functools.partial(run, pairs), "theirs": few}, rounds)
+    ours, theirs = found["ours"], found["theirs"]
+    return [beside("compiled machine", "events/s", ours, "python-statemachine", theirs, least=10.0)]
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import msgspec
 
+from benchmarks.sampling import Block, Estimate, distribution, ratio
+
 TOLD_TO = "BENCHMARK_ROWS"
 """The environment variable that names the file into which rows are written."""
 
@@ -27,7 +29,7 @@ class Row(msgspec.Struct, frozen=True):
         value: of ours, in ``unit``.
         peer: what it is compared with; "" if with nothing.
         theirs: the peer's value, in the same unit, in the same run.
-        ratio: of ours to the peer's.
+        ratio: of ours to the peer's, with its interval.
         most, least: the target, of the ratio where there is one, else of the value.
         is_of_value: the target is of the value, though there is a ratio.
     """
@@ -37,7 +39,7 @@ class Row(msgspec.Struct, frozen=True):
     unit: str
     peer: str = ""
     theirs: float | None = None
-    ratio: float | None = None
+    ratio: Estimate | None = None
     most: float | None = None
     least: float | None = None
     is_of_value: bool = False
@@ -45,24 +47,26 @@ class Row(msgspec.Struct, frozen=True):
     @property
     def is_met(self) -> bool | None:
         """Whether the target is reached; None if there is none."""
-        figure = self.value if self.ratio is None or self.is_of_value else self.ratio
+        ratio = None if self.is_of_value else self.ratio
+        figure = self.value if ratio is None else ratio.value
         if self.most is not None:
             return figure <= self.most
         return None if self.least is None else figure >= self.least
 
 
-def slower(
-    what: str, value: float, unit: str, peer: str, theirs: float, most: float | None = None
+def beside(
+    what: str,
+    unit: str,
+    own: Sequence[Block],
+    peer: str,
+    theirs: Sequence[Block],
+    most: float | None = None,
+    least: float | None = None,
+    is_of_value: bool = False,
 ) -> Row:
-    """A figure of which less is better; the ratio says how many times the peer's it is."""
-    return Row(what, value, unit, peer, theirs, value / theirs, most=most)
-
-
-def faster(
-    what: str, value: float, unit: str, peer: str, theirs: float, least: float | None = None
-) -> Row:
-    """A figure of which more is better; the ratio says how many times the peer's it is."""
-    return Row(what, value, unit, peer, theirs, value / theirs, least=least)
+    """A figure beside a peer's: medians of blocks, and their ratio, each round's of its own two blocks."""
+    value, other = (distribution(blocks).p50.value for blocks in (own, theirs))
+    return Row(what, value, unit, peer, other, ratio(own, theirs), most, least, is_of_value)
 
 
 def publish(rows: Sequence[Row]) -> None:
@@ -106,7 +110,7 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 def _cells(row: Row) -> tuple[str, ...]:
     """Value, the peer's, ratio, target, and whether it is reached."""
     theirs = f"{row.peer} {_number(row.theirs, row.unit)}" if row.theirs is not None else row.peer
-    ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
+    ratio = "" if row.ratio is None else row.ratio.shown(".2f")
     met = {None: "", True: "reached", False: "**not reached**"}[row.is_met]
     return _number(row.value, row.unit), theirs, ratio, _target(row), met
 

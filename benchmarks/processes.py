@@ -1,7 +1,6 @@
 """Processes that are measured: told what to do by lines of JSON, which they answer by lines of JSON.
 
-And what stands around them: a place on the loopback link, what the operating system has on record of a
-process, processors that are busy. Above are the ends of who measures, below those of who is measured.
+Above are the ends of who measures, below those of who is measured.
 """
 
 from __future__ import annotations
@@ -51,7 +50,6 @@ class Child:
         name: what it is called in errors.
         arguments: of the Python interpreter, e.g. ``["-m", "moon.cli", "tap"]``.
         environment: variables beside this process's own.
-        prefix: a command in front of the interpreter, e.g. one that enters a network namespace.
     """
 
     def __init__(
@@ -59,7 +57,6 @@ class Child:
         name: str,
         arguments: Sequence[str],
         environment: Mapping[str, str] | None = None,
-        prefix: Sequence[str] = (),
     ) -> None:
         self.name = name
         inherited = {**os.environ, **(environment or {})}
@@ -68,7 +65,7 @@ class Child:
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._last: collections.deque[str] = collections.deque(maxlen=KEPT_LINES)
         self._process = subprocess.Popen(
-            [*prefix, sys.executable, "-u", *arguments],
+            [sys.executable, "-u", *arguments],
             env=inherited,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -101,7 +98,6 @@ class Child:
         function: Callable[..., object],
         *arguments: object,
         environment: Mapping[str, str] | None = None,
-        prefix: Sequence[str] = (),
     ) -> Self:
         """A process that calls ``function``, which a module has, with arguments that JSON can carry."""
         module = function.__module__
@@ -110,7 +106,7 @@ class Child:
         word = msgspec.json.encode(arguments).decode()
         code = f"import json, sys; from {module} import {function.__name__} as call"
         code += "; sys.exit(call(*json.loads(sys.argv[1])))"
-        return cls(name, ["-c", code, word], environment, prefix)
+        return cls(name, ["-c", code, word], environment)
 
     @property
     def pid(self) -> int:
@@ -222,7 +218,7 @@ def until_ended() -> None:
     ended.wait()
 
 
-def spin_until_ended(transport: Transport, hear: Callable[[], object] = lambda: None) -> None:
+def spin_until_ended(transport: Transport, hear: Callable[[], None] = lambda: None) -> None:
     """Spin until SIGTERM, then close; ``hear`` is called by the transport at each line of standard input."""
     signal.signal(signal.SIGTERM, lambda *_: transport.post(transport.close))
 
@@ -240,15 +236,6 @@ def free_endpoint() -> str:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{free.getsockname()[1]}"
-
-
-@contextlib.contextmanager
-def busy(count: int) -> Iterator[None]:
-    """Meanwhile so many processes keep processors busy."""
-    with contextlib.ExitStack() as stack:
-        for _ in range(count):
-            stack.enter_context(Child("a burner", ["-c", "while True: pass"]))
-        yield
 
 
 @contextlib.contextmanager
@@ -277,39 +264,3 @@ def processor_s(pid: int) -> float:
     if error:
         raise OSError(error, f"{os.strerror(error)}: process {pid}")
     return time.clock_gettime(clock.value)
-
-
-def resident_mb(pid: int | str = "self") -> float:
-    """The resident memory of a process, in MB; 0 of one that has just ended."""
-    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    return next((int(line.split()[1]) for line in lines if line.startswith("VmRSS")), 0) / 1024
-
-
-def read_so_far(pid: int) -> int:
-    """Bytes that a process has read."""
-    lines = Path(f"/proc/{pid}/io").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("rchar"))
-
-
-def machine_s() -> tuple[float, float]:
-    """Processor time of the whole machine since it was started, in seconds: busy, and in all."""
-    words = Path("/proc/stat").read_text().splitlines()[0].split()[1:9]
-    values = [int(word) / os.sysconf("SC_CLK_TCK") for word in words]
-    idle = values[3] + values[4]  # idle, and waiting for a disk
-    return sum(values) - idle, sum(values)
-
-
-def bytes_sent(pid: int, interface: str) -> tuple[int, int]:
-    """Bytes and packets that went out of ``interface`` in the network namespace of ``pid``.
-
-    Everything on the wire counts: Ethernet, IP, TCP or UDP headers, acknowledgements, discovery.
-
-    Raises:
-        KeyError: there is no such interface.
-    """
-    for line in Path(f"/proc/{pid}/net/dev").read_text().splitlines()[2:]:
-        name, _, counters = line.partition(":")
-        if name.strip() == interface:
-            fields = counters.split()
-            return int(fields[8]), int(fields[9])
-    raise KeyError(interface)

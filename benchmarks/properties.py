@@ -1,25 +1,23 @@
-"""Property monitors against Reelay 25 and rtamt, in one run on the same observations.
+"""Property monitors against Reelay 25, in one run on the same observations.
 
 Updates per second (of processor time) and ratios: the paper's P1 to P3, Reelay's own dense benchmark formulas
-(timescales) with three sizes of bounds, what a monitor keeps in memory, and a thousand properties at once
-against a thousand monitors.
+(timescales) with three sizes of bounds, and a thousand properties at once against a thousand monitors.
 """
 
 from __future__ import annotations
 
+import functools
 import gc
-import itertools
 import random
 import statistics
 import time
-import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import reelay
-import rtamt
 
-from benchmarks.page import Row, command, faster
+from benchmarks.page import Row, beside, command
+from benchmarks.sampling import measured, ratio
 from moon.properties.formula import Formula
 from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.property import REQUESTS, RESPONSES, Port, Property
@@ -28,18 +26,13 @@ from transports.interface import Observation, ObservationKind
 
 SECOND = 1_000_000_000
 ROUNDS = 5
+UNIT = "updates/s"
 
 PAPER = {
     "P1": "historically({level > 30} -> historically(not {alarm}))",
     "P2": "historically(({alarm} -> once{level <= 30}) and not(not {alarm} since[5:] {level <= 30}))",
     "P3": "historically(({set} -> once(not {done: 0})) and not(not {set} since[5:] (not {done: 0})))",
 }
-PAPER_RTAMT = {
-    "P1": "historically((level <= 30) or historically(alarm <= 0.5))",
-    "P2": "historically(((alarm <= 0.5) or once(level <= 30)))",
-    "P3": "historically(((set <= 0.5) or once(done >= 0.5)))",
-}
-RTAMT_USES = {"P1": ("level", "alarm"), "P2": ("level", "alarm"), "P3": ("done", "set")}
 PORTS = (
     Port("level", "/battery_level", path=("data",), initial=100),
     Port("alarm", "/AlarmSkill/tick", REQUESTS, event=True),
@@ -78,8 +71,16 @@ def seconds(work: Callable[[], Any]) -> float:
     return time.process_time() - begin
 
 
-def best(work: Callable[[], Any]) -> float:
-    return min(seconds(work) for _ in range(ROUNDS))
+def speeds(
+    count: int, ours: Callable[[], Any], theirs: Callable[[], Any]
+) -> tuple[list[list[float]], list[list[float]]]:
+    """Updates per second in each round; ``count`` are made each time."""
+
+    def turn(work: Callable[[], Any]) -> list[float]:
+        return [count / seconds(work)]
+
+    found = measured({work: functools.partial(turn, work) for work in (ours, theirs)}, ROUNDS)
+    return found[ours], found[theirs]
 
 
 def paper_observations(count: int) -> list[Observation]:
@@ -136,32 +137,20 @@ def feed_reelay(formula: str, steps: list[dict[str, Any]]) -> None:
         update(step)
 
 
-def feed_rtamt(formula: str, names: Sequence[str], steps: list[dict[str, Any]]) -> None:
-    specification = rtamt.StlDenseTimeOnlineSpecification()
-    for name in names:
-        specification.declare_var(name, "float")
-    specification.declare_var("out", "float")
-    specification.spec = f"out = {formula}"
-    specification.parse()
-    for before, after in itertools.pairwise(steps):
-        span = (before["time"], after["time"])
-        specification.update(*([name, [[t, float(before[name])] for t in span]] for name in names))
-
-
 def paper(count: int) -> list[Row]:
-    rows = []
     observations = paper_observations(count)
     steps = as_reelay(observations)
+    rows = []
     for name, source in PAPER.items():
         item = Property(name, parse_formula(source), PORTS)
-        ours = count / best(lambda i=item: feed_ours(i, observations))
-        theirs = count / best(lambda n=name: feed_reelay(PAPER[n], steps))
-        rows.append(
-            Row(name, ours, "updates/s", "Reelay 25", theirs, ours / theirs, None, 500_000.0, True)
+        ours, theirs = speeds(
+            count,
+            functools.partial(feed_ours, item, observations),
+            functools.partial(feed_reelay, source, steps),
         )
-        short = steps[: max(count // 200, 100)]
-        took = seconds(lambda n=name, s=short: feed_rtamt(PAPER_RTAMT[n], RTAMT_USES[n], s))
-        rows.append(faster(name, ours, "updates/s", "rtamt", len(short) / took))
+        rows.append(
+            beside(name, UNIT, ours, "Reelay 25", theirs, least=500_000.0, is_of_value=True)
+        )
     return rows
 
 
@@ -182,57 +171,25 @@ def timescales_steps(name: str, bound: int, count: int) -> list[dict[str, Any]]:
 
 
 def timescales(count: int) -> list[Row]:
-    ratios, slower = [], []
+    ratios = []
     for name, template in TIMESCALES.items():
-        rates = []
         for bound in (10, 100, 1000):
             source = template.format(a=bound * 3 // 10, b=bound)
             steps = timescales_steps(name, bound, count)
             observations = [
                 seen(step["time"] * SECOND, "/x", ObservationKind.MESSAGE, step) for step in steps
             ]
-            ours = count / best(lambda s=source, o=observations: feed_ours(s, o))
-            theirs = count / best(lambda s=source, o=steps: feed_reelay(s, o))
-            ratios.append(ours / theirs)
-            rates.append(ours)
-        slower.append(rates[0] / rates[-1])
-    return [
-        Row(
-            f"Reelay's own formulas, times as fast as Reelay 25: {what} of {len(ratios)}",
-            value,
-            "",
-            least=1.0,
-        )
-        for what, value in (("the least", min(ratios)), ("the median", statistics.median(ratios)))
-    ] + [
-        Row("a bound of 1,000", statistics.median(slower), "times the time of a bound of 10"),
-    ]
-
-
-def memory() -> list[Row]:
-    rows = []
-    for bound in (100, 1000, 10_000):
-        source = f"historically(once[{bound // 2}:{bound}]{{p}})"
-        kept = []
-        tracemalloc.start()
-        monitor = PropertyMonitor(source)
-        for number in range(16 * bound):
-            t = number * SECOND
-            monitor.observe(seen(t, "/x", ObservationKind.MESSAGE, {"p": number % 2 == 0}))
-            if number + 1 in (2 * bound, 4 * bound, 8 * bound, 16 * bound):
-                gc.collect()
-                kept.append(tracemalloc.get_traced_memory()[0])
-        tracemalloc.stop()
-        rows.append(
-            Row(
-                f"once[{bound // 2}:{bound}], kept after {16 * bound:,} s",
-                kept[-1] / 1e3,
-                "kB",
-                f"after {2 * bound:,} s",
-                kept[0] / 1e3,
+            ours, theirs = speeds(
+                count,
+                functools.partial(feed_ours, source, observations),
+                functools.partial(feed_reelay, source, steps),
             )
-        )
-    return rows
+            ratios.append(ratio(ours, theirs).value)
+    what = "Reelay's own formulas, times as fast as Reelay 25"
+    return [
+        Row(f"{what}: the least of {len(ratios)}", min(ratios), "", least=1.0),
+        Row(f"{what}: the median of {len(ratios)}", statistics.median(ratios), "", least=1.0),
+    ]
 
 
 def thousand(count: int) -> Row:
@@ -264,22 +221,13 @@ def thousand(count: int) -> Row:
             for monitor in alone:
                 monitor.observe(observation)
 
-    once, all_alone = seconds(one), seconds(many)
-    return Row(
-        "1,000 properties that share half, together",
-        once,
-        "s",
-        "each alone",
-        all_alone,
-        once / all_alone,
-        most=0.35,
-    )
+    what = "1,000 properties that share half, together"
+    return beside(what, "s", [[seconds(one)]], "each alone", [[seconds(many)]], most=0.35)
 
 
 def rows(updates: int = 50_000) -> list[Row]:
     """What is shown."""
-    found = [*paper(updates), *timescales(updates // 4), *memory()]
-    return [*found, thousand(min(updates // 50, 1000))]
+    return [*paper(updates), *timescales(updates // 4), thousand(min(updates // 50, 1000))]
 
 
 if __name__ == "__main__":

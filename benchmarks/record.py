@@ -5,28 +5,20 @@ over Zenoh in this one, and what is in the file is counted. Before that, without
 a second the writer takes. Checking: a tour in virtual time with all monitors and properties, recorded with
 the monitor's turns, is checked again; times are of the processor, so that other work on the machine counts
 less. Memory: the growth of this process from a third of the check to its end.
-
-With ``--gigabytes``, only memory: beside the tour what a camera would send is recorded, a message of a
-megabyte which no model names, until the file is so large; ``moon check`` reads it in a process of its own,
-whose resident memory is looked at twice a second.
 """
 
 from __future__ import annotations
 
-import base64
 import logging
-import os
 import resource
 import tempfile
-import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 
 from benchmarks.page import Row, command
-from benchmarks.processes import ROOT, Child, free_endpoint, read_so_far, resident_mb
+from benchmarks.processes import ROOT, Child, free_endpoint
 from benchmarks.tap import TOPICS, Job, run_robot
 from m2c.launch.in_process import SimulatedRun, compile_system
 from moon.monitor.subject import Monitored, Subject, read_subject
@@ -35,7 +27,6 @@ from moon.offline.engine import check_recording
 from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Ended
-from moon.recording.mcap_writing import Compression
 from moon.recording.reader import open_recording
 from moon.recording.recorded import RecordedConnection
 from moon.recording.recorder import Recorder
@@ -47,26 +38,7 @@ from transports.zenoh import connect
 EXAMPLE = ROOT / "examples" / "lab_tour"
 SYSTEM = EXAMPLE / "system.xml"
 RECORD_TARGET = 50_000
-FRAME_BYTES, FRAME_S = 1 << 20, 1 / 30
-"""Of the camera's messages, and between two of them."""
 LOOK_S = 0.5
-PARTS = 8
-"""So often the memory is told."""
-
-
-def message(channel: str, type_name: str, data: object, stamp_ns: int, number: int) -> Observation:
-    """What the writer gets of it."""
-    return Observation(
-        stamp_ns=stamp_ns,
-        received_ns=stamp_ns,
-        channel=channel,
-        kind=ObservationKind.MESSAGE,
-        type_name=type_name,
-        data={"data": data},
-        source="node",
-        sequence=number,
-        order=number,
-    )
 
 
 # -- recording --------------------------------------------------------------------------------------
@@ -74,7 +46,20 @@ def message(channel: str, type_name: str, data: object, stamp_ns: int, number: i
 
 def written(folder: Path, count: int) -> Row:
     """Messages a second of processor time that the writer takes, without a network."""
-    seen = [message("/level", "std_msgs/msg/Int32", n, 10**18 + n, n) for n in range(count)]
+    seen = [
+        Observation(
+            stamp_ns=10**18 + number,
+            received_ns=10**18 + number,
+            channel="/level",
+            kind=ObservationKind.MESSAGE,
+            type_name="std_msgs/msg/Int32",
+            data={"data": number},
+            source="node",
+            sequence=number,
+            order=number,
+        )
+        for number in range(count)
+    ]
     writer = RecordingWriter(folder / "written.mcap", Definitions())
     start = time.process_time()
     for item in seen:
@@ -121,15 +106,10 @@ def over_zenoh(folder: Path, rate_hz: float, count: int) -> list[Row]:
 # -- checking ---------------------------------------------------------------------------------------
 
 
-def recorded(
-    path: Path,
-    monitored: Monitored,
-    run: Callable[[SimulatedRun, RecordingWriter, RecordedConnection], None],
-    compression: Compression = Compression.ZSTD,
-) -> None:
-    """A recording of the tour with its monitor's turns; ``run`` has it run."""
+def record_tour(path: Path, monitored: Monitored, seconds: float) -> None:
+    """A recording of the tour with its monitor's turns."""
     world = SimulatedWorld(1)
-    writer = RecordingWriter(path, Definitions(monitored.system.library), compression)
+    writer = RecordingWriter(path, Definitions(monitored.system.library))
     connection = RecordedConnection(SimulatedTransport(world, "monitor"), writer.add, "simulated")
     watch = SystemWatch(
         connection,
@@ -142,7 +122,7 @@ def recorded(
         monotonic_ns=connection.monotonic_ns,
     )
     watch.start()
-    run(SimulatedRun(compile_system(monitored.system), world), writer, connection)
+    SimulatedRun(compile_system(monitored.system), world).run(seconds)
     writer.add(Ended(connection.now_ns()))
     writer.close()
     world.close()
@@ -153,7 +133,7 @@ def checked(folder: Path, seconds: float) -> list[Row]:
     path = folder / "tour.mcap"
     subject = Subject((SYSTEM,), (EXAMPLE / "properties.yaml",), (), (), (), Bounds())
     monitored = read_subject(subject)
-    recorded(path, monitored, lambda run, *_: run.run(seconds) and None)
+    record_tour(path, monitored, seconds)
     grown: list[int] = []
     start = time.process_time()
     result = check_recording(
@@ -171,54 +151,17 @@ def checked(folder: Path, seconds: float) -> list[Row]:
     ]
 
 
-def large(folder: Path, gigabytes: float) -> list[Row]:
-    """Memory of ``moon check`` in the course of a large recording."""
-    path = folder / "large.mcap"
-    frame = base64.b64encode(os.urandom(FRAME_BYTES * 3 // 4)).decode()
-
-    def run(tour: SimulatedRun, writer: RecordingWriter, connection: RecordedConnection) -> None:
-        for number in range(round(gigabytes * 1e9) // len(frame)):
-            tour.run(FRAME_S)
-            now_ns = connection.now_ns()
-            writer.add(message("/camera", "std_msgs/msg/String", frame, now_ns, number))
-
-    monitored = read_subject(Subject((SYSTEM,), (), (), (), (), Bounds()))
-    recorded(path, monitored, run, Compression.NONE)
-    found: list[tuple[float, float]] = []
-    pause = threading.Event()
-    with Child("moon check", ["-m", "moon.cli", "check", str(path), str(SYSTEM)]) as check:
-        while check.exit_code is None:
-            if memory := resident_mb(check.pid):
-                found.append((read_so_far(check.pid) / 1e9, memory))
-            pause.wait(LOOK_S)
-        assert check.exit_code == 0, check.last_lines
-    parts = [found[-1][0] * part / PARTS for part in range(1, PARTS + 1)]
-    told = [next(item for item in found if item[0] >= part) for part in parts]
-    rows = [Row(f"moon check, resident after {read:.1f} GB", memory, "MB") for read, memory in told]
-    return [*rows, Row("at the most", max(memory for _, memory in found), "MB")]
-
-
-def rows(
-    seconds: float = 600.0,
-    messages: int = 500_000,
-    rate: float = RECORD_TARGET,
-    gigabytes: float = 0.0,
-    folder: str = "",
-) -> list[Row]:
+def rows(seconds: float = 600.0, messages: int = 500_000, rate: float = RECORD_TARGET) -> list[Row]:
     """What is shown.
 
     Args:
         seconds: length of the tour.
         messages: recorded.
         rate: of the publisher, a second.
-        gigabytes: memory of so large a recording, only.
-        folder: where there is room for the file.
     """
     logging.disable(logging.ERROR)
-    with tempfile.TemporaryDirectory(dir=folder or None) as name:
+    with tempfile.TemporaryDirectory() as name:
         here = Path(name)
-        if gigabytes:
-            return large(here, gigabytes)
         heard = over_zenoh(here, rate, messages)
         return [*checked(here, seconds), *heard, written(here, messages)]
 

@@ -18,7 +18,7 @@ import itertools
 import math
 import random
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 import msgspec
@@ -31,6 +31,7 @@ SEED = 1
 
 Block = Sequence[float]
 Item = TypeVar("Item")
+Key = TypeVar("Key")
 
 
 def rounds(items: Sequence[Item], count: int, seed: int) -> Iterator[tuple[int, Item]]:
@@ -41,12 +42,28 @@ def rounds(items: Sequence[Item], count: int, seed: int) -> Iterator[tuple[int, 
             yield number, item
 
 
+def measured(
+    turns: Mapping[Key, Callable[[], Item]], count: int, seed: int = 1
+) -> dict[Key, list[Item]]:
+    """What each of ``turns`` gave, in each of ``count`` rounds."""
+    found: dict[Key, list[Item]] = {name: [] for name in turns}
+    for _, name in rounds(list(turns), count, seed):
+        found[name].append(turns[name]())
+    return found
+
+
 class Estimate(msgspec.Struct, frozen=True):
     """A figure and its interval of 95 %."""
 
     value: float
     low: float
     high: float
+
+    def shown(self, spec: str) -> str:
+        """As ``1.05 (1.01–1.09)``; ``spec`` formats each number."""
+        if self.low == self.high:  # of a single value
+            return f"{self.value:{spec}}"
+        return f"{self.value:{spec}} ({self.low:{spec}}–{self.high:{spec}})"
 
 
 class Distribution(msgspec.Struct, frozen=True):

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import msgspec
 
-from benchmarks.page import Row, command, slower
+from benchmarks.page import Row, beside, command
 from benchmarks.processes import Child, free_endpoint, processor_s, ready, say, spinning
 from transports.interface import Observation, Topic, Transport
 from transports.zenoh import connect
@@ -144,7 +144,7 @@ def report(name: str, job: Job, took: float, path: Path, used_s: float, bare_s: 
     what = f"{name}, processor time of an observation, decoded and in a file"
     lost = job.count - path.read_bytes().count(b"\n")
     return [
-        slower(what, used_s / job.count * 1e6, "µs", PEER, bare_s / job.count * 1e6),
+        beside(what, "µs", [[used_s / job.count * 1e6]], PEER, [[bare_s / job.count * 1e6]]),
         Row(f"{name}, written", job.count / took, "observations/s", least=50_000.0),
         Row(f"{name}, lost", lost, f"of {job.count:,}", most=0.0),
     ]

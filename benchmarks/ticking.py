@@ -1,7 +1,7 @@
-"""Ticks at a rate: who makes them, where they meet the others, a service to be called, and a tap.
+"""Ticks at a rate: who makes them, and where they meet the others.
 
 A process that makes ticks reads orders from standard input, a JSON object a line, and answers each with one
-(:class:`Order`, :class:`Taken`). What a tick is differs: of a tree, of one of many skills, a call.
+(:class:`Order`, :class:`Taken`). What a tick is differs: of a tree, or a call.
 """
 
 from __future__ import annotations
@@ -12,23 +12,13 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 import msgspec
 
-from benchmarks.processes import (
-    READY_S,
-    ROOT,
-    Child,
-    free_endpoint,
-    ready,
-    say,
-    spin_until_ended,
-)
-from benchmarks.sampling import quantile
-from transports.interface import CallOutcome, CallResult, Observation, Request, Service, Transport
-from transports.registry import connect
+from benchmarks.processes import READY_S, ROOT, Child, free_endpoint, ready, say
+from transports.interface import Transport
 
 Result = TypeVar("Result")
 
@@ -67,7 +57,7 @@ class Middleware(msgspec.Struct, frozen=True):
         return ["--transport", self.transport, *where]
 
     def options(self, how: str = "endpoint") -> dict[str, str]:
-        """By which :func:`connect` finds it; ``how`` is "listen" where the others meet."""
+        """By which ``connect`` finds it; ``how`` is "listen" where the others meet."""
         return {how: self.endpoint} if self.endpoint else {}
 
 
@@ -123,14 +113,12 @@ class Order(msgspec.Struct, frozen=True):
         rate_hz: ticks a second; 0: the next one as soon as one has ended.
         rest: of the tree: do not tick until the next order; else, and if no tick has failed, it is ticked
             each time that the battery has told its level, because the properties want the alarm rung.
-        size: of an answer in bytes (:func:`call`).
     """
 
     ticks: int
     rate_hz: float
     warm_up: int = 5
     rest: bool = False
-    size: int = 0
 
 
 class Taken(msgspec.Struct, frozen=True):
@@ -143,7 +131,6 @@ class Taken(msgspec.Struct, frozen=True):
         reasons: why, the first few.
         warm_up_failures: failures among the ticks that were not measured.
         seconds: from the first measured tick to the end of the last.
-        processor_s: processor time of the ticking process in that time.
     """
 
     micros: dict[str, list[float]]
@@ -151,7 +138,6 @@ class Taken(msgspec.Struct, frozen=True):
     reasons: list[str]
     warm_up_failures: int
     seconds: float
-    processor_s: float
 
 
 class Stopwatch:
@@ -182,7 +168,9 @@ class Stopwatch:
 
 
 def carried_out(
-    order: Order, tick: Callable[[Stopwatch], None], before_pause: Callable[[], None] = lambda: None
+    order: Order,
+    tick: Callable[[Stopwatch], object],
+    before_pause: Callable[[], None] = lambda: None,
 ) -> Taken:
     """Carry out one order.
 
@@ -195,7 +183,6 @@ def carried_out(
     pace = threading.Event()  # never set: what waits for the next period
     for watch, count in zip(watches, (order.warm_up, order.ticks), strict=True):
         began = due = time.perf_counter()
-        processor = time.process_time()
         for _ in range(count):
             tick(watch)
             if order.rate_hz:
@@ -211,16 +198,15 @@ def carried_out(
         [*(f"in the warm-up: {reason}" for reason in warm_up.reasons), *measured.reasons],
         warm_up.failures.get(WHOLE, 0),
         time.perf_counter() - began,
-        time.process_time() - processor,
     )
 
 
-def answer_orders(tick: Callable[[Order, Stopwatch], None]) -> None:
+def answer_orders(tick: Callable[[Stopwatch], object]) -> None:
     """Carry out each order on standard input until it ends; says that it is ready before."""
     ready()
     for line in sys.stdin:
         order = msgspec.json.decode(line, type=Order)
-        say(carried_out(order, lambda watch, order=order: tick(order, watch)))
+        say(carried_out(order, tick))
 
 
 def ordered(child: Child, order: Order) -> Taken:
@@ -240,122 +226,3 @@ def spun(transport: Transport, names: Sequence[str], within_s: float = READY_S) 
     if missing := transport.wait_for_nodes(names, within_s):
         transport.close()
         sys.exit(f"not up: {', '.join(missing)}")
-
-
-# -- a service with answers as large as asked for, who calls it, and a tap: each a process ----------
-
-SERVER, CLIENT = "echo_server", "echo_client"
-
-
-class Ask(msgspec.Struct):
-    """``std_srvs/srv/SetBool_Request``."""
-
-    __type_name__ = "std_srvs/srv/SetBool_Request"
-    data: bool = False
-
-
-class Answer(msgspec.Struct):
-    """``std_srvs/srv/SetBool_Response``."""
-
-    __type_name__ = "std_srvs/srv/SetBool_Response"
-    success: bool = False
-    message: str = ""
-
-
-def echo(size: int) -> Service:
-    """The one whose answers have ``size`` bytes."""
-    return Service(f"/echo{size}", "std_srvs/srv/SetBool", Ask, Answer)
-
-
-def serve(transport_name: str, options: Mapping[str, str], sizes: Sequence[int]) -> None:
-    """Answer until SIGTERM, with texts of ``sizes`` bytes."""
-    transport = connect(transport_name, SERVER, dict(options))
-
-    def answering(answer: Answer) -> Callable[[Request], None]:
-        return lambda request: request.respond(answer)
-
-    for size in sizes:
-        transport.serve(echo(size), answering(Answer(True, "x" * size)))
-    transport.announce()
-    say({"ready": True})
-    spin_until_ended(transport)
-
-
-def call(transport_name: str, options: Mapping[str, str], sizes: Sequence[int]) -> None:
-    """Call as told until standard input ends."""
-    transport = connect(transport_name, CLIENT, dict(options))
-    clients = {size: transport.client(echo(size)) for size in sizes}
-    spun(transport, [SERVER])
-    with contextlib.closing(transport):
-        answer_orders(
-            lambda order, watch: watch.time(
-                lambda: clients[order.size].call_and_wait(Ask(True)),
-                lambda result: why_no_echo(result, order.size),
-            )
-        )
-
-
-def why_no_echo(result: CallResult, size: int) -> str:
-    """Why a call counts as failed; "" if it does not."""
-    if result.outcome is not CallOutcome.RESPONSE:
-        return f"{result.outcome}: {result.error}"
-    got = len(result.response.message)
-    return "" if got == size else f"{got} bytes instead of {size}"
-
-
-def called(stack: contextlib.ExitStack, where: Middleware, sizes: Sequence[int]) -> Child:
-    """A running server, until the end of ``stack``, and who calls it."""
-    arguments = (where.transport, where.options("listen"), sizes)
-    caller = stack.enter_context(
-        Child.calling("the caller", call, *arguments, environment=where.environment)
-    )
-    arguments = (where.transport, where.options(), sizes)
-    stack.enter_context(
-        Child.calling("the server", serve, *arguments, environment=where.environment)
-    ).answer()
-    caller.answer()
-    return caller
-
-
-def listen(transport_name: str, options: Mapping[str, str], names: Sequence[str]) -> None:
-    """Tap everything, and count: how much was heard, and how late.
-
-    Says that it is ready once it is linked to all of ``names``; answers each line on standard input with what
-    it heard since the last.
-    """
-    transport = connect(transport_name, f"listener_{os.getpid()}", dict(options))
-    lags: list[float] = []
-    waiting = [{"ready": True}]
-
-    def hear(seen: Observation) -> None:
-        lags.append((seen.received_ns - seen.stamp_ns) / 1e6)
-
-    tap = transport.tap([], hear)
-
-    def look() -> None:
-        if waiting and set(names) <= set(tap.peers()):
-            say(waiting.pop())
-
-    def report() -> None:
-        p50, p99 = quantile(lags, 0.5), quantile(lags, 0.99)
-        say({"heard": len(lags), "lag_p50_ms": p50, "lag_p99_ms": p99})
-        lags.clear()
-
-    transport.every(0.05, look)
-    spin_until_ended(transport, report)
-
-
-def listeners(
-    stack: contextlib.ExitStack, where: Middleware, names: Sequence[str], count: int = 1
-) -> list[Child]:
-    """Taps that are linked to all of ``names``, each a process, until the end of ``stack``."""
-    arguments = (where.transport, where.options(), names)
-    taps = [
-        stack.enter_context(
-            Child.calling("a tap", listen, *arguments, environment=where.environment)
-        )
-        for _ in range(count)
-    ]
-    for tap in taps:
-        tap.answer()
-    return taps

@@ -8,11 +8,10 @@ from benchmarks.processes import ChildError
 from benchmarks.ticking import WHOLE
 from examples.overhead import measuring
 from examples.overhead.blocks import PAPER, Block, cells
-from examples.overhead.observers import CONFIGURATIONS
 
-PLAN = measuring.Plan(rounds=1, ticks={20.0: 25}, settle=20, warm_up=5, run_in=50)
 NAMES = ("none", "both", "models-in-process")
 """Without the WebSocket, whose libraries a plain install does not have."""
+PLAN = measuring.Plan(rounds=1, ticks={20.0: 25}, names=NAMES, settle=20, warm_up=5, run_in=50)
 
 
 def three_lines() -> list[str]:
@@ -21,9 +20,8 @@ def three_lines() -> list[str]:
     Raises:
         ChildError: something could not be measured.
     """
-    chosen = [item for item in CONFIGURATIONS if item.name in NAMES]
     said: list[str] = []
-    blocks = list(measuring.measure_table3("zenoh", PLAN, said.append, chosen))
+    blocks = list(measuring.measure("zenoh", PLAN, said.append))
     if missing := set(NAMES) - {block.configuration for block in blocks}:
         raise ChildError(f"{', '.join(sorted(missing))}: not measured; {'; '.join(said[-1:])}")
     return lines(blocks)
@@ -33,8 +31,6 @@ def lines(blocks: Sequence[Block]) -> list[str]:
     """What the demo says of ``blocks``, of which there are those of all three configurations."""
     found = {cell.configuration: cell for cell in cells(blocks) if cell.series == WHOLE}
     none, both, middle = (found[name] for name in NAMES)
-    assert both.ratio is not None
-    assert middle.ratio is not None
     paper = PAPER[WHOLE]
     failed = sum(cell.failures for cell in found.values())
     doubts = [f"{failed} ticks failed"] if failed else []

@@ -16,45 +16,23 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
 
-
-class Machine(msgspec.Struct, frozen=True):
-    """Where it was measured.
-
-    Attributes:
-        load: the average number of processes that wanted to run, of the minute before it began: more
-            than a few tenths means that others were at work.
-        is_awake: whether its processors were held awake.
-    """
-
-    processor: str
-    cores: int
-    memory_gb: float
-    kernel: str
-    python: str
-    zenoh: str
-    ros2: str
-    load: float
-    is_awake: bool = False
-
-
-def this_machine(is_awake: bool) -> Machine:
-    """The machine that this runs on; whether its processors are held awake."""
+def described(is_awake: bool) -> str:
+    """The machine that this runs on, in words; ``is_awake``: whether its processors are held awake."""
     lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return Machine(
+    ros2 = _version("ros-jazzy-rclpy")
+    said = (
         models[0] if models else platform.machine(),
-        len(os.sched_getaffinity(0)),
-        round(memory / 2**30, 1),
+        f"{len(os.sched_getaffinity(0))} cores {'held awake' if is_awake else 'that sleep when idle'}",
+        f"{memory / 2**30:.0f} GB",
         f"{platform.system()} {platform.release()}",
-        platform.python_version(),
-        _version("eclipse-zenoh"),
-        _version("ros-jazzy-rclpy"),
-        os.getloadavg()[0],
-        is_awake,
+        f"Python {platform.python_version()}",
+        f"Zenoh {_version('eclipse-zenoh')}",
+        f"rclpy {ros2} with Fast DDS" if ros2 else "",
     )
+    return ", ".join(filter(None, said))
 
 
 def _version(name: str) -> str:
@@ -62,17 +40,6 @@ def _version(name: str) -> str:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return ""
-
-
-def described(machine: Machine) -> str:
-    """In a sentence."""
-    ros = f", rclpy {machine.ros2} with Fast DDS" if machine.ros2 else ""
-    idle = "held awake" if machine.is_awake else "that sleep when idle"
-    return (
-        f"{machine.processor}, {machine.cores} cores {idle}, {machine.memory_gb:.0f} GB, {machine.kernel}, "
-        f"Python {machine.python}, Zenoh {machine.zenoh}{ros}; load average before it began "
-        f"{machine.load:.2f}"
-    )
 
 
 LATENCY = Path("/dev/cpu_dma_latency")

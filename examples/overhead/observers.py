@@ -13,6 +13,9 @@ from examples.overhead.middle import judge_over_websocket, stand
 from examples.overhead.plant import PROPERTIES, SYSTEM, Plant
 from examples.overhead.routes import MONITORED
 
+NOBODY = "none"
+"""The configuration that the others are compared with."""
+
 
 class Configuration(msgspec.Struct, frozen=True):
     """Who monitors what. Properties are always monitored passively, as in the paper.
@@ -31,7 +34,7 @@ class Configuration(msgspec.Struct, frozen=True):
 
 # The control is what chance does: its ratio to no monitor is 1, and how far from it measured.
 CONFIGURATIONS = (
-    Configuration("none", "no monitor"),
+    Configuration(NOBODY, "no monitor"),
     Configuration("control", "no monitor, again"),
     Configuration("properties", "properties", properties=True),
     Configuration("models", "models, passive", models=True),
@@ -70,6 +73,10 @@ class Observers:
     def __init__(self) -> None:
         self.processes: list[Child] = []
         self.heard = Heard()
+
+    def processor_s(self) -> float:
+        """Processor time that all of them have used."""
+        return sum(child.processor_s() for child in self.processes)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.processes import ROOT, Child, ChildError
@@ -40,26 +40,12 @@ def generate(folder: Path, through_the_middle: bool) -> Path:
     return folder
 
 
-def start_node(
-    where: Middleware,
-    node: Package,
-    folder: Path,
-    meeting: list[str] | None = None,
-    prefix: tuple[str, ...] = (),
-) -> Child:
-    """A generated node.
-
-    Args:
-        where: the middleware.
-        node: which of those in ``folder``.
-        folder: the generated packages.
-        meeting: arguments by which it finds the others, if they are not those of ``where``.
-        prefix: a command in front of the interpreter.
-    """
+def start_node(where: Middleware, node: Package, folder: Path) -> Child:
+    """A node of those generated into ``folder``."""
     paths = [str(folder / node.path), where.environment.get("PYTHONPATH", "")]
     path = os.pathsep.join(filter(None, paths))
-    arguments = ["-m", node.package, *(meeting or where.arguments()), "--log-level", "ERROR"]
-    return Child(node.name, arguments, {**where.environment, "PYTHONPATH": path}, prefix)
+    arguments = ["-m", node.package, *where.arguments(), "--log-level", "ERROR"]
+    return Child(node.name, arguments, {**where.environment, "PYTHONPATH": path})
 
 
 class Plant:
@@ -71,16 +57,9 @@ class Plant:
         where: their middleware.
         folder: the generated packages.
         through_the_middle: the policy calls the monitor, as the nodes in ``folder`` do.
-        apart: who starts a node in another way, by the node's name.
     """
 
-    def __init__(
-        self,
-        where: Middleware,
-        folder: Path,
-        through_the_middle: bool = False,
-        apart: Mapping[str, Callable[[Middleware, Package, Path], Child]] | None = None,
-    ) -> None:
+    def __init__(self, where: Middleware, folder: Path, through_the_middle: bool = False) -> None:
         description = read_description(folder)
         package = description.policy
         assert package is not None
@@ -98,8 +77,7 @@ class Plant:
             )
             stack.enter_context(self.load)
             for node in description.nodes:
-                start = (apart or {}).get(node.name, start_node)
-                self.nodes[node.name] = stack.enter_context(start(where, node, folder))
+                self.nodes[node.name] = stack.enter_context(start_node(where, node, folder))
             self.load.answer()
             if not through_the_middle:
                 self.settle()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from examples.overhead.machine import described, held_awake, this_machine
+from examples.overhead.machine import described, held_awake
 
 
 def open_files() -> set[Path]:
@@ -48,4 +48,4 @@ def test_an_error_of_the_block_is_not_taken_for_one_of_the_device(tmp_path: Path
     ("is_awake", "said"), [(True, "held awake"), (False, "that sleep when idle")]
 )
 def test_it_is_said_of_the_machine(is_awake: bool, said: str) -> None:
-    assert f"cores {said}, " in described(this_machine(is_awake))
+    assert f"cores {said}, " in described(is_awake)

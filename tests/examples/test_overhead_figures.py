@@ -1,4 +1,4 @@
-"""What the overhead comparison measures, and what counts: monitors, growth, the plan, processes."""
+"""What the overhead comparison measures, and what counts: monitors, the plan, processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from examples.overhead.load import LEVEL_S, phases
 from examples.overhead.observers import CONFIGURATIONS, Heard, deaf, told
 from examples.overhead.plant import read_system
 from m2c.model.machine import InterfaceKind
-from tests.examples.overhead_made_up import made_up, run
+from tests.examples.overhead_made_up import made_up
 
 # -- monitors ---------------------------------------------------------------------------------------
 
@@ -57,54 +57,23 @@ def test_what_a_monitor_could_not_judge_is_kept_with_its_reason() -> None:
     assert told(said) == Heard(7, 0, 1, None, doubts=("P1: a loss",))
 
 
-# -- growth -----------------------------------------------------------------------------------------
-
-
-def test_the_knee_is_where_the_whole_interval_is_dear() -> None:
-    runs = [
-        run(x, micros, number)
-        for number in range(3)
-        for x, micros in ((0, 100.0), (1, 105.0), (2, 140.0), (4, 300.0))
-    ]
-    runs = [msgspec.structs.replace(item, busy=0.95) if item.x == 2 else item for item in runs]
-    (line,) = blocks.lines(blocks.cells(runs))
-    assert [point.ratio.value for point in line if point.ratio] == [1.0, 1.05, 1.4, 3.0]
-    point, why = blocks.knee(line)
-    assert point.x == 2
-    assert why == "a tick costs 1.40 times; the machine is full (95% busy)"
-
-
-def test_a_watcher_that_is_late_is_a_knee_too() -> None:
-    runs = [run(0, 100.0), run(1, 100.0, lag_ms=20.0, lag_p99_ms=150.0, processor=0.99)]
-    point, why = blocks.knee(blocks.cells(runs))
-    assert point.x == 1
-    assert "150 ms behind; the watchers use 1.0 cores" in why
-
-
-def test_where_nothing_is_dear_there_is_no_knee() -> None:
-    assert blocks.knee(blocks.cells([run(0, 100.0), run(1, 101.0)])) is None
-
-
-def test_saturation_comes_after_all_rates() -> None:
-    runs = [
-        run(0, 100.0, experiment="rate", rate_hz=rate_hz, configuration=who)
-        for rate_hz in (0.0, 100.0, 1.0)
-        for who in ("none", "both")
-    ]
-    (line,) = blocks.lines(blocks.cells(runs))
-    assert [point.rate_hz for point in line] == [1.0, 100.0, 0.0]
-
-
 # -- the plan ---------------------------------------------------------------------------------------
 
 
-def test_what_is_far_from_any_target_has_its_turn_in_the_first_rounds_only() -> None:
-    plan = measuring.Plan(rounds=3, ticks={0.0: 1}, few=1)
-    turns = [
-        {item.name for item in CONFIGURATIONS if plan.has_turn(item, number)} for number in range(3)
+def test_saturation_comes_after_all_rates() -> None:
+    found = [
+        msgspec.structs.replace(block, rate_hz=rate_hz)
+        for rate_hz in (0.0, 100.0, 1.0)
+        for block in made_up().blocks[:4]
     ]
+    assert list(dict.fromkeys(cell.rate_hz for cell in blocks.cells(found))) == [1.0, 100.0, 0.0]
+
+
+def test_what_is_far_from_any_target_has_its_turn_in_the_first_rounds_only() -> None:
+    turns = list(measuring.Plan(rounds=3, ticks={0.0: 1}, few=1).turns())
+    by_round = [{item.name for number, item in turns if number == wanted} for wanted in range(3)]
     core = set(measuring.CORE)
-    assert turns == [{item.name for item in CONFIGURATIONS}, core, core]
+    assert by_round == [{item.name for item in CONFIGURATIONS}, core, core]
 
 
 def test_ratios_are_of_the_rounds_in_which_there_was_a_turn() -> None:
@@ -112,7 +81,7 @@ def test_ratios_are_of_the_rounds_in_which_there_was_a_turn() -> None:
     counts = {
         cell.configuration: (cell.found.count, round(cell.ratio.value, 2))
         for cell in blocks.cells(own)
-        if (cell.experiment, cell.series, cell.rate_hz) == ("table3", "ROOT", 10) and cell.ratio
+        if (cell.series, cell.rate_hz) == ("ROOT", 10)
     }
     assert counts == {
         "none": (6, 1.0),
@@ -148,10 +117,3 @@ def test_the_account_of_a_process_is_its_processor_time() -> None:
 def test_a_process_that_is_not_there_has_no_account() -> None:
     with pytest.raises(OSError, match="process 999999999"):
         processes.processor_s(999_999_999)
-
-
-def test_the_bytes_of_an_interface_are_counted() -> None:
-    sent, packets = processes.bytes_sent(os.getpid(), "lo")
-    assert sent >= packets >= 0
-    with pytest.raises(KeyError):
-        processes.bytes_sent(os.getpid(), "no_such_interface")

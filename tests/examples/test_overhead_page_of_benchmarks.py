@@ -13,12 +13,12 @@ from benchmarks.page import Row, command
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
-from benchmarks.page import Row, faster, publish, slower
+from benchmarks.page import Row, beside, publish
 publish([
-    slower("a tick", 120.0, "µs", "bare", 100.0, 1.1),
-    faster("speed", 1_234_567.0, "events/s", "peer", 1_000_000.0, 1.0),
+    beside("a tick", "µs", [[100.0], [120.0], [140.0]], "bare", [[100.0]] * 3, most=1.1),
+    beside("speed", "events/s", [[1_234_567.0]], "peer", [[1_000_000.0]], least=1.0),
     Row("lost", 0, "", most=0.0),
-    Row("a command", 0.25, "s", "click", 0.1, 2.5, most=0.7, is_of_value=True),
+    beside("a command", "s", [[0.25]], "click", [[0.1]], most=0.7, is_of_value=True),
 ])
 """
 
@@ -45,7 +45,7 @@ def test_figures_are_put_between_the_pages_markers(page, tmp_path: Path) -> None
     assert text.startswith("# Page\n<!-- begin one -->\n|")
     assert text.endswith("<!-- end one -->\nthe end\n")
     assert "old" not in text
-    assert "| a tick | 120 µs | bare 100 µs | 1.20 | ≤ 1.10 | **not reached** |" in text
+    assert "| a tick | 120 µs | bare 100 µs | 1.19 (1.00–1.40) | ≤ 1.10 | **not reached** |" in text
     assert (
         "| speed | 1,234,567 events/s | peer 1,000,000 events/s | 1.23 | ≥ 1.00 | reached |" in text
     )
