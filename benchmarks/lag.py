@@ -78,26 +78,8 @@ class Looked:
         return self._connection.tap(channels, hear)
 
 
-def measured(ticks: int) -> tuple[list[Looker], int]:
-    """Watch one tour of ``ticks`` ticks; what was found, and how many violations."""
-    system = load([SYSTEM], DiagnosticLog())
-    assert system is not None
-    endpoint = free_endpoint()
-    words = ["-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
-    words += ["--quiet", "--ticks", str(ticks), "--rate", str(RATE_HZ)]
-    with (
-        Child("the tour", words) as tour,
-        contextlib.closing(connect("monitor", {"endpoint": endpoint})) as connection,
-    ):
-        found = watched(connection, system, lambda: tour.exit_code is not None)
-        assert tour.exit_code == 0, tour.last_lines
-    return found
-
-
-def watched(
-    connection: Transport, system: System, is_over: Callable[[], bool]
-) -> tuple[list[Looker], int]:
-    """Monitor ``system`` until ``is_over``, with lookers at its oracles; these, and the violations."""
+def watched(connection: Transport, system: System, tour: Child) -> tuple[list[Looker], int]:
+    """Monitor the tour to its end, with lookers at the oracles; these, and how many violations."""
     lookers: list[Looker] = []
 
     @functools.cache  # looking is not to hold up the monitor
@@ -115,17 +97,25 @@ def watched(
     looked = cast(Transport, Looked(connection, look))
     watch = SystemWatch(looked, system, system.nodes, Bounds(), [], print)
     watch.start()
-    oracles = watch.oracles().values()
-    lookers += [Looker(item) for item in oracles if isinstance(item, Oracle)]
+    lookers += [Looker(item) for item in watch.oracles().values() if isinstance(item, Oracle)]
     concerned.cache_clear()
     connection.every(PERIOD_S, look)
-    connection.spin(until=is_over)
+    connection.spin(until=lambda: tour.exit_code is not None)
+    assert tour.exit_code == 0, tour.last_lines
     return lookers, watch.violations
 
 
 def rows(ticks: int = 300) -> list[Row]:
     """What is shown, of so many ticks."""
-    lookers, violations = measured(ticks)
+    system, endpoint = load([SYSTEM], DiagnosticLog()), free_endpoint()
+    assert system is not None
+    words = ["-m", "m2c.cli", "run", str(SYSTEM), "--endpoint", endpoint]
+    words += ["--quiet", "--ticks", str(ticks), "--rate", str(RATE_HZ)]
+    with (
+        Child("the tour", words) as tour,
+        contextlib.closing(connect("monitor", {"endpoint": endpoint})) as connection,
+    ):
+        lookers, violations = watched(connection, system, tour)
     found = []
     for alone, what, most, most_p99 in (
         (True, "no concurrent input open", 5.0, None),

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -236,18 +236,6 @@ def free_endpoint() -> str:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{free.getsockname()[1]}"
-
-
-@contextlib.contextmanager
-def spinning(transport: Transport) -> Iterator[None]:
-    """Meanwhile ``transport`` spins in a thread; closed behind it, whatever went wrong."""
-    thread = threading.Thread(target=transport.spin)
-    thread.start()
-    try:
-        yield
-    finally:
-        transport.close()
-        thread.join()
 
 
 def processor_s(pid: int) -> float:

@@ -7,7 +7,6 @@ taken a millisecond after they were sent. "times real time" is the time of the t
 from __future__ import annotations
 
 import itertools
-import resource
 import tempfile
 import time
 from collections.abc import Iterator
@@ -123,14 +122,13 @@ def trace(name: str, rate: int, sources: int, seconds: float) -> Iterator[Observ
             yield seen(stamp + 3000, sent_kind, "/Probe/tick", {"status": answer}, "Probe")
 
 
-def judge(name: str, rate: int, sources: int, seconds: float) -> tuple[float, str, int]:
-    """Times real time; how it ended; the most hypotheses at the end of a turn."""
+def judge(name: str, rate: int, sources: int, seconds: float) -> tuple[float, str]:
+    """Times real time; how it ended."""
     system = read(name)
     oracle = Oracle(system.nodes[0], system.library)
     oracle.start(START, whole=True)
     heard = list(trace(name, rate, sources, seconds))
-    verdicts = []
-    turn = START
+    verdicts, turn = [], START
     began = time.process_time()
     for observation in heard:
         while turn < observation.received_ns:
@@ -139,8 +137,7 @@ def judge(name: str, rate: int, sources: int, seconds: float) -> tuple[float, st
         verdicts += oracle.feed(observation)
     taken = time.process_time() - began
     assert not [verdict for verdict in verdicts if verdict.outcome is Outcome.VIOLATED], verdicts[0]
-    most = len(oracle.hypotheses)
-    return seconds / taken, f"{oracle.outcome} {oracle.verdict().reason}".strip(), most
+    return seconds / taken, f"{oracle.outcome} {oracle.verdict().reason}".strip()
 
 
 def rows(seconds: float = 5.0) -> list[Row]:
@@ -149,11 +146,10 @@ def rows(seconds: float = 5.0) -> list[Row]:
     for rate, sources in ((100, 1), (1000, 1), (100, 3), (300, 2), (1000, 2), (20_000, 1)):
         slowest = (float("inf"), "")
         for name in MACHINES:
-            speed, how, most = judge(name, rate, sources, seconds)
+            speed, how = judge(name, rate, sources, seconds)
             slowest = min(slowest, (speed, name))
-            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
             what = f"a machine that {name}, {sources} × {rate} messages/s"
-            print(f"{what}: {speed:.1f} times real time; {how}; {most} hypotheses; {peak} MB")
+            print(f"{what}: {speed:.1f} times real time; {how}")
         what = f"{sources} × {rate} messages/s, the slowest: a machine that {slowest[1]}"
         found.append(Row(what, slowest[0], "x", least=TARGET))
     return found

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import statistics
 import tempfile
-import time
 from pathlib import Path
 
 from benchmarks.page import Row, command
@@ -30,9 +29,7 @@ def rows() -> list[Row]:
         for size in SIZES:
             log = write_log(Path(folder) / "run.jsonl", size)
             page = Path(folder) / f"report{size}.html"
-            begin = time.perf_counter()
             write_report(result(log, size, said), page)
-            written = time.perf_counter() - begin
             loads = []
             for _ in range(LOADS):
                 opened(driver, page)
@@ -40,10 +37,6 @@ def rows() -> list[Row]:
             first, timeline = (statistics.median(column) for column in zip(*loads, strict=True))
             what = f"report of {size:,} observations, painted"
             found.append(Row(what, max(first, timeline), "ms", most=MOST_MS))
-            print(
-                f"{size:>9,} observations: {page.stat().st_size / 1e6:.1f} MB, written in {written:.1f} s; "
-                f"first paint {first:.0f} ms, timeline {timeline:.0f} ms"
-            )
     return found
 
 

@@ -92,7 +92,7 @@ def distribution(blocks: Sequence[Block]) -> Distribution:
     """What is said of ``blocks``, one or more, none of them empty."""
     everything = [value for block in blocks for value in block]
     return Distribution(
-        _bootstrap(blocks, blocks, lambda own, _: statistics.median(own)),
+        _bootstrap(statistics.median, blocks),
         quantile(everything, 0.99),
         max(everything),
         len(everything),
@@ -109,8 +109,7 @@ def ratio(blocks: Sequence[Block], others: Sequence[Block]) -> Estimate:
     """
     if len(blocks) != len(others):
         raise ValueError(f"{len(blocks)} blocks against {len(others)}: they come in pairs")
-
-    return _bootstrap(blocks, others, middle_ratio)
+    return _bootstrap(middle_ratio, blocks, others)
 
 
 def middle_ratio(values: Sequence[float], others: Sequence[float]) -> float:
@@ -125,28 +124,19 @@ def middle_ratio(values: Sequence[float], others: Sequence[float]) -> float:
     return statistics.median(math.sqrt(a * b) for a, b in pairs)
 
 
-def _bootstrap(
-    blocks: Sequence[Block],
-    others: Sequence[Block],
-    figure: Callable[[Sequence[float], Sequence[float]], float],
-) -> Estimate:
-    """``figure`` of the medians of each round's two blocks, and its interval."""
+def _bootstrap(figure: Callable[..., float], *series: Sequence[Block]) -> Estimate:
+    """``figure`` of the medians of each series' blocks, and its interval; series are of the same rounds."""
     draw = random.Random(SEED)
-    own = [sorted(block) for block in blocks]
-    theirs = own if others is blocks else [sorted(block) for block in others]
-    value = figure([statistics.median(b) for b in own], [statistics.median(b) for b in theirs])
+    ordered = [[sorted(block) for block in blocks] for blocks in series]
+    value = figure(*([statistics.median(block) for block in blocks] for blocks in ordered))
+    count = len(ordered[0])
     drawn = []
     for _ in range(RESAMPLES):
-        rounds = draw.choices(range(len(own)), k=len(own))
-        first = [resampled_median(draw, own[number]) for number in rounds]
-        second = (
-            first
-            if theirs is own
-            else [resampled_median(draw, theirs[number]) for number in rounds]
-        )
-        drawn.append(figure(first, second))
+        rounds = draw.choices(range(count), k=count)
+        medians = ([resampled_median(draw, blocks[n]) for n in rounds] for blocks in ordered)
+        drawn.append(figure(*medians))
     drawn.sort()
-    left_out = round(RESAMPLES * tail(len(own)))
+    left_out = round(RESAMPLES * tail(count))
     return Estimate(value, drawn[left_out], drawn[-1 - left_out])
 
 

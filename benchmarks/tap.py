@@ -1,32 +1,35 @@
-"""What a tap can take: observations decoded and written to a file, none lost.
+"""What listening can take: observations decoded and written to a file, none lost.
 
-One process publishes at a fixed rate on several channels. A bare Zenoh subscriber (counting only), a
-transport's tap (decoding, each observation a line of JSON in a file) and the command ``moon tap --json``
-hear it in turns of one run.
+One process publishes at a fixed rate on several channels. A bare Zenoh subscriber (counting only),
+``moon tap --json`` and ``moon record`` hear it in turns of one run.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
+import os
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 
 from benchmarks.page import Row, beside, command
-from benchmarks.processes import Child, free_endpoint, processor_s, ready, say, spinning
-from transports.interface import Observation, Topic, Transport
+from benchmarks.processes import Child, free_endpoint, processor_s, ready, say
+from moon.recording.reader import open_recording
+from transports.interface import Observation, Topic
 from transports.zenoh import connect
 from transports.zenoh.session import open_session
 
 CHANNELS = 4
 PEER = "a bare Zenoh subscriber that counts"
+QUIET_S, BUSY = 1.0, 0.1
+"""Nothing more comes when who listens has used less than a part of a processor for so long."""
 
 
 class BatteryState(msgspec.Struct):
@@ -51,7 +54,7 @@ class Job(msgspec.Struct):
 
 def run_robot(endpoint: str) -> None:
     """Carry out a job a line of standard input, once who listens is there."""
-    transport = connect("robot", {"endpoint": endpoint})
+    transport = connect("robot", {"listen": endpoint})
     publishers = [transport.publisher(topic) for topic in TOPICS]
     transport.announce()
     pace = threading.Event()
@@ -74,89 +77,73 @@ def run_robot(endpoint: str) -> None:
             say({"seconds": time.monotonic() - start})
 
 
-def settled(count: Callable[[], int]) -> int:
-    """``count`` when nothing more comes."""
-    pace = threading.Event()
-    before = -1
-    while (now := count()) != before:
+def sent_s(robot: Child, job: Job, pid: int) -> float:
+    """How long the robot took for ``job``; returns once process ``pid``, which listens, is idle."""
+    taken = float(robot.ask(msgspec.to_builtins(job), job.count / job.rate + 60)["seconds"])
+    pause = threading.Event()
+    before = 0.0
+    while (now := processor_s(pid)) > before + BUSY * QUIET_S:
         before = now
-        pace.wait(1.0)
-    return before
+        pause.wait(QUIET_S)
+    return taken
 
 
-def compare(transport: Transport, endpoint: str, robot: Child, job: Job) -> list[Row]:
-    """A bare subscriber, a tap, and the command: each hears the same ``job`` of the robot's."""
-    transport.wait_for_nodes(["robot"], 10)
-
-    def sent_s() -> float:
-        expected = job.count / job.rate
-        return float(robot.ask(msgspec.to_builtins(job), expected + 60)["seconds"])
-
-    count = [0]
-
-    def count_one(_: object) -> None:
-        count[0] += 1
-
-    with contextlib.closing(open_session({"endpoint": endpoint})) as bare:
-        subscriber = bare.declare_subscriber("**", count_one)
-        used = time.process_time()
-        took = sent_s()
-        heard = settled(lambda: count[0])
-        bare_s = time.process_time() - used
+def bare_s(robot: Child, endpoint: str, job: Job) -> float:
+    """Processor time of a bare subscriber that counts."""
+    count = itertools.count()
+    with contextlib.closing(open_session({"endpoint": endpoint})) as session:
+        subscriber = session.declare_subscriber("**", lambda _: next(count))
+        began = time.process_time()
+        taken = sent_s(robot, job, os.getpid())
+        used = time.process_time() - began
         subscriber.undeclare()
-    print(f"a bare subscriber heard {heard:,} of {job.count:,}, sent in {took:.2f} s")
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "observations.jsonl"
-        encode = msgspec.json.Encoder().encode_into
-        buffer = bytearray()
-        count[0] = 0
-        with path.open("wb", buffering=1 << 20) as file:
-
-            def write(observation: Observation) -> None:
-                count[0] += 1
-                encode(observation, buffer)
-                buffer.extend(b"\n")
-                file.write(buffer)
-                buffer.clear()
-
-            tap = transport.tap([], write)
-            used = time.process_time()
-            took = sent_s()
-            settled(lambda: count[0])
-            used = time.process_time() - used
-            print("; ".join(tap.problems()) or "the tap has no problem")
-            tap.close()
-        rows = report("transport's tap", job, took, path, used, bare_s)
-
-        path = Path(folder) / "command.jsonl"
-        words = [sys.executable, "-m", "moon.cli", "tap", "--json", "--endpoint", endpoint]
-        with path.open("wb") as file, subprocess.Popen(words, stdout=file) as moon:
-            took = sent_s()
-            settled(lambda: path.stat().st_size)
-            used = processor_s(moon.pid)
-            moon.send_signal(signal.SIGINT)
-        return rows + report("moon tap --json", job, took, path, used, bare_s)
+    print(f"a bare subscriber heard {next(count):,} of {job.count:,}, sent in {taken:.2f} s")
+    return used
 
 
-def report(name: str, job: Job, took: float, path: Path, used_s: float, bare_s: float) -> list[Row]:
-    """What ``name`` wrote to ``path``, and what that took of the processor."""
-    what = f"{name}, processor time of an observation, decoded and in a file"
-    lost = job.count - path.read_bytes().count(b"\n")
-    return [
-        beside(what, "µs", [[used_s / job.count * 1e6]], PEER, [[bare_s / job.count * 1e6]]),
-        Row(f"{name}, written", job.count / took, "observations/s", least=50_000.0),
-        Row(f"{name}, lost", lost, f"of {job.count:,}", most=0.0),
-    ]
+def lines_of(path: Path) -> int:
+    """Observations in what ``moon tap --json`` wrote."""
+    return path.read_bytes().count(b"\n")
+
+
+def entries_of(path: Path) -> int:
+    """Observations in a recording."""
+    return sum(isinstance(entry, Observation) for entry in open_recording(path).entries())
 
 
 def rows(rate: int = 60_000, seconds: float = 5.0) -> list[Row]:
     """What is shown; ``rate`` messages a second."""
-    endpoint = free_endpoint()
-    transport = connect("monitor", {"listen": endpoint})
-    with spinning(transport), Child.calling("the robot", run_robot, endpoint) as robot:
+    endpoint, job = free_endpoint(), Job(int(rate * seconds), rate)
+    found = []
+    with Child.calling("the robot", run_robot, endpoint) as robot:
         robot.answer()
-        return compare(transport, endpoint, robot, Job(int(rate * seconds), rate))
+        bare = bare_s(robot, endpoint, job) / job.count * 1e6
+        with tempfile.TemporaryDirectory() as folder:
+            recording, said = Path(folder) / "run.mcap", Path(folder) / "said.jsonl"
+            for words, path, count in (
+                (["tap", "--json"], said, lines_of),
+                (["record", "-o", str(recording)], recording, entries_of),
+            ):
+                line = [sys.executable, "-m", "moon.cli", *words, "--endpoint", endpoint]
+                with said.open("wb") as file, subprocess.Popen(line, stdout=file) as moon:
+                    try:
+                        taken = sent_s(robot, job, moon.pid)
+                        used = processor_s(moon.pid) / job.count * 1e6
+                    finally:
+                        moon.send_signal(signal.SIGINT)
+                lost = job.count - count(path)
+                what = f"moon {words[0]}, processor time of an observation, decoded and in a file"
+                found += [
+                    beside(what, "µs", [[used]], PEER, [[bare]]),
+                    Row(
+                        f"moon {words[0]}, written",
+                        job.count / taken,
+                        "observations/s",
+                        least=50_000.0,
+                    ),
+                    Row(f"moon {words[0]}, lost", lost, f"of {job.count:,}", most=0.0),
+                ]
+    return found
 
 
 if __name__ == "__main__":

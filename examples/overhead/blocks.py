@@ -120,26 +120,14 @@ def _cell(own: Sequence[Block], pairs: Sequence[tuple[Block, Block]], series: st
     )
 
 
-class Target(msgspec.Struct, frozen=True):
-    """What passive monitoring of everything may cost whole ticks, as a ratio, and what it costs."""
-
-    cell: Cell
-    most: float
-
-    @property
-    def is_met(self) -> bool:
-        """Whether it costs no more."""
-        return self.cell.ratio.value <= self.most
-
-
 MOST = {("zenoh", False): 1.05, ("zenoh", True): 1.35, ("ros2", False): 1.10, ("ros2", True): 1.5}
 """By transport and whether the load is saturated."""
 
 
-def targets(found: Sequence[Cell]) -> list[Target]:
-    """Those that can be looked up in ``found``."""
+def targets(found: Sequence[Cell]) -> list[tuple[Cell, float]]:
+    """What passive monitoring of everything costs whole ticks, and the most that it may cost, as a ratio."""
     return [
-        Target(cell, MOST[cell.transport, not cell.rate_hz])
+        (cell, MOST[cell.transport, not cell.rate_hz])
         for cell in found
         if (cell.configuration, cell.series) == ("both", WHOLE)
     ]

@@ -6,6 +6,7 @@ call. It is the same whatever monitors.
 
 from __future__ import annotations
 
+import itertools
 import logging
 import queue
 import sys
@@ -161,17 +162,13 @@ def _into_next_level(events: queue.SimpleQueue[str | None], part: float) -> bool
 
 
 def phases() -> Iterator[float]:
-    """Where between two levels an order begins, as a part of their period.
+    """Where between two levels an order begins, as a part of their period: anywhere, evenly.
 
-    A tree ticked once a second is in step with what is told twice a second, for as long as an order
-    lasts: one that began at a level would have each of its ticks delayed by whoever else hears that.
-    So orders begin anywhere, evenly: the multiples of the golden ratio, modulo 1 (Knuth, The Art of
-    Computer Programming, volume 3, section 6.4, theorem S).
+    A tree ticked once a second is in step with what is told twice a second: an order that began at a level
+    would have each of its ticks delayed by whoever else hears that. The multiples of the golden ratio, modulo
+    1, are even (Knuth, The Art of Computer Programming, volume 3, section 6.4, theorem S).
     """
-    part = 0.0
-    while True:
-        part = (part + (5**0.5 - 1) / 2) % 1.0
-        yield part
+    return (number * (5**0.5 - 1) / 2 % 1.0 for number in itertools.count(1))
 
 
 class Int32(msgspec.Struct):

@@ -219,7 +219,7 @@ def over_websocket(url: str) -> tuple[Ask, Callable[[], None]]:
 
 
 def stand(transport_name: str, options: Mapping[str, str], url: str) -> None:
-    """Stand in the middle until SIGTERM; says what was done at the end.
+    """Stand in the middle until SIGTERM; at the end an oracle in this process says what it has done.
 
     Args:
         transport_name: of its connection.
@@ -230,15 +230,15 @@ def stand(transport_name: str, options: Mapping[str, str], url: str) -> None:
     local = LocalOracle(system)
     ask, hang_up = over_websocket(url) if url else (local.ask, lambda: None)
     transport = connect(transport_name, NODE, dict(options))
-    middle = ManInTheMiddle(transport, monitored(system), system.library, ask)
+    ManInTheMiddle(transport, monitored(system), system.library, ask)
     if not url:
         transport.every(PERIOD_S, lambda: local.advance(transport.now_ns()))
     transport.announce()
     say({"ready": True})
     spin_until_ended(transport, local.begin)
     hang_up()
-    done = {"forwarded": middle.forwarded, "failed": middle.failed}
-    say(done if url else done | local.standing())
+    if not url:
+        say(local.standing())
 
 
 def judge_over_websocket() -> None:

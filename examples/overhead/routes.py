@@ -22,15 +22,18 @@ def rerouted(channel: str) -> str:
 
 def rerouted_system(system: System) -> System:
     """The system, whose monitored skills call their services by way of the monitor."""
+    return replace(
+        system,
+        nodes=tuple(_calling(node) if node.name in MONITORED else node for node in system.nodes),
+    )
 
-    def through(machine: Machine) -> Machine:
-        interfaces = (
-            replace(item, channel=rerouted(str(item.channel)))
-            if item.kind is InterfaceKind.CLIENT
-            else item
-            for item in machine.interfaces
-        )
-        return replace(machine, interfaces=tuple(interfaces))
 
-    nodes = (through(item) if item.name in MONITORED else item for item in system.nodes)
-    return replace(system, nodes=tuple(nodes))
+def _calling(machine: Machine) -> Machine:
+    """The machine, with the monitored names of what it calls."""
+    interfaces = (
+        replace(item, channel=rerouted(str(item.channel)))
+        if item.kind is InterfaceKind.CLIENT
+        else item
+        for item in machine.interfaces
+    )
+    return replace(machine, interfaces=tuple(interfaces))

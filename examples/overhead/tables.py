@@ -20,12 +20,12 @@ def targets(found: Sequence[Cell]) -> str:
     """What passive monitoring of everything may cost, and costs."""
     rows = [
         (
-            place(item.cell),
-            item.cell.ratio.shown(".2f"),
-            f"≤ {item.most:.2f}",
-            "yes" if item.is_met else "**no**",
+            place(cell),
+            cell.ratio.shown(".2f"),
+            f"≤ {most:.2f}",
+            "yes" if cell.ratio.value <= most else "**no**",
         )
-        for item in blocks.targets(found)
+        for cell, most in blocks.targets(found)
     ]
     header = ("Targets: everything monitored passively, ROOT", "ratio", "target", "met")
     return markdown_table([header, *rows])

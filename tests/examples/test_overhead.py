@@ -208,7 +208,7 @@ def test_what_the_command_measured_can_be_shown_again(tmp_path: Path, monkeypatc
     assert {path.name for path in tmp_path.iterdir()} == {"results.json", "overhead.md"}
     found = blocks.cells(results.read(tmp_path / "results.json").blocks)
     assert {cell.series for cell in found} == set(SERIES)
-    assert {item.cell.transport for item in blocks.targets(found)} == {"zenoh"}
+    assert {cell.transport for cell, _ in blocks.targets(found)} == {"zenoh"}
     assert command.main(["--from", str(tmp_path / "results.json")]) == 0
     assert capsys.readouterr().out == shown
 
