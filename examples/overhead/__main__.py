@@ -79,7 +79,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="example: python -m examples.overhead --quick -o build/overhead",
     )
     size = made.add_mutually_exclusive_group()
-    size.add_argument("--quick", action="store_true", help="a minute (the default)")
+    size.add_argument("--quick", action="store_true", help="under two minutes (the default)")
     size.add_argument("--full", action="store_true", help="35 minutes")
     size.add_argument("--summary", action="store_true", help="three lines, in 15 s, on Zenoh")
     size.add_argument(
