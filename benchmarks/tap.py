@@ -32,15 +32,15 @@ QUIET_S, BUSY = 1.0, 0.1
 """Nothing more comes when who listens has used less than a part of a processor for so long."""
 
 
-class BatteryState(msgspec.Struct):
-    percentage: float = 0.0
-    voltage: float = 0.0
-    power_supply_status: int = 0
-    location: str = ""
+class Quaternion(msgspec.Struct):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    w: float = 1.0
 
 
 TOPICS = [
-    Topic(f"/robot{n}/battery_state", "sensor_msgs/msg/BatteryState", BatteryState)
+    Topic(f"/robot{n}/orientation", "geometry_msgs/msg/Quaternion", Quaternion)
     for n in range(CHANNELS)
 ]
 
@@ -70,7 +70,7 @@ def run_robot(endpoint: str) -> None:
                 due = min(job.count, int((time.monotonic() - start) * job.rate) + 1)
                 for number in range(sent, due):
                     publishers[number % CHANNELS].publish(
-                        BatteryState(number * 0.001, 24.5, 2, "charging dock 1")
+                        Quaternion(number * 0.001, 24.5, 2.0, 0.5)
                     )
                 sent = max(sent, due)
                 pace.wait(0.001)
