@@ -10,7 +10,7 @@ from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
-from tests.oracle.test_progress import ASKS, MS, START
+from tests.ordering.test_progress import ASKS, MS, START
 from transports.interface import NAMELESS, Observation, ObservationKind
 
 SENT, RECEIVED = ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED
