@@ -38,7 +38,7 @@ class Looker:
 
     def __init__(self, oracle: Oracle) -> None:
         self.oracle = oracle
-        self.alone = not oracle.search.program.taken_topics()
+        self.alone = not oracle.judge.search.program.taken_topics()
         self.lags_ms: list[float] = []
         self.stamps: list[int] = []
         """Of what waits for its verdict: a heap."""

@@ -23,11 +23,18 @@ The search, by composition; a module uses only those above it:
 * ``search``: the set of hypotheses, from one fixed point to the next;
 * ``explain``: why none is left.
 
-What is received, put in order, and judged:
+What is concluded from it:
 
-* ``source_streams``: what is missing, by numbers;
+* ``source_streams``: what is received of one source on one channel, and its numbers;
 * ``expected``, ``request_tracking``, ``taken_messages``: what others sent, until the machine's node has it;
-* ``resynchronisation``, ``clock``: a moment to begin at in the middle of a run; the time of all oracles;
 * ``unconfirmed``, ``confirmation``: violations until no lost observation can be the reason;
-* ``judging``, ``oracle``: in order, what can have nothing before it any more; what time brings about.
+* ``conclusion``: the verdict as it stands.
+
+The judge, which is handed all that happened in order, and who hands it over:
+
+* ``resynchronisation``: a moment to begin at in the middle of a run;
+* ``model_oracle``: the judge; what cannot be, and what time brings about;
+* ``topics``: messages of topics, judged when they were published, or when they were taken;
+* ``clock``, ``delivery``: the time of all oracles; up to when all was received, and what is held until then;
+* ``oracle``: what is received; all of the above in one object.
 """

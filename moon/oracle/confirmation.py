@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from m2c.model.machine import OutputKind
-from moon.oracle.search import Search
-from moon.oracle.source_streams import Count, Place, SourceStreams
-from moon.oracle.state import Hypothesis
-from moon.oracle.taken_messages import TakenMessages
-from moon.oracle.unconfirmed import NOT_NEEDED, Losses, OtherEnds, Publishers, Waiting
-from moon.ordering.progress import Progress
-from moon.verdict import Verdict
+from collections.abc import Collection
 
-_PARTS = {
-    OutputKind.ACCEPT_GOAL: ("/_action/send_goal", False),
-    OutputKind.REJECT_GOAL: ("/_action/send_goal", False),
-    OutputKind.SEND_GOAL: ("/_action/send_goal", False),
-    OutputKind.SEND_CANCEL: ("/_action/cancel_goal", False),
-    OutputKind.FEEDBACK: ("/_action/feedback", True),
-    OutputKind.SUCCEED: ("/_action/status", True),
-    OutputKind.ABORT: ("/_action/status", True),
-    OutputKind.CANCEL: ("/_action/status", True),
-}
-"""The part of an action by which an output leaves, and whether that is a topic."""
+from moon.oracle.bounds import Bounds
+from moon.oracle.source_streams import SourceStreams
+from moon.oracle.taken_messages import TakenMessages
+from moon.oracle.unconfirmed import (
+    NOT_NEEDED,
+    Losses,
+    OtherEnds,
+    Publishers,
+    Violation,
+    Waiting,
+)
+from moon.ordering.numbers import Count, Place
+from moon.ordering.progress import Progress
 
 
 class Confirmation:
@@ -29,7 +24,8 @@ class Confirmation:
 
     Args:
         node: the node that runs the machine.
-        search: the machine's.
+        bounds: what is assumed of the middleware.
+        taken_topics: the channels of the topics that can make a difference to the machine.
         streams: what was heard, and its numbers.
         progress: of all that the node reports, where it numbers that.
         other_ends: what others report of the node's calls.
@@ -41,7 +37,8 @@ class Confirmation:
     def __init__(
         self,
         node: str,
-        search: Search,
+        bounds: Bounds,
+        taken_topics: Collection[str],
         streams: SourceStreams,
         progress: Progress,
         other_ends: OtherEnds,
@@ -50,9 +47,9 @@ class Confirmation:
         takes: TakenMessages,
     ) -> None:
         self._node = node
-        self._search = search
-        self._skew = search.bounds.skew
-        self._taken_topics = search.program.taken_topics()
+        self._skew = bounds.skew
+        self._unheard_ns = bounds.deadline + bounds.latency
+        self._taken_topics = taken_topics
         self._streams = streams
         self._progress = progress
         self._other_ends = other_ends
@@ -60,20 +57,13 @@ class Confirmation:
         self._losses = losses
         self._takes = takes
 
-    def needed(
-        self, verdict: Verdict, after: int, since: int, is_silence: bool, expected: list[Place]
-    ) -> Waiting | None:
-        """What has to be heard before ``verdict`` is certain; None if something was lost already.
-
-        Args:
-            verdict: the violation.
-            after: all that happened until then (ns) may explain it.
-            since: since when it is known what the machine does (ns).
-            is_silence: whether it is that something did not come. Then only what comes later shows that.
-            expected: where what was expected would have come.
-        """
-        if not self._losses.possible:
+    def needed(self, violation: Violation) -> Waiting | None:
+        """What has to be heard before ``violation`` is certain; None if something was lost already."""
+        verdict = violation.verdict
+        if violation.is_certain or not self._losses.possible:
             return Waiting(verdict)
+        after, since = violation.until_ns, violation.since_ns
+        is_silence, expected = violation.is_silence, violation.expected
         places: dict[Place, int] = {}
         known = self._takes.reported or self._wait_for_others(places, after, since)
         counted = self._progress.heard
@@ -94,7 +84,19 @@ class Confirmation:
                 wanted = count.place[2] or self._losses.happen
                 if wanted or (is_silence and count.place in expected):
                     known = self._wait_for(places, count, after, since) and known
-        return Waiting(verdict, places, reported, since) if known else None
+        if not known:
+            return None
+        waiting = Waiting(verdict, places, reported, since)
+        # what came before the request may be missing
+        if reported == NOT_NEEDED or self._progress.heard >= violation.asked_ns:
+            waiting.call = violation.call
+            waiting.answer = expected[0] if violation.call is not None else None
+        return waiting
+
+    def may_be_unheard(self, expected: list[Place], by_ns: int) -> bool:
+        """Whether what is ``expected`` may have been sent by ``by_ns``, and its channel is not heard yet."""
+        channels = [channel.partition("/_action/")[0] for _, channel, _ in expected]
+        return self._streams.may_be_unheard(channels, by_ns - self._unheard_ns)
 
     def _wait_for_others(self, places: dict[Place, int], after: int, since: int) -> bool:
         """Add the topics of others that it takes; False: some of what they sent is not known."""
@@ -123,23 +125,3 @@ class Confirmation:
         if count.stamp <= after + self._skew:
             places[count.place] = count.next
         return True
-
-    def places_of(self, base: list[Hypothesis]) -> list[Place]:
-        """Where what ``base`` owes would come."""
-        channel_of = self._search.program.channel_of_output
-        found: dict[Place, None] = {}
-        for item in (h.owed[0] for h in base if h.owed):
-            part, is_message = _PARTS.get(item.kind, ("", item.kind is OutputKind.PUBLISH))
-            found[self._node, channel_of(item.kind, item.interface) + part, is_message] = None
-        return list(found)
-
-    def may_be_shown_by_its_client(self, needed: Waiting, base: list[Hypothesis]) -> None:
-        """Where nothing but the answer to one request is owed, its client's waiting in vain shows that."""
-        owed = [h.owed[0] for h in base if h.owed]
-        calls = {item.call for item in owed if item.kind is OutputKind.RESPONSE}
-        if len(owed) != len(base) or len(calls) != 1 or None in calls:
-            return
-        if needed.reported_ns != NOT_NEEDED and self._progress.heard < min(o.low for o in owed):
-            return  # what came before the request may be missing
-        needed.call = calls.pop()
-        needed.answer = next(iter(self.places_of(base)))

@@ -1,35 +1,49 @@
 """The oracle of one machine: observations in, verdicts out.
 
-What a node reports is judged as soon as all before it was received, where the node numbers its reports and
-they tell all that concerns the machine. Else observations of different channels do not come in the order in
-which things happened, so each is kept for one latency bound before it is judged, in its place among the
-others. A violation is only reported when nothing that could still come would explain it, and never withdrawn.
+It receives what is observed of the machine: late, twice, or not at all. It drops what came twice, finds what
+is missing by the numbers, and says how far all was received: up to the node's last report, where it numbers
+its reports and they tell all that concerns the machine; else up to one latency bound ago. In order it goes to
+the judge (``delivery``, ``model_oracle``); what that finds is said when nothing missing can be the reason
+(``conclusion``).
 """
 
 from __future__ import annotations
 
-from m2c.model.machine import EventKind
-from moon.oracle.bounds import TooManyError
-from moon.oracle.judging import Judging
-from moon.oracle.program import TooOpenError
-from moon.oracle.source_streams import Count
+from pathlib import Path
+
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import EventKind, Machine
+from m2c.model.system import library_for
+from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.channels import Channels
+from moon.oracle.clock import Clock
+from moon.oracle.conclusion import Conclusion
+from moon.oracle.confirmation import Confirmation
+from moon.oracle.delivery import Delivery
+from moon.oracle.model_oracle import ModelOracle
+from moon.oracle.request_tracking import RequestTracking
+from moon.oracle.search import Search
+from moon.oracle.source_streams import SourceStreams
 from moon.oracle.state import Hypothesis
-from moon.oracle.taken_messages import reference_of
+from moon.oracle.taken_messages import TakenMessages
+from moon.oracle.topics import Topics
 from moon.oracle.trace_events import Role, TraceEvent
+from moon.oracle.unconfirmed import Losses, OtherEnds, Publishers
+from moon.ordering.held import Held
+from moon.ordering.numbers import Count
+from moon.ordering.progress import Progress
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel
 
 _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 # looked up for every observation
-_ASKED, _OUTPUT, _STRANGE, _INPUT = Role.ASKED, Role.OUTPUT, Role.UNDECLARED, Role.INPUT
-_ANSWERED = Role.ANSWERED
-_TOPIC, _TAKEN, _MESSAGED = Role.MESSAGE, Role.TAKEN, EventKind.MESSAGE
-_INCONCLUSIVE = Outcome.INCONCLUSIVE
+_OUTPUT, _INPUT, _TOPIC, _TAKEN = Role.OUTPUT, Role.INPUT, Role.MESSAGE, Role.TAKEN
 _MESSAGE = ObservationKind.MESSAGE
 
 
-class Oracle(Judging):
+class Oracle:
     """Checks one running machine against its model.
 
     Args:
@@ -40,7 +54,75 @@ class Oracle(Judging):
         synchronised: whether the first observation comes from a machine that has just started.
         losses: whether observations get lost, known to all oracles of one tap.
         clock: how far time has passed, for all oracles of one monitor.
+        publishers: who publishes and calls, by the models of all nodes.
+
+    Attributes:
+        judge: judges what happened, in order.
+        outputs: how many were received.
+        repeated: observations received twice.
     """
+
+    def __init__(
+        self,
+        machine: Machine,
+        library: InterfaceLibrary | None = None,
+        node: str = "",
+        bounds: Bounds | None = None,
+        synchronised: bool = True,
+        losses: Losses | None = None,
+        clock: Clock | None = None,
+        publishers: Publishers | None = None,
+    ) -> None:
+        if library is None:
+            library = library_for([Path(machine.position.file)], [], DiagnosticLog())
+        self.machine = machine
+        self.node = node or machine.name
+        self.bounds = bounds = bounds or Bounds()
+        self.losses = losses or Losses()
+        self.channels = Channels(machine, library, self.node)
+        self._clock = clock or Clock()
+        self._publishers = publishers = publishers or Publishers()
+        search = Search(machine, library, self.channels, bounds)
+        self._program = program = search.program
+        self._latency = bounds.latency
+        self._streams = SourceStreams(self.channels, self.node)
+        self._progress = Progress()
+        self._other_ends = OtherEnds()
+        held: Held[TraceEvent] = Held()
+        self._takes = TakenMessages(bounds.deadline + bounds.skew)
+        self._topics = Topics(program, self.channels, self._streams, publishers, self._takes, held)
+        self._requests = RequestTracking(bounds.deadline)
+        confirmation = Confirmation(
+            self.node,
+            bounds,
+            program.taken_topics(),
+            self._streams,
+            self._progress,
+            self._other_ends,
+            publishers,
+            self.losses,
+            self._takes,
+        )
+        self._conclusion = Conclusion(machine.name, self.node, confirmation)
+        self._unconfirmed = self._conclusion.unconfirmed
+        self.judge = ModelOracle(machine.name, self.node, search, self._conclusion)
+        self._delivery = Delivery(
+            self.judge,
+            self._conclusion,
+            held,
+            self._streams,
+            self._progress,
+            self._requests,
+            self._takes,
+            self._clock,
+            bounds.latency,
+            synchronised,
+        )
+        self.outputs = 0
+        self.repeated = 0
+        self._unreadable = 0
+
+    # --- what the node does ---------------------------------------------------------------------------
 
     def start(self, stamp_ns: int, whole: bool = False) -> None:
         """The machine starts now, in its initial state.
@@ -51,21 +133,13 @@ class Oracle(Judging):
                 heard, and it hears all that is sent from now on. Otherwise these are uncertain for
                 one latency bound.
         """
-        self._synchronised = True
-        self._heard_since = None
-        self._window.clear()
-        self._requests.expected.clear()
         self._other_ends.clear()
-        self._unconfirmed.restart()
         self._streams.restart()
         self._progress.restart()
-        self._takes.restart()
+        self._topics.restart()
         self._takes.started_ns = stamp_ns
-        self._is_ordered = self._may_be_ordered
-        self._begin(stamp_ns, whole)
-        self._may_be_lost_until = 0 if whole else stamp_ns + self.bounds.latency
-        self._finished = max(self._finished, stamp_ns - self.bounds.latency)
-        self.outcome, self._reason = Outcome.CONFORMING, ""
+        self._delivery.start(stamp_ns, whole)
+        self._conclusion.restart()
 
     def listen(self, since_ns: int) -> None:
         """All that the machine does from ``since_ns`` on is heard, if it is heard at all.
@@ -78,8 +152,19 @@ class Oracle(Judging):
         Args:
             since_ns: ns since the epoch; ``FOREVER``: it is not known to be there, and owes nothing.
         """
-        self._heard_since = since_ns
-        self._wake_at(0)
+        self._streams.heard_since = since_ns
+        self._delivery.wake_at(0)
+
+    def lose(self, stamp_ns: int, text: str) -> list[Verdict]:
+        """Something is missing: nothing is said until the machine's doing is certain again.
+
+        Args:
+            stamp_ns: since when, ns since the epoch.
+            text: what is missing, for people.
+        """
+        return self._delivery.lose(stamp_ns, text)
+
+    # --- what is received -----------------------------------------------------------------------------
 
     def observe(self, observation: Observation) -> Verdict:
         """Take one observation; the verdict as it stands then."""
@@ -94,7 +179,8 @@ class Oracle(Judging):
         """Take one observation; verdicts that it, and the time that has passed, bring about."""
         key = (observation.source, observation.channel, observation.kind)
         stream = self._streams.opened.get(key) or self._streams.of(observation)
-        if stream.other_end and self._progress.heard:
+        progress = self._progress
+        if stream.other_end and progress.heard:
             return []  # its own node numbers all that it reports: this adds nothing
         verdicts: list[Verdict] = []
         count = stream.count
@@ -104,237 +190,63 @@ class Oracle(Judging):
                 count.next, count.stamp = number + 1, observation.stamp_ns
             elif number >= 0 and not self._follows(observation, count, verdicts):
                 return verdicts + self.advance(observation.received_ns)
-        fact: TraceEvent | None = None
+        event: TraceEvent | None = None
         more: list[TraceEvent] | None = None
         read = stream.read
         try:
             if read is not None:
-                fact = read(observation)
+                event = read(observation)
                 if stream.more:
                     found = (other(observation) for other in stream.more)
                     more = [item for item in found if item is not None]
         except (KeyError, TypeError, ValueError, AttributeError):
-            self.late += 1
+            self._unreadable += 1
             text = f"an observation on {observation.channel} cannot be read"
-            verdicts += self.lose(observation.stamp_ns, text)
+            verdicts += self._delivery.lose(observation.stamp_ns, text)
         is_filled = False
         if more:
             more = [each for item in more if (each := self._of_topic(item)) is not None]
-        if fact is not None and (fact.role is _TOPIC or fact.role is _TAKEN):
+        if event is not None and (event.role is _TOPIC or event.role is _TAKEN):
             awaited_ns = self._takes.awaited_ns
-            fact = self._of_topic(fact)
+            event = self._of_topic(event)
             is_filled = self._takes.awaited_ns > awaited_ns
-        received_ns = observation.received_ns
-        if self._clock.settled > self._finished:
-            self._finished = self._clock.settled
-        settled = received_ns - self._latency
-        progress, order = self._progress, observation.order
+        is_to_judge = event is not None and self._note(event, verdicts)
+        delivery, received_ns = self._delivery, observation.received_ns
+        if self._clock.settled > delivery.watermark:
+            delivery.watermark = self._clock.settled
+        until, order = received_ns - self._latency, observation.order
         if stream.own and order < 0:
-            if observation.kind is not _MESSAGE:
-                kind, channel = observation.kind, observation.channel
-                self._other_ends.report((kind, channel, observation.client, observation.call))
-            if self._unconfirmed.kept and not self._progress.heard:
-                verdicts += self._confirm(self._unconfirmed.counts_per_channel())
+            self._counts_per_channel(observation, verdicts)
         if stream.own and order >= 0:
             if order == progress.next and not progress.ahead and progress.answer is None:
                 progress.next, progress.heard = order + 1, observation.stamp_ns
             else:
-                progress.take(order, observation.stamp_ns, settled)
+                progress.take(order, observation.stamp_ns, until)
             if self._unconfirmed.kept:
-                verdicts += self._look_at_reports()
-            if self._is_ordered:
-                settled = self._known(settled, received_ns)
+                verdicts += self._conclusion.reported(progress.heard, progress.gap)
+            if self._topics.is_ordered:
+                until = delivery.known(until, received_ns)
             if (
-                fact is not None
+                is_to_judge
+                and event is not None
                 and not more
-                and settled < self.wake
-                and self._at_once(fact, settled)
+                and until < delivery.wake
+                and delivery.at_once(event, until, verdicts)
             ):
                 return verdicts
-        if fact is not None:
-            self._take(fact, verdicts)
+        if is_to_judge and event is not None:
+            verdicts += delivery.add(event)
         if more:
-            for fact in more:
-                self._take(fact, verdicts)
-        if is_filled and self._is_ordered:
-            settled = self._known(settled, received_ns)
-        if settled < self.wake:
-            if settled > self._finished:
-                self._finished = settled
+            for event in more:
+                if self._note(event, verdicts):
+                    verdicts += delivery.add(event)
+        if is_filled and self._topics.is_ordered:
+            until = delivery.known(until, received_ns)
+        if until < delivery.wake:
+            if until > delivery.watermark:
+                delivery.watermark = until
             return verdicts
-        return verdicts + self._settle(settled)
-
-    def reported(self, number: int, stamp_ns: int, now_ns: int) -> list[Verdict]:
-        """The node was asked how far it is: what it did not report, it did not do.
-
-        Args:
-            number: all that it did until then has a number (``Observation.order``) below this one.
-            stamp_ns: until when (ns since the epoch).
-            now_ns: on the clock of ``Observation.received_ns``.
-        """
-        self._progress.answered(number, stamp_ns)
-        is_open = any(hypothesis.pending for hypothesis in self._base or ())
-        if not self._takes.reported and self.channels.is_plain and not is_open:
-            self._follow()  # who answers reports what it takes
-        settled = now_ns - self._latency
-        if self._is_ordered:
-            settled = self._known(settled, now_ns)
-        verdicts = self._look_at_reports() if self._unconfirmed.kept else []
-        return verdicts + self._settle(settled) if settled >= self.wake else verdicts
-
-    def _known(self, settled: int, received_ns: int) -> int:
-        """Until when (ns) all has been heard, by the numbers of the node's reports; at least ``settled``."""
-        if settled < self._may_be_lost_until and not self._progress.is_whole:
-            return settled
-        known = self._progress.heard
-        if known >= self._takes.awaited_ns:
-            known = self._takes.awaited_ns - 1
-        if known <= settled:
-            return settled
-        return known if known < received_ns else received_ns
-
-    def _of_topic(self, fact: TraceEvent) -> TraceEvent | None:
-        """What is left to be judged of ``fact``, if it is about a message of a topic."""
-        if fact.role is _TOPIC:
-            return self._published(fact)
-        if fact.role is _TAKEN:
-            return self._taken(fact)
-        return fact
-
-    def _published(self, fact: TraceEvent) -> TraceEvent | None:
-        """A message on a topic that the machine takes; None where its node reports what it takes."""
-        assert fact.event is not None
-        if not self.search.program.changes_something(fact.event):
-            self.inputs += 1
-            if self._listening_since is None:
-                self._listen(fact.stamp)
-            return None
-        if not self._takes.reported or fact.event[0] is not _MESSAGED:
-            return fact
-        if fact.observation.sequence < 0:  # of such a message it is not reported when it is taken
-            self._is_ordered = False
-            return fact
-        self._note_message(fact)
-        return None
-
-    def _note_message(self, message: TraceEvent) -> None:
-        self._takes.publish(message, self._base is not None and self._is_to_be_taken(message))
-        if self._takes.expected.due < self.wake:
-            self._wake_at(self._takes.expected.due)
-
-    def _is_to_be_taken(self, message: TraceEvent) -> bool:
-        """Whether the node has to take ``message``: it was there, and whoever published it is known."""
-        since = max(self._may_be_lost_until, self._lost_until + 1)
-        return message.stamp >= since and self._publishers.is_caller(message.stream[0])
-
-    def _taken(self, fact: TraceEvent) -> TraceEvent | None:
-        """The node took a message: an input, whose contents may still have to be received."""
-        if not self.search.program.changes_something(fact.event):
-            return None
-        if not self._takes.reported and not self._begin_to_follow(fact):
-            return None
-        fact.role = _INPUT
-        self._takes.take(fact)
-        return fact
-
-    def _begin_to_follow(self, fact: TraceEvent) -> bool:
-        """The node's first report of what it takes: whether its reports are what counts from here on.
-
-        They are not, while the message has been judged already by when it was published.
-        """
-        if not self.channels.is_plain:
-            return False
-        client, number = fact.call
-        channel = fact.observation.channel
-        if (client, channel, number) not in map(reference_of, self._messages()):
-            count = self._streams.counts.get((client, channel, True))
-            if count is not None and number < count.next:
-                return False
-        self._follow()
-        return True
-
-    def _messages(self) -> list[TraceEvent]:
-        """Those that are not judged yet, and that the node may still report to have taken."""
-        kept = self._resynchronisation.recent if self._base is None else self._window
-        return [f for f in kept if _is_numbered_message(f)]
-
-    def _follow(self) -> None:
-        """From here on, messages are taken when the node reports that."""
-        kept = self._resynchronisation.recent if self._base is None else self._window
-        messages = self._messages()
-        self._takes.reported = True
-        self._is_ordered = not self.search.program.takes_feedback
-        for message in messages:
-            kept.remove(message)
-            self._note_message(message)
-
-    def _at_once(self, fact: TraceEvent, settled: int) -> bool:
-        """Whether ``fact``, the next thing that happened, is judged here and now.
-
-        A short cut for what ``_take`` and ``_settle`` do where nothing waits to be judged, nothing is due
-        by ``settled`` (ns), and the machine can have done one thing only.
-        """
-        base, stamp = self._base, fact.stamp
-        if base is None or len(base) != 1 or self._window or not self._finished < stamp <= settled:
-            return False
-        if self.outcome is _INCONCLUSIVE:
-            return False
-        only = self.search.deterministic_successor(base[0], fact)
-        if only is None:
-            return False
-        if fact.role is _OUTPUT:
-            self.outputs += 1
-        else:
-            self.inputs += 1
-            if fact.event is not None and fact.event[0] in _TAKEN_UP:
-                self._requests.take(fact, self._finished)
-        self.search.last = stamp
-        self._base = [only]
-        self._history.append(fact)
-        self._finished = settled
-        due = self._next_due = self.search.next_due(only)
-        self._wake_at(due if due < self._requests.expected.due else self._requests.expected.due)
-        return True
-
-    def advance(self, now_ns: int) -> list[Verdict]:
-        """Time has passed: what can no longer change is settled, what is overdue is said.
-
-        Args:
-            now_ns: on the clock of ``Observation.received_ns``.
-        """
-        settled = now_ns - self._latency
-        if settled < self.wake:
-            if settled > self._finished:
-                self._finished = settled
-            return []
-        return self._settle(settled)
-
-    @property
-    def hypotheses(self) -> list[Hypothesis]:
-        """What the machine may be doing, by all that was heard until now."""
-        base = self._base or []
-        if not base or not self._window:
-            return base
-        last = self.search.last
-        try:
-            for fact in self._window:
-                after = self.search.after(base, fact)
-                if not after:
-                    break  # late observations may still explain it
-                base = after
-        except (TooManyError, TooOpenError):
-            return self._base or []
-        finally:
-            self.search.last = last
-        return base
-
-    def states(self) -> list[str]:
-        """Names of the states in which the machine may be."""
-        program = self.search.program.parts[0]
-        found = {program.states[h.instances[0][0]].name for h in self.hypotheses}
-        return sorted(found)
-
-    # --- taking facts -----------------------------------------------------------------------------
+        return verdicts + delivery.pass_until(until)
 
     def _follows(self, observation: Observation, count: Count, verdicts: list[Verdict]) -> bool:
         """Whether this is new; what its number tells of losses goes to ``verdicts``."""
@@ -344,25 +256,24 @@ class Oracle(Judging):
             self.repeated += 1
             return False
         if self._unconfirmed.kept:
-            verdicts += self._confirm(self._unconfirmed.hear(count.place, number, stamp))
+            verdicts += self._conclusion.numbered(count.place, number, stamp)
         match sequel:
             case Sequel.FIRST if number > 0 and self._is_expected(observation):
                 # a number above 0 comes first where a tap joins later, or where the first was lost
                 text = f"what came first on {observation.channel} was not received"
-                verdicts += self.lose(stamp, text)
+                verdicts += self._delivery.lose(stamp, text)
             case Sequel.AFTER_A_GAP if self._takes.reported and observation.source != self.node:
                 self.losses.happen = True  # what is missing matters when it has been taken
             case Sequel.AFTER_A_GAP:
                 self.losses.happen = True
                 text = f"observations on {observation.channel} from {observation.source} were lost"
-                verdicts += self.lose(stamp, text)
+                verdicts += self._delivery.lose(stamp, text)
             case Sequel.ANEW if observation.source == self.node:
                 self._progress.restart()
                 self._other_ends.clear()
                 self._unconfirmed.restart()
-                self._takes.restart()
-                self._is_ordered = self._may_be_ordered
-                verdicts += self.lose(stamp, f"{self.node} was restarted")
+                self._topics.restart()
+                verdicts += self._delivery.lose(stamp, f"{self.node} was restarted")
         return True
 
     def _is_expected(self, observation: Observation) -> bool:
@@ -370,71 +281,162 @@ class Oracle(Judging):
         if self._takes.reported and observation.source != self.node:
             return False
         if self.losses.happen:
-            return self._base is not None
-        return self._from_start and observation.source == self.node
+            return self.is_synchronised
+        return self.judge.since_start and observation.source == self.node
 
-    def _take(self, fact: TraceEvent, verdicts: list[Verdict]) -> None:
-        role, stamp = fact.role, fact.stamp
-        if role is _ASKED:
-            source = fact.observation.source
-            is_known = source == fact.call[0] and self._publishers.is_caller(source)
-            if is_known and stamp > self._lost_until and stamp > (self._heard_since or 0):
-                self._requests.ask(fact)
-                self._wake_at(min(self.wake, self._requests.expected.due))
-            return
-        if role is _ANSWERED:  # that it was taken up was not heard, or not yet
-            self._requests.take(fact, self._finished)
-            self._imply(fact, ObservationKind.REQUEST_RECEIVED)
-            self._imply(fact, ObservationKind.RESPONSE_SENT)
-            return
-        if role is Role.OTHER_END:
-            self._imply(fact, ObservationKind.REQUEST_SENT)
-            if fact.observation.kind is ObservationKind.RESPONSE_SENT:
-                self._imply(fact, ObservationKind.RESPONSE_RECEIVED)
-            return
-        if role is Role.UNANSWERED:
-            verdicts += self._confirm(self._unconfirmed.gave_up(fact.call, stamp))
-            return
-        if role is _OUTPUT or role is _STRANGE:
+    def _counts_per_channel(self, observation: Observation, verdicts: list[Verdict]) -> None:
+        """The machine's node reports ``observation``, and does not number all that it reports."""
+        if observation.kind is not _MESSAGE:
+            kind, channel = observation.kind, observation.channel
+            self._other_ends.report((kind, channel, observation.client, observation.call))
+        if self._unconfirmed.kept and not self._progress.heard:
+            verdicts += self._conclusion.counts_per_channel()
+
+    def _of_topic(self, event: TraceEvent) -> TraceEvent | None:
+        """What is left to be judged of ``event``, where it is about a message of a topic."""
+        if event.role is not _TOPIC and event.role is not _TAKEN:
+            return event
+        if event.role is _TOPIC and not self._program.changes_something(event.event):
+            self._delivery.inputs += 1
+            self._delivery.listen(event.stamp)
+            return None
+        left = self._topics.receive(event, self._delivery.taken_since)
+        self._delivery.wake_by(self._takes.expected.due)
+        return left
+
+    def _note(self, event: TraceEvent, verdicts: list[Verdict]) -> bool:
+        """Whether ``event`` is to be judged: what is about others tells what it tells at once."""
+        role = event.role
+        if role is _OUTPUT:
             self.outputs += 1
-        elif role is _INPUT:
-            self.inputs += 1
-            if fact.event is not None and fact.event[0] in _TAKEN_UP:
-                self._requests.take(fact, self._finished)
-        elif role is Role.MESSAGE:
-            self.inputs += 1
-        if self._listening_since is None:
-            self._listen(stamp)
-        if self._base is None:
-            self._resynchronisation.remember(fact, self._finished)
-        elif stamp <= self._finished:
-            self.late += 1
-            text = f"an observation on {fact.observation.channel} came too late"
-            verdicts += self.lose(stamp, text)
-        else:
-            fact.may_be_lost = stamp < self._may_be_lost_until
-            self._keep(fact)
+            return True
+        if role is _INPUT:
+            self._delivery.inputs += 1
+            if event.event is not None and event.event[0] in _TAKEN_UP:
+                self._requests.take(event, self._delivery.watermark)
+            return True
+        match role:
+            case Role.ASKED:
+                source = event.observation.source
+                is_known = source == event.call[0] and self._publishers.is_caller(source)
+                if is_known and event.stamp > self._delivery.asked_since:
+                    self._requests.ask(event)
+                    self._delivery.wake_by(self._requests.expected.due)
+                return False
+            case Role.ANSWERED:  # that it was taken up was not heard, or not yet
+                self._requests.take(event, self._delivery.watermark)
+                self._imply(event, ObservationKind.REQUEST_RECEIVED)
+                self._imply(event, ObservationKind.RESPONSE_SENT)
+                return False
+            case Role.OTHER_END:
+                self._imply(event, ObservationKind.REQUEST_SENT)
+                if event.observation.kind is ObservationKind.RESPONSE_SENT:
+                    self._imply(event, ObservationKind.RESPONSE_RECEIVED)
+                return False
+            case Role.UNANSWERED:
+                verdicts += self._conclusion.gave_up(event.call, event.stamp)
+                return False
+            case Role.UNDECLARED:
+                self.outputs += 1
+            case Role.MESSAGE:
+                self._delivery.inputs += 1
+        return True
 
-    def _imply(self, fact: TraceEvent, kind: ObservationKind) -> None:
+    def _imply(self, event: TraceEvent, kind: ObservationKind) -> None:
         """By the other end of a call, the node did this."""
         if not self._progress.heard:
-            event = (kind, fact.observation.channel, *fact.call)
-            self._other_ends.imply(event, fact.stamp)
+            implied = (kind, event.observation.channel, *event.call)
+            self._other_ends.imply(implied, event.stamp)
 
-    def _listen(self, stamp: int) -> None:
-        """The first fact is from ``stamp``."""
-        if self._synchronised:
-            self._begin(stamp)
-            return
-        since = stamp if self._heard_since is None else min(stamp, self._heard_since)
-        self._listening_since = since
-        self._wake_at(0)
-        self._resynchronisation.begin(since)
-        self.outcome = Outcome.INCONCLUSIVE
-        self._reason = "started in the middle of a run: waiting until its state is certain"
+    # --- how far all was received ---------------------------------------------------------------------
 
+    def reported(self, number: int, stamp_ns: int, now_ns: int) -> list[Verdict]:
+        """The node was asked how far it is: what it did not report, it did not do.
 
-def _is_numbered_message(fact: TraceEvent) -> bool:
-    """Whether its node may report that it took ``fact``."""
-    is_message = fact.event is not None and fact.event[0] is _MESSAGED
-    return fact.role is _TOPIC and is_message and fact.observation.sequence >= 0
+        Args:
+            number: all that it did until then has a number (``Observation.order``) below this one.
+            stamp_ns: until when (ns since the epoch).
+            now_ns: on the clock of ``Observation.received_ns``.
+        """
+        progress = self._progress
+        progress.answered(number, stamp_ns)
+        if not any(hypothesis.pending for hypothesis in self.judge.hypotheses or ()):
+            self._topics.follow(self._delivery.taken_since)  # who answers reports what it takes
+            self._delivery.wake_by(self._takes.expected.due)
+        until = now_ns - self._latency
+        if self._topics.is_ordered:
+            until = self._delivery.known(until, now_ns)
+        verdicts: list[Verdict] = []
+        if self._unconfirmed.kept:
+            verdicts += self._conclusion.reported(progress.heard, progress.gap)
+        return verdicts + self._delivery.settle(until) if until >= self.wake else verdicts
+
+    def advance(self, now_ns: int) -> list[Verdict]:
+        """Time has passed: what can no longer change is settled, what is overdue is said.
+
+        Args:
+            now_ns: on the clock of ``Observation.received_ns``.
+        """
+        return self._delivery.pass_until(now_ns - self._latency)
+
+    # --- how it stands --------------------------------------------------------------------------------
+
+    def verdict(self, stamp_ns: int = 0) -> Verdict:
+        """The verdict as it stands."""
+        return self._conclusion.verdict(stamp_ns)
+
+    @property
+    def outcome(self) -> Outcome:
+        """Of the verdict as it stands."""
+        return self._conclusion.outcome
+
+    @property
+    def violations(self) -> int:
+        """How many were said."""
+        return self._conclusion.violations
+
+    @property
+    def inputs(self) -> int:
+        """How many were received, or were sent to it."""
+        return self._delivery.inputs
+
+    @property
+    def late(self) -> int:
+        """Observations that came after their time, and others that could not be used."""
+        return self._delivery.late + self._unreadable
+
+    @property
+    def wake(self) -> int:
+        """Until all that happened by then (ns) was received, time alone changes nothing."""
+        return self._delivery.wake
+
+    @property
+    def judged_until(self) -> int:
+        """What was taken or made by then (ns) has been judged."""
+        return self._delivery.judged_until
+
+    @property
+    def silent_ns(self) -> int:
+        """From then on (ns) it decides something if the node did nothing more, and the node can say so.
+
+        FOREVER: nothing is due, or the node's word would not be enough.
+        """
+        if not self._topics.is_ordered or not self.is_synchronised or not self._progress.heard:
+            return FOREVER
+        due = self._delivery.due_ns
+        return due if due > self._delivery.watermark else FOREVER
+
+    @property
+    def is_synchronised(self) -> bool:
+        """Whether it is known what the machine may be doing."""
+        return self.judge.hypotheses is not None
+
+    @property
+    def hypotheses(self) -> list[Hypothesis]:
+        """What the machine may be doing, by all that was heard until now."""
+        return self._delivery.foreseen()
+
+    def states(self) -> list[str]:
+        """Names of the states in which the machine may be."""
+        program = self._program.parts[0]
+        return sorted({program.states[h.instances[0][0]].name for h in self.hypotheses})

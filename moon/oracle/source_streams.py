@@ -1,55 +1,16 @@
-"""Source streams: what one source sends on one channel, read by one machine's oracle, and its numbers.
-
-What the numbers tell is said in :mod:`transports.sequences`; here it is kept with what only an oracle needs.
-"""
+"""Source streams: what one source sends on one channel, as one machine's oracle reads it, and its numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from moon.oracle.channels import AT_THE_SERVER, Channels
 from moon.oracle.trace_events import Reader
+from moon.ordering.numbers import NONE, Count, Place
 from transports.interface import Observation, ObservationKind
-from transports.sequences import Sequel, sequel_of
 
 KEPT_STREAMS = 4096
 """SourceStreams that are remembered; their names come from the wire."""
-
-NONE = -2
-"""No number, and not one that is missing either (-1)."""
-
-Place = tuple[str, str, bool]
-"""Source, channel, and whether it is a message: what is numbered together."""
-
-
-class Count:
-    """The last number of a place.
-
-    Attributes:
-        place: which.
-        next: the number that should follow; negative while none has come.
-        stamp: of the last, ns.
-        unknown_until: what came before this was not heard (ns), where the first number was not 0.
-    """
-
-    __slots__ = ("next", "place", "stamp", "unknown_until")
-
-    def __init__(self, place: Place) -> None:
-        self.place = place
-        self.next = NONE
-        self.stamp = 0
-        self.unknown_until = 0
-
-    def sequel(self, number: int, stamp: int) -> Sequel:
-        """How ``number`` follows; it is the last one from now on, unless it came before."""
-        sequel = sequel_of((self.next - 1, self.stamp) if self.next >= 0 else None, number, stamp)
-        if sequel is Sequel.AGAIN:
-            return sequel
-        self.next = number + 1
-        self.stamp = stamp
-        if sequel is Sequel.FIRST:
-            self.unknown_until = stamp if number > 0 else 0
-        elif sequel is Sequel.ANEW:
-            self.unknown_until = stamp  # its source's last ones may be missing
-        return sequel
 
 
 class SourceStream:
@@ -90,6 +51,9 @@ class SourceStreams:
         self.opened: dict[tuple[str, str, ObservationKind], SourceStream] = {}
         """By source, channel and kind."""
         self.counts: dict[Place, Count] = {}
+        self.heard_since: int | None = None
+        """From when on (ns) silence means that the machine did nothing, once it is heard at all; FOREVER: its
+        node is not known to be there."""
 
     def of(self, observation: Observation) -> SourceStream:
         """The stream that ``observation`` is in."""
@@ -121,8 +85,15 @@ class SourceStreams:
             for source, heard, _ in self.opened
         )
 
+    def may_be_unheard(self, channels: Iterable[str], by_ns: int) -> bool:
+        """Whether the node was found after ``by_ns``, and was not heard on all of ``channels`` yet."""
+        if self.heard_since is None or by_ns >= self.heard_since:
+            return False
+        return not all(self.is_heard(channel) for channel in channels)
+
     def restart(self) -> None:
         """The machine's node numbers anew, and was not heard yet."""
+        self.heard_since = None
         for key in [key for key in self.opened if key[0] == self._node]:
             del self.opened[key]
         for count in self.counts.values():

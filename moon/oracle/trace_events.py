@@ -102,6 +102,11 @@ class TraceEvent:
         self._twin: TraceEvent | None = None
 
     @property
+    def stamp_ns(self) -> int:
+        """When it happened, as of an observation."""
+        return self.stamp
+
+    @property
     def base(self) -> TraceEvent:
         """The fact itself, where this is one that was perhaps taken already."""
         return self._base or self  # not kept as a reference to itself: that would be a cycle

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from moon.oracle.source_streams import Place
+from moon.ordering.numbers import Place
 from moon.verdict import Verdict
 from transports.interface import NAMELESS
 
@@ -37,6 +37,49 @@ class Losses:
     def __init__(self, happen: bool = False, possible: bool = True) -> None:
         self.happen = happen
         self.possible = possible
+
+
+class Violation:
+    """What a machine cannot have done, if nothing is missing.
+
+    Attributes:
+        verdict: says so.
+        since_ns: since when it is known what the machine does: what was lost before does not matter.
+        until_ns: all that happened until then may explain it.
+        is_silence: whether it is that something did not come. Then only what comes later shows that.
+        expected: where what was expected would have come.
+        is_certain: whether no observation that is missing can be the reason.
+        call: (client, number) of the request whose answer was all that was expected; None: it was not.
+        asked_ns: when that was to be answered at the earliest.
+    """
+
+    __slots__ = (
+        "asked_ns",
+        "call",
+        "expected",
+        "is_certain",
+        "is_silence",
+        "since_ns",
+        "until_ns",
+        "verdict",
+    )
+
+    def __init__(
+        self,
+        verdict: Verdict,
+        since_ns: int,
+        until_ns: int,
+        is_silence: bool,
+        expected: list[Place],
+    ) -> None:
+        self.verdict = verdict
+        self.since_ns = since_ns
+        self.until_ns = until_ns
+        self.is_silence = is_silence
+        self.expected = expected
+        self.is_certain = False
+        self.call: tuple[str, int] | None = None
+        self.asked_ns = 0
 
 
 class Waiting:

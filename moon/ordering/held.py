@@ -4,11 +4,22 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable
+from typing import Generic, Protocol, TypeVar
 
-from transports.interface import Observation
+
+class Stamped(Protocol):
+    """An observation, or what somebody makes of one."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """When it happened, ns since the epoch."""
+        ...
 
 
-class Held:
+T = TypeVar("T", bound=Stamped)
+
+
+class Held(Generic[T]):
     """Keeps observations in order of their stamps, and those of one stamp as they were added.
 
     To add one that is not older than all others takes the same time however many there are, as does to look
@@ -20,15 +31,15 @@ class Held:
 
     __slots__ = ("observations", "stamps")
 
-    def __init__(self, observations: Iterable[Observation] = ()) -> None:
+    def __init__(self, observations: Iterable[T] = ()) -> None:
         self.stamps: list[int] = []
         """Of each (ns), ascending; to be read only."""
-        self.observations: list[Observation] = []
+        self.observations: list[T] = []
         """In the order of their stamps; to be read only."""
         for observation in observations:
             self.add(observation)
 
-    def add(self, observation: Observation) -> None:
+    def add(self, observation: T) -> None:
         """Hold ``observation``."""
         stamp = observation.stamp_ns
         if not self.stamps or stamp >= self.stamps[-1]:
@@ -39,11 +50,16 @@ class Held:
         self.stamps.insert(place, stamp)
         self.observations.insert(place, observation)
 
+    def remove(self, observation: T) -> None:
+        """``observation``, which is held, is not held any more."""
+        place = self.observations.index(observation)
+        del self.observations[place], self.stamps[place]
+
     def count(self, until_ns: int) -> int:
         """How many are stamped up to ``until_ns``."""
         return bisect_right(self.stamps, until_ns)
 
-    def take(self, count: int) -> list[Observation]:
+    def take(self, count: int) -> list[T]:
         """The first ``count``, which are not held any more."""
         taken = self.observations[:count]
         if taken:

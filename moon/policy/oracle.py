@@ -73,7 +73,7 @@ class PolicyOracle:
         self._judge = PolicyJudge(
             policy, node, self.bounds, synchronised, plugins, places or {}, rate, self._progress
         )
-        self._held = Held()
+        self._held: Held[Observation] = Held()
         self._finished = 0
         self._judged_ns = -1
         """The newest that was judged happened then."""

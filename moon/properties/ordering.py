@@ -53,7 +53,7 @@ class OrderedProperties:
         self._channels = self._set.channels()
         self._latency_ns = latency_ns
         self._uncertainty_ns = uncertainty_ns
-        self._held = Held()
+        self._held: Held[Observation] = Held()
         self._states: list[State] | None = None
         """The states that are possible; None while there is one, the set's own."""
         self._gave_up = False

@@ -26,7 +26,7 @@ class Presumption:
 
     def __init__(self, properties: Iterable[Property]) -> None:
         self._set = PropertySet(properties)
-        self._waiting = Held()
+        self._waiting: Held[Observation] = Held()
         self._reached_ns = -1
         self._follows = False
         """Whether the monitors stand where the others will."""

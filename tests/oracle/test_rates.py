@@ -32,7 +32,7 @@ class Judged:
                 self.said += self.oracle.advance(turn)
                 turn += rates.TURN_NS
             self.said += self.oracle.feed(seen)
-            self.most = max(self.most, len(self.oracle._base or ()))
+            self.most = max(self.most, len(self.oracle.judge.hypotheses or ()))
         self.said += self.oracle.advance(turn + Bounds().latency)
         return self
 
@@ -82,7 +82,7 @@ def test_a_strangers_flood_on_a_topic_is_followed_or_given_up_and_its_channel_na
     assert judged.most <= Bounds().hypotheses
     reasons = [v.reason for v in judged.said if v.outcome is Outcome.INCONCLUSIVE]
     assert any("/level from stranger" in reason for reason in reasons)
-    assert len(judged.oracle._resynchronisation.recent) <= resynchronisation.KEPT_FACTS
+    assert len(judged.oracle.judge.resynchronisation.recent) <= resynchronisation.KEPT_FACTS
 
 
 def test_endless_requests_that_are_not_taken_up_are_not_kept_for_ever():

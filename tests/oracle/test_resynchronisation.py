@@ -7,6 +7,8 @@ import pytest
 
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
+from moon.oracle.resynchronisation import Resynchronisation
+from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Outcome
 from tests.oracle.tour import lab_tour, tour
 from transports.interface import Observation, ObservationKind
@@ -66,3 +68,40 @@ def test_who_joins_just_before_a_machine_sends_something_raises_no_alarm(
             joined += 1
             found += oracle.outcome is Outcome.CONFORMING
     assert found > joined // 2, "who is not found is never blamed"
+
+
+def event(at_ms: int, role: Role) -> TraceEvent:
+    """Something that happened at ``at_ms`` (ms)."""
+    stamp_ns = at_ms * 1_000_000
+    seen = Observation(
+        stamp_ns=stamp_ns,
+        received_ns=stamp_ns,
+        channel="/a",
+        kind=ObservationKind.MESSAGE,
+        type_name="",
+        data=None,
+        source="a",
+    )
+    return TraceEvent(seen, role)
+
+
+def test_of_two_gaps_the_second_does_not_make_the_first_forgotten() -> None:
+    """An older one may be noticed later."""
+    found = Resynchronisation(latency=100_000_000)
+    found.begin(0, 0)
+    found.remember(event(500, Role.OUTPUT))
+    found.begin(400_000_000, 0)  # the output is not known any more
+    found.begin(300_000_000, 0)
+    found.remember(event(501, Role.INPUT))
+    assert found.find(550_000_000) is None
+
+
+def test_nothing_is_concluded_from_before_what_is_too_old_to_be_kept() -> None:
+    found = Resynchronisation(latency=100_000_000)
+    found.begin(0, 0)
+    found.remember(event(1000, Role.INPUT))
+    found.remember(event(1060, Role.INPUT))
+    found.remember(event(1555, Role.OUTPUT))  # the first is not kept any more
+    anchor = found.find(1_560_000_000)
+    assert anchor is not None
+    assert anchor[0] == 1_555_000_000 - 1

@@ -234,3 +234,14 @@ def test_a_message_judged_before_the_first_report_is_not_judged_twice(late: int)
     at = 1 + BOUNDS.latency / MS - 5
     said = probe.took(0, at, at + 10 + late) + probe.sent(2, at + 1, at + 10 + late)
     assert said + probe.passed(3000) == []
+
+
+def test_a_message_that_is_never_taken_is_one_though_the_node_goes_on_to_take_others() -> None:
+    """What is judged at once does not make it forgotten when the message is overdue."""
+    probe = Probe()
+    probe.follow()
+    probe.published(5, 10, 11)
+    probe.published(6, 10, 11, channel="/set", source="third")
+    probe.took(0, 12, 15, channel="/set", client="third")
+    due = START + 10 * MS + BOUNDS.deadline
+    assert probe.oracle.wake <= due

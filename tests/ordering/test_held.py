@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 
 from moon.ordering.held import Held
 from tests.properties.runs import seen
+from transports.interface import Observation
 
 
 @given(st.lists(st.integers(0, 9)), st.integers(-1, 10))
 def test_as_a_stable_sort_has_it(stamps: list[int], until: int) -> None:
     given_ones = [seen(stamp, v=place) for place, stamp in enumerate(stamps)]
-    held = Held()
+    held: Held[Observation] = Held()
     for one in given_ones:
         held.add(one)
     expected = sorted(given_ones, key=lambda one: one.stamp_ns)

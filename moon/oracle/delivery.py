@@ -1,0 +1,334 @@
+"""Delivery to the judge of one machine, in order, of what is received late.
+
+Up to the *watermark* all that happened was received, or is known to be missing (``moon.ordering``); what
+happened later is held. What has nothing older before it any more goes to the judge. Whether the machine's
+node got what others sent to it is told by what is received, in whatever order: so that is waited for here,
+and the judge is told of what never arrived.
+"""
+
+from __future__ import annotations
+
+from moon.oracle.bounds import FOREVER
+from moon.oracle.clock import Clock
+from moon.oracle.conclusion import Conclusion
+from moon.oracle.model_oracle import ModelOracle
+from moon.oracle.request_tracking import RequestTracking
+from moon.oracle.source_streams import SourceStreams
+from moon.oracle.state import Hypothesis
+from moon.oracle.taken_messages import TakenMessages
+from moon.oracle.trace_events import TraceEvent
+from moon.ordering.held import Held
+from moon.ordering.judge import Gap
+from moon.ordering.progress import Progress
+from moon.verdict import Verdict
+
+
+class Delivery:
+    """Hands what is received of one machine to its judge, in order.
+
+    Args:
+        judge: of the machine.
+        conclusion: what is concluded of it.
+        held: what is received and not handed over yet.
+        streams: what was received, and its numbers.
+        progress: of all that the node reports, where it numbers that.
+        requests, takes: what others sent to the machine.
+        clock: how far time has passed, for all oracles of one monitor.
+        latency: what is received later than this after its stamp is late (ns).
+        synchronised: whether what is received first comes from a machine that has just started.
+
+    Attributes:
+        watermark: all that happened until then was handed over (ns).
+        wake: until the watermark is there (ns), time alone changes nothing.
+        inputs: how many the machine's node was received to have, or were sent to it.
+        late: how many observations came after their time.
+    """
+
+    def __init__(
+        self,
+        judge: ModelOracle,
+        conclusion: Conclusion,
+        held: Held[TraceEvent],
+        streams: SourceStreams,
+        progress: Progress,
+        requests: RequestTracking,
+        takes: TakenMessages,
+        clock: Clock,
+        latency: int,
+        synchronised: bool,
+    ) -> None:
+        self.watermark = 0
+        self.wake = 0
+        self.inputs = 0
+        self.late = 0
+        self._judge = judge
+        self._conclusion = conclusion
+        self._unconfirmed = conclusion.unconfirmed
+        self._held = held
+        self._streams = streams
+        self._progress = progress
+        self._requests = requests.expected
+        self._takes = takes
+        self._taken = takes.expected
+        self._clock = clock
+        self._latency = latency
+        self._synchronised = synchronised
+        self._is_listening = False
+        """Whether the judge knows that there is something to listen to."""
+        self._linked_ns = 0
+        """What is sent from then on (ns) reaches the machine, which started before."""
+        self._lost_until = 0
+        """What was sent to the machine by then (ns) may have been awaited in vain."""
+        self._dropped_ns = 0
+        """The newest that was received and not handed over happened then."""
+
+    # --- beginnings, and what is missing -------------------------------------------------------------
+
+    def start(self, stamp_ns: int, whole: bool) -> None:
+        """The machine starts; see ``Oracle.start``."""
+        self._synchronised = True
+        self._held.clear()
+        self._requests.clear()
+        self._linked_ns = 0 if whole else stamp_ns + self._latency
+        self._begin(stamp_ns, whole)
+        self.watermark = max(self.watermark, stamp_ns - self._latency)
+
+    def _begin(self, stamp_ns: int, whole: bool = False) -> None:
+        self._is_listening = True
+        self._judge.start(stamp_ns, whole, self._linked_ns)
+        self.wake_at(0)
+
+    def listen(self, stamp: int) -> None:
+        """Something is received that happened at ``stamp`` (ns); nothing changes if it is not the first."""
+        if self._is_listening:
+            return
+        if self._synchronised:
+            self._begin(stamp)
+            return
+        since = self._streams.heard_since
+        since = stamp if since is None else min(stamp, since)
+        self._is_listening = True
+        self.wake_at(0)
+        self._judge.listen(since)
+        text = "started in the middle of a run: waiting until its state is certain"
+        self._conclusion.unknown(since, text, is_news=True)
+
+    def lose(self, stamp: int, text: str) -> list[Verdict]:
+        """Something is missing since ``stamp`` (ns); ``text``: what, for people."""
+        newest = self._drop(stamp)
+        return list(self._judge.gap(Gap("", "", stamp, newest + 1, text)))
+
+    def _drop(self, stamp: int) -> int:
+        """What the machine does is not known from ``stamp`` on: what waits to be judged, or to arrive, goes.
+
+        Returns:
+            When the newest of all that is known to be missing now happened (ns).
+        """
+        held = self._held.observations
+        stamps = (min(event.stamp, event.observation.received_ns) for event in held)
+        self._dropped_ns = max(self._dropped_ns, max(stamps, default=0))
+        self._held.clear()
+        self._requests.clear()
+        self._takes.forget()
+        self._lost_until = stamp + self._latency
+        self._synchronised = False
+        self._is_listening = True
+        self.wake_at(0)
+        return max(stamp, self._dropped_ns)
+
+    def _look_at_judge(self) -> None:
+        """Where it has given up, it is told from when on it will be handed all there is."""
+        stamp = self._judge.gave_up_ns
+        if stamp is not None:
+            self._judge.listen(self._drop(stamp))
+
+    # --- what is received ----------------------------------------------------------------------------
+
+    @property
+    def asked_since(self) -> int:
+        """A request that was sent after that (ns) reaches the machine, if its node is there."""
+        return max(self._lost_until, self._streams.heard_since or 0)
+
+    @property
+    def taken_since(self) -> int:
+        """A message that is published from then on (ns) is taken by the machine's node: it was there."""
+        if self._judge.hypotheses is None:
+            return FOREVER
+        return max(self._linked_ns, self._lost_until + 1)
+
+    def add(self, event: TraceEvent) -> list[Verdict]:
+        """The machine took or did something."""
+        self.listen(event.stamp)
+        is_known = self._judge.hypotheses is not None
+        if event.stamp > self.watermark:
+            self._held.add(event)
+            if is_known:
+                self.wake_by(event.stamp)
+            else:  # it is to remember what there was, whenever it looks for a moment to begin at
+                self._hand_over(self.watermark)
+        elif is_known:
+            self.late += 1
+            text = f"an observation on {event.observation.channel} came too late"
+            return self.lose(event.stamp, text)
+        else:
+            self._judge.observe(event)
+        return []
+
+    def known(self, until: int, received_ns: int) -> int:
+        """Until when (ns) all was received, by the numbers of the node's reports; at least ``until``."""
+        if until < self._linked_ns and not self._progress.is_whole:
+            return until
+        known = self._progress.heard
+        if known >= self._takes.awaited_ns:
+            known = self._takes.awaited_ns - 1
+        if known <= until:
+            return until
+        return known if known < received_ns else received_ns
+
+    def pass_until(self, until: int) -> list[Verdict]:
+        """All that happened until ``until`` (ns) was received, or does not come any more."""
+        if until < self.wake:
+            if until > self.watermark:
+                self.watermark = until
+            return []
+        return self.settle(until)
+
+    def wake_at(self, due: int) -> None:
+        """Time alone changes something once the watermark is at ``due`` (ns)."""
+        self.wake = due
+        if due < self._clock.wake:
+            self._clock.wake = due
+
+    def wake_by(self, due: int) -> None:
+        """The same, if it was not before that."""
+        if due < self.wake:
+            self.wake_at(due)
+
+    @property
+    def judged_until(self) -> int:
+        """What happened by then (ns) has been judged."""
+        until = max(self.watermark, self._clock.settled)
+        first = self._held.stamps[0] if self._held.stamps else FOREVER
+        return first - 1 if first <= until and self._judge.hypotheses is not None else until
+
+    def foreseen(self) -> list[Hypothesis]:
+        """What the machine may be doing, by all that was received, in order or not."""
+        return self._judge.foreseen(self._held.observations)
+
+    # --- handing over --------------------------------------------------------------------------------
+
+    def at_once(self, event: TraceEvent, until: int, verdicts: list[Verdict]) -> bool:
+        """Whether ``event`` is the next thing that happened, and was handed over here and now.
+
+        A short cut for what ``add`` and ``pass_until`` do where nothing waits to be handed over, and nothing
+        is due by ``until`` (ns), as for most observations of nodes that number their reports.
+        """
+        judge, stamp = self._judge, event.stamp
+        if judge.hypotheses is None or self._held.stamps or not self.watermark < stamp <= until:
+            return False
+        if self._progress.ahead or self._unconfirmed.kept:
+            return False
+        said = judge.observe(event)
+        due = judge.due_ns
+        if due > until:
+            self.watermark = until
+            if self._requests.due < due:
+                due = self._requests.due
+            if self._taken.due < due:
+                due = self._taken.due
+            self.wake_at(due)
+            return True
+        verdicts += said
+        self._look_at_judge()
+        self.wake_by(stamp)
+        verdicts += self.settle(until)
+        return True
+
+    def settle(self, until: int) -> list[Verdict]:
+        """All that happened until ``until`` (ns) was received, or is known to be missing."""
+        if until <= self.watermark:
+            return []
+        if until < self.wake:
+            self.watermark = until
+            return []
+        verdicts: list[Verdict] = []
+        judge, progress = self._judge, self._progress
+        if self._takes.awaited_ns <= until:
+            text = "the contents of a message that it took were not received"
+            verdicts += self.lose(until, text)
+        if progress.ahead:
+            progress.settle(until)
+        if self._unconfirmed.kept:
+            verdicts += self._conclusion.reported(progress.heard, progress.gap)
+        if self._held.stamps:
+            verdicts += self._hand_over(until)
+        self.watermark = until
+        if judge.hypotheses is not None and judge.due_ns <= until:
+            verdicts += judge.advance(until)
+            self._look_at_judge()
+        if self._requests.due <= until:
+            verdicts += self._not_received(until)
+        if self._taken.due <= until:
+            verdicts += self._not_taken(until)
+        if self._is_to_be_found and judge.due_ns <= until:
+            verdicts += judge.advance(until)
+            self._look_at_judge()
+        self.wake_at(self._next_time())
+        return verdicts
+
+    def _hand_over(self, until: int) -> list[Verdict]:
+        """What can have nothing before it any more is judged, in order."""
+        verdicts: list[Verdict] = []
+        judge, held = self._judge, self._held
+        count = held.count(until)
+        for event in held.observations[:count]:
+            said = judge.observe(event)
+            if said:
+                verdicts += said
+            if judge.gave_up_ns is not None:
+                self._look_at_judge()
+                return verdicts
+        held.take(count)
+        return verdicts
+
+    @property
+    def _is_to_be_found(self) -> bool:
+        """Whether it is not known what the machine does, and something of it was heard."""
+        if self._judge.hypotheses is not None or not self._is_listening:
+            return False
+        return self._streams.heard_since != FOREVER
+
+    def _next_time(self) -> int:
+        """Until this time (ns) nothing is to be handed over, due or to be found."""
+        if self._judge.hypotheses is None:
+            return self._judge.due_ns if self._is_to_be_found else FOREVER
+        due = self.due_ns
+        if self._held.stamps and self._held.stamps[0] < due:
+            due = self._held.stamps[0]
+        return due
+
+    @property
+    def due_ns(self) -> int:
+        """When something is said if nothing more happens: by the judge, or of what others sent (ns)."""
+        return min(self._judge.due_ns, self._requests.due, self._taken.due)
+
+    def _not_received(self, until: int) -> list[Verdict]:
+        """Requests that others sent and the machine's node never received."""
+        verdicts: list[Verdict] = []
+        for event in self._requests.overdue(until):
+            # else perhaps its end is not instrumented
+            if self.inputs or self._judge.since_start:
+                expected = f"request {event.call[1]} of {event.call[0]} to be received"
+                why = "the request was not taken up"
+                verdicts += self._judge.never_arrived(event, expected, why, until)
+        return verdicts
+
+    def _not_taken(self, until: int) -> list[Verdict]:
+        """Messages on the machine's topics that its node, which reports what it takes, never took."""
+        verdicts: list[Verdict] = []
+        for event in self._taken.overdue(until):
+            source, channel = event.stream
+            expected = f"message {event.observation.sequence} of {source} on {channel} to be taken"
+            why = "the message was not taken"
+            verdicts += self._judge.never_arrived(event, expected, why, until)
+        return verdicts
