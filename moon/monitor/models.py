@@ -12,6 +12,7 @@ from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.clock import Clock
 from moon.oracle.oracle import Oracle
 from moon.oracle.unconfirmed import Losses, Publishers
+from moon.ordering.numbers import Numbers
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
@@ -30,6 +31,7 @@ class ModelMonitor:
         lossy: whether observations are known to get lost; the first gap tells as well.
         policy: the oracle of the behaviour tree that ticks them, if it is monitored too.
         others: the models of further nodes of the system, for what they publish.
+        numbers: those of all sources, where whoever feeds it follows them, and says how each does.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class ModelMonitor:
         lossy: bool = False,
         policy: PolicyOracle | None = None,
         others: Iterable[Machine] = (),
+        numbers: Numbers | None = None,
     ) -> None:
         machines = tuple(machines)
         self.policy = policy
@@ -60,6 +63,7 @@ class ModelMonitor:
                 losses,
                 self._clock,
                 self._publishers,
+                numbers,
             )
             for machine in machines
         }

@@ -230,6 +230,7 @@ class SystemWatch:
             synchronised=False,
             policy=policy,
             others=self._others.values(),
+            numbers=self._order.numbers,
         )
         for name in models.oracles:
             models.node_found(name, FOREVER)  # it is not known to be there

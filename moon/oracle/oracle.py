@@ -31,7 +31,7 @@ from moon.oracle.topics import Topics
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.oracle.unconfirmed import Losses, OtherEnds, Publishers
 from moon.ordering.held import Held
-from moon.ordering.numbers import Count
+from moon.ordering.numbers import Count, Numbers
 from moon.ordering.progress import Progress
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
@@ -41,6 +41,7 @@ _TAKEN_UP = (EventKind.REQUEST, EventKind.GOAL)
 # looked up for every observation
 _OUTPUT, _INPUT, _TOPIC, _TAKEN = Role.OUTPUT, Role.INPUT, Role.MESSAGE, Role.TAKEN
 _MESSAGE = ObservationKind.MESSAGE
+_NEXT = Sequel.NEXT
 
 
 class Oracle:
@@ -55,6 +56,7 @@ class Oracle:
         losses: whether observations get lost, known to all oracles of one tap.
         clock: how far time has passed, for all oracles of one monitor.
         publishers: who publishes and calls, by the models of all nodes.
+        numbers: those of all sources, where whoever feeds it follows them, and says how each does.
 
     Attributes:
         judge: judges what happened, in order.
@@ -72,6 +74,7 @@ class Oracle:
         losses: Losses | None = None,
         clock: Clock | None = None,
         publishers: Publishers | None = None,
+        numbers: Numbers | None = None,
     ) -> None:
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
@@ -85,7 +88,7 @@ class Oracle:
         search = Search(machine, library, self.channels, bounds)
         self._program = program = search.program
         self._latency = bounds.latency
-        self._streams = SourceStreams(self.channels, self.node)
+        self._streams = SourceStreams(self.channels, self.node, numbers)
         self._progress = Progress()
         self._other_ends = OtherEnds()
         held: Held[TraceEvent] = Held()
@@ -176,7 +179,12 @@ class Oracle:
         return self.channels.concerns(channel, source, kind)
 
     def feed(self, observation: Observation, sequel: Sequel | None = None) -> list[Verdict]:
-        """Take one observation; verdicts that it, and the time that has passed, bring about."""
+        """Take one observation; verdicts that it, and the time that has passed, bring about.
+
+        Args:
+            observation: what was received.
+            sequel: how its number follows, where ``numbers`` are followed by whoever calls this.
+        """
         key = (observation.source, observation.channel, observation.kind)
         stream = self._streams.opened.get(key) or self._streams.of(observation)
         progress = self._progress
@@ -186,10 +194,17 @@ class Oracle:
         count = stream.count
         if count is not None:
             number = observation.sequence
-            if number == count.next and not self._unconfirmed.kept:
+            if sequel is not None:
+                if number >= 0 and (sequel is not _NEXT or self._unconfirmed.kept):
+                    self._look_at_number(observation, count, sequel, verdicts)
+            elif number == count.next and not self._unconfirmed.kept:
                 count.next, count.stamp = number + 1, observation.stamp_ns
-            elif number >= 0 and not self._follows(observation, count, verdicts):
-                return verdicts + self.advance(observation.received_ns)
+            elif number >= 0:
+                sequel = count.sequel(number, observation.stamp_ns)
+                if sequel is Sequel.AGAIN:
+                    self.repeated += 1
+                    return self.advance(observation.received_ns)
+                self._look_at_number(observation, count, sequel, verdicts)
         event: TraceEvent | None = None
         more: list[TraceEvent] | None = None
         read = stream.read
@@ -248,13 +263,11 @@ class Oracle:
             return verdicts
         return verdicts + delivery.pass_until(until)
 
-    def _follows(self, observation: Observation, count: Count, verdicts: list[Verdict]) -> bool:
-        """Whether this is new; what its number tells of losses goes to ``verdicts``."""
+    def _look_at_number(
+        self, observation: Observation, count: Count, sequel: Sequel, verdicts: list[Verdict]
+    ) -> None:
+        """What the number of ``observation`` tells of losses goes to ``verdicts``."""
         stamp, number = observation.stamp_ns, observation.sequence
-        sequel = count.sequel(number, stamp)
-        if sequel is Sequel.AGAIN:
-            self.repeated += 1
-            return False
         if self._unconfirmed.kept:
             verdicts += self._conclusion.numbered(count.place, number, stamp)
         match sequel:
@@ -274,7 +287,6 @@ class Oracle:
                 self._unconfirmed.restart()
                 self._topics.restart()
                 verdicts += self._delivery.lose(stamp, f"{self.node} was restarted")
-        return True
 
     def _is_expected(self, observation: Observation) -> bool:
         """Whether its channel's first observation should have been heard by now."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from moon.oracle.channels import AT_THE_SERVER, Channels
 from moon.oracle.trace_events import Reader
-from moon.ordering.numbers import NONE, Count, Place
+from moon.ordering.numbers import Count, Numbers, Place
 from transports.interface import Observation, ObservationKind
 
 KEPT_STREAMS = 4096
@@ -43,9 +43,12 @@ class SourceStreams:
     Args:
         channels: the machine's.
         node: the node that runs it.
+        numbers: those of all sources, if somebody else follows them; else it has its own.
     """
 
-    def __init__(self, channels: Channels, node: str) -> None:
+    def __init__(self, channels: Channels, node: str, numbers: Numbers | None = None) -> None:
+        self._are_followed = numbers is not None
+        self._numbers = numbers or Numbers(most=KEPT_STREAMS)
         self._channels = channels
         self._node = node
         self.opened: dict[tuple[str, str, ObservationKind], SourceStream] = {}
@@ -71,7 +74,7 @@ class SourceStreams:
         count = None
         if own or (message and readers):
             place = (source, channel, message)
-            count = self.counts.setdefault(place, Count(place))
+            count = self.counts[place] = self._numbers.add(place)
         stream = self.opened[source, channel, kind] = SourceStream(
             readers, own, not own and kind in AT_THE_SERVER, count
         )
@@ -96,6 +99,5 @@ class SourceStreams:
         self.heard_since = None
         for key in [key for key in self.opened if key[0] == self._node]:
             del self.opened[key]
-        for count in self.counts.values():
-            if count.place[0] == self._node:
-                count.next = NONE
+        if not self._are_followed:
+            self._numbers.forget(self._node)

@@ -167,18 +167,22 @@ class EventOrder:
             case Sequel.AGAIN:
                 self._counts.repeated += 1
                 return False
+            case Sequel.FIRST if 0 <= count.left_at < number:
+                self._note_gap(seen, self.since_ns, stamp)
             case Sequel.FIRST if number and seen.kind is ObservationKind.MESSAGE:
                 self._look_at_first(seen)
             case Sequel.AFTER_A_GAP | Sequel.ANEW if sequel is Sequel.AFTER_A_GAP or number:
                 # a node that has started again sends 0 first
-                start, end = before_ns + 1, stamp
-                if start >= end:  # stamps that do not increase: it was sent at one of them
-                    start, end = min(before_ns, end), max(before_ns, end) + 1
-                why = f"observations on {seen.channel} from {seen.source} were lost"
-                self.gap = Gap(seen.channel, seen.source, start, end, why, seen.kind)
+                self._note_gap(seen, before_ns + 1, stamp)
             case _:
                 pass
         return True
+
+    def _note_gap(self, seen: Observation, from_ns: int, until_ns: int) -> None:
+        if from_ns >= until_ns:  # stamps that do not increase: it was sent at one of them
+            from_ns, until_ns = min(from_ns - 1, until_ns), max(from_ns - 1, until_ns) + 1
+        why = f"observations on {seen.channel} from {seen.source} were lost"
+        self.gap = Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind)
 
     def _look_at_first(self, seen: Observation) -> None:
         """The first message of a node that came up while the monitor listened has number 0."""
@@ -235,7 +239,6 @@ class EventOrder:
             self.since_ns += self._repair_ns
         self._monotonic_ns = monotonic_ns
         self.sources.restart()
-        if was_set_back:
-            self.numbers.clear()
+        self.numbers.clear()
         self.clock.restart(now_ns, held_up)
         self._judges.start_anew(from_ns, self.since_ns, was_set_back, why)

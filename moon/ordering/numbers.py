@@ -30,15 +30,17 @@ class Count:
         next: the number that should follow; negative while none has come.
         stamp: of the last, ns.
         unknown_until: what came before this was not received (ns), where the first number was not 0.
+        left_at: the number that should have followed when nothing more was known of any.
     """
 
-    __slots__ = ("next", "place", "stamp", "unknown_until")
+    __slots__ = ("left_at", "next", "place", "stamp", "unknown_until")
 
     def __init__(self, place: Place) -> None:
         self.place = place
         self.next = NONE
         self.stamp = 0
         self.unknown_until = 0
+        self.left_at = NONE
 
     def sequel(self, number: int, stamp: int) -> Sequel:
         """How ``number`` follows; it is the last one from now on, unless it came before."""
@@ -88,14 +90,14 @@ class Numbers:
         return count
 
     def clear(self) -> None:
-        """Nothing is known of any."""
+        """Something is not known to be received, of any source: each number is a first one again."""
         for count in self.counts.values():
-            count.next = NONE
+            count.left_at, count.next = count.next, NONE
             count.unknown_until = 0
 
     def forget(self, source: str, before_ns: int | None = None) -> None:
         """``source`` numbers anew; what is stamped ``before_ns`` or later is of after that."""
         for count in self.counts.values():
             if count.place[0] == source and (before_ns is None or count.stamp < before_ns):
-                count.next = NONE
+                count.next = count.left_at = NONE
                 count.unknown_until = 0
