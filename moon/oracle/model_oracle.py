@@ -355,7 +355,7 @@ class ModelOracle:
         said: list[Verdict] = []
         for place, event in enumerate(later):
             said += self.observe(event)
-            if self.hypotheses is None:
+            if self.gave_up_ns is not None:
                 for rest in later[place + 1 :]:
                     self.resynchronisation.remember(rest)
                 return said
