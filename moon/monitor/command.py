@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from transports.interface import Transport
 
 SETTLING_BOUNDS = 2
-"""A monitor that is to end goes on for so many latency bounds: what it has heard by then is judged."""
+"""A monitor that is to end goes on for so many latency bounds: what it has received by then is judged."""
 FLUSH_S = 0.5
 """How often what was recorded is handed to the system: no more is lost with the process."""
 
@@ -153,17 +153,17 @@ def _monitor(
     if transport == "ros2":
         sinks += _diagnostics(connection)
     joining = Joining(connection)
-    told: Connection = joining
+    source: Connection = joining
     clock = time.monotonic_ns
     run: RecordedRun | None = None
     if recorder is not None:
-        told = recorded = RecordedConnection(joining, recorder.add, transport)
+        source = recorded = RecordedConnection(joining, recorder.add, transport)
         clock = recorded.monotonic_ns
         run = RecordedRun(recorded, recorder)
         sinks.insert(0, run)
         connection.every(FLUSH_S, run.flush)
     watch = SystemWatch(
-        told,
+        source,
         monitored.system,
         monitored.machines,
         monitored.bounds,

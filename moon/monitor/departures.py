@@ -8,9 +8,9 @@ silence would be a violation, as when ``m2c run`` is stopped. So each response o
 * as long as nobody is there who could respond or could ask, nothing is owed. (A state that asks goes on
   asking when all have left.)
 
-What is asked while the responder is away is owed, and so was what had its deadline before it left. That a
-node was killed cannot be told from its having left. Who could respond or ask are the nodes whose models
-say so and those that were heard to.
+What is asked while the responder is away is owed, and so was what had its deadline before it left. A node
+that was killed cannot be distinguished from one that left. Who could respond or ask are the nodes whose
+models say so and those of which that was observed.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class _Response(msgspec.Struct):
         answers, asks: where it comes from, and what asks for it.
         keeps: what leaves is not forgotten before it comes back: an answer may not come at once.
         waived: whether nobody is left who owes it.
-        told_ns: the stamp of what was said of it last; one instant has one value.
+        reported_ns: the stamp of what was reported of it last; one instant has one value.
     """
 
     name: str
@@ -84,14 +84,14 @@ class _Response(msgspec.Struct):
     asks: frozenset[Place]
     keeps: bool
     waived: bool = False
-    told_ns: int = -1
+    reported_ns: int = -1
 
-    def say(self, waived: bool, now_ns: int) -> Observation:
+    def report(self, waived: bool, now_ns: int) -> Observation:
         """The observation that it is waived from now on, or no longer."""
-        self.told_ns = max(now_ns, self.told_ns + 1)
+        self.reported_ns = max(now_ns, self.reported_ns + 1)
         return Observation(
-            stamp_ns=self.told_ns,
-            received_ns=self.told_ns,
+            stamp_ns=self.reported_ns,
+            received_ns=self.reported_ns,
             channel=self.name,
             kind=ObservationKind.MESSAGE,
             type_name="",
@@ -142,8 +142,8 @@ class Departures:
         formula = pattern_formula(msgspec.structs.replace(pattern, events=tuple(events)))
         return msgspec.structs.replace(item, formula=formula, ports=(*item.ports, *added))
 
-    def heard(self, seen: Observation) -> None:
-        """``seen``, on one of :attr:`channels`, was heard: who sent it is there, and sends there."""
+    def received(self, seen: Observation) -> None:
+        """``seen``, on one of :attr:`channels`, was received: who sent it is there, and sends there."""
         kind = seen.kind
         who = seen.source
         if kind is ObservationKind.REQUEST_RECEIVED:
@@ -167,18 +167,18 @@ class Departures:
             left = self._has_left(item.answers)
             waived = left and (item.keeps or not self._is_there(item.asks))
             if waived != item.waived:
-                yield item.say(waived, now_ns)
+                yield item.report(waived, now_ns)
             elif left and not up and node in self._known(item.answers) and not waived:
-                yield item.say(True, now_ns)
-                yield item.say(False, now_ns)
+                yield item.report(True, now_ns)
+                yield item.report(False, now_ns)
             item.waived = waived
 
     def again(self, now_ns: int) -> Iterator[Observation]:
         """What holds, for properties that begin anew at ``now_ns``."""
         for item in self._responses:
-            item.told_ns = -1
+            item.reported_ns = -1
             if item.waived:
-                yield item.say(True, now_ns)
+                yield item.report(True, now_ns)
 
     def _is_there(self, places: Iterable[Place]) -> bool:
         return any(self._there.get(node) for node in self._known(places))

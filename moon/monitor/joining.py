@@ -1,7 +1,7 @@
-"""A monitor that joins a running system begins when it hears all of it.
+"""A monitor that joins a running system begins when its tap receives all of it.
 
-Who judges what a tap hears before (:mod:`moon.tap.completeness`) says that something did not happen. So
-the tap is opened first, what it hears before it is complete is left out, and then the monitor begins.
+Who judges what a tap receives before (:mod:`moon.tap.completeness`) says that something did not happen. So
+the tap is opened first, what it receives before it is complete is left out, and then the monitor begins.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ class Joining:
     def __init__(self, connection: Transport) -> None:
         self._connection = connection
         self._up: dict[str, None] = {}
-        self._hear: Callable[[Observation], None] | None = None
+        self._handler: Callable[[Observation], None] | None = None
         self._changed: Callable[[str, bool], None] | None = None
-        self._tap = connection.tap([], self._heard)
+        self._tap = connection.tap([], self._received)
         connection.watch_nodes(self._node_changed)
 
     def when_complete(self, begin: Callable[[], None], say: Callable[[str], None]) -> None:
-        """Call ``begin`` once, when the tap hears everything; at once, if it does already."""
+        """Call ``begin`` once, when the tap receives everything; at once, if it does already."""
         warning = "warning: the graph still changes: monitoring begins before all nodes are known"
         when_complete(self._connection, self._tap, begin, lambda: say(warning))
 
@@ -50,14 +50,14 @@ class Joining:
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """The tap that is open, from now on for ``handler``; of all channels, as monitors want it."""
         assert not channels
-        self._hear = handler
+        self._handler = handler
         return self._tap
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
-        """Told soon of those that are up then, and of changes from then on."""
-        self._connection.post(partial(self._tell_nodes, handler))
+        """``handler`` is called soon for those that are up then, and for changes from then on."""
+        self._connection.post(partial(self._report_nodes, handler))
 
-    def _tell_nodes(self, handler: Callable[[str, bool], None]) -> None:
+    def _report_nodes(self, handler: Callable[[str, bool], None]) -> None:
         self._changed = handler
         for name in tuple(self._up):
             handler(name, True)
@@ -78,9 +78,9 @@ class Joining:
         """See ``Transport.publisher``."""
         return self._connection.publisher(topic)
 
-    def _heard(self, seen: Observation) -> None:
-        if self._hear is not None:
-            self._hear(seen)
+    def _received(self, seen: Observation) -> None:
+        if self._handler is not None:
+            self._handler(seen)
 
     def _node_changed(self, name: str, up: bool) -> None:
         if up:

@@ -147,7 +147,7 @@ class ModelMonitor:
         return _behind(wake, self.bounds.latency)
 
     def node_found(self, node: str, stamp_ns: int) -> None:
-        """``node`` was up already; from ``stamp_ns`` on, what it does is heard.
+        """``node`` was up already; what it does from ``stamp_ns`` on is received.
 
         ``FOREVER``: it is not known to be there.
         """

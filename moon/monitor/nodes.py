@@ -21,16 +21,26 @@ AWAY = "(gone)"
 class WatchedNode:
     """A node that runs a monitored machine."""
 
-    __slots__ = ("earlier", "gone_ns", "heard", "lags", "last", "said", "since", "up", "violations")
+    __slots__ = (
+        "earlier",
+        "gone_ns",
+        "lags",
+        "last",
+        "received",
+        "reported",
+        "since",
+        "up",
+        "violations",
+    )
 
     def __init__(self) -> None:
         self.up = False
         self.gone_ns: int | None = None
         """When it went away, while it is away."""
         self.since = 0
-        self.heard = False
-        """Whether it was heard while it was not known to be up."""
-        self.said: Outcome | None = None
+        self.received = False
+        """Whether something was received from it while it was not known to be up."""
+        self.reported: Outcome | None = None
         self.last = ""
         self.violations = 0
         self.lags: deque[int] = deque(maxlen=_KEPT_LAGS)
@@ -40,10 +50,10 @@ class WatchedNode:
     @property
     def is_seen(self) -> bool:
         """Whether anything is known of it; what others send to it tells nothing of it."""
-        return self.up or self.said is not None or bool(self.lags)
+        return self.up or self.reported is not None or bool(self.lags)
 
     def is_news(self, reason: str) -> bool:
-        """Whether ``reason`` is a violation that is not certain yet, and was not said."""
+        """Whether ``reason`` is a violation that is not certain yet, and was not reported."""
         return reason.startswith(UNCONFIRMED) and reason != self.last
 
     def leave(self, oracle: Oracle | PolicyOracle) -> None:
@@ -58,7 +68,7 @@ class WatchedNode:
     def standing(self, oracle: Oracle | PolicyOracle) -> tuple[str, tuple[str, ...]]:
         """Verdict and states of its machine as it is now, whatever it did before."""
         if self.gone_ns is not None:
-            return str(self.said or UNSEEN), (AWAY,)
+            return str(self.reported or UNSEEN), (AWAY,)
         if self.is_seen:
             return str(oracle.outcome), tuple(oracle.states())
         return UNSEEN, ()
@@ -69,7 +79,7 @@ class WatchedNode:
         verdict = str(oracle.outcome) if self.is_seen else UNSEEN
         states = tuple(oracle.states())
         if self.gone_ns is not None:
-            verdict, states = str(self.said or UNSEEN), (AWAY,)
+            verdict, states = str(self.reported or UNSEEN), (AWAY,)
         if self.violations and oracle.outcome is Outcome.CONFORMING:
             verdict = str(Outcome.VIOLATED)
         return MachineStatus(

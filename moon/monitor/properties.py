@@ -59,13 +59,13 @@ class _Loss(msgspec.Struct):
 
 
 class _Tally:
-    """What was heard and said of one property."""
+    """What was received and reported of one property."""
 
-    __slots__ = ("channels", "heard", "last", "outcome", "since", "violations")
+    __slots__ = ("channels", "last", "outcome", "received", "since", "violations")
 
     def __init__(self, channels: frozenset[str]) -> None:
         self.channels = channels
-        self.heard = 0
+        self.received = 0
         self.outcome: Outcome | None = None
         self.violations = 0
         self.since: list[int] = []
@@ -78,11 +78,11 @@ class _Tally:
 
 
 class PropertyWatch:
-    """Monitors properties over what a tap hears.
+    """Monitors properties over what a tap receives.
 
     Args:
         properties: what to monitor; names must differ.
-        latency_ns: nothing is heard later than this after its stamp.
+        latency_ns: nothing is received later than this after its stamp.
         departures: of ``properties``, with the models of nodes; by default, without any.
         wording: how explanations word messages; by default numbers have no names.
     """
@@ -162,11 +162,11 @@ class PropertyWatch:
         if seen.kind is ObservationKind.MESSAGE_TAKEN or not self.concerns(seen.channel):
             return
         for tally in self._tallies.values():
-            tally.heard += seen.channel in tally.channels
+            tally.received += seen.channel in tally.channels
         if seen.channel not in self._sends.get(seen.source, ()):
             self._note_sender(seen.source, seen.channel)
         if seen.channel in self._departures.channels:
-            self._departures.heard(seen)
+            self._departures.received(seen)
         self._hold(seen)
 
     def node_changed(self, node: str, up: bool, now_ns: int) -> None:
@@ -199,16 +199,16 @@ class PropertyWatch:
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
         """Whatever was sent in ``[start_ns, end_ns)`` may have been missed."""
-        for channel in sorted(self.channels):  # what is said must not depend on a hash
+        for channel in sorted(self.channels):  # what is reported must not depend on a hash
             self.lose(channel, start_ns, end_ns)
 
     def begin_anew(self, now_ns: int, why: str) -> list[Verdict]:
-        """Forget everything that was observed: stamps begin elsewhere. What is said of that."""
+        """Forget everything that was observed: stamps begin elsewhere. The verdicts on that."""
         found = []
         for name, tally in self._tallies.items():
             if tally.outcome is not None:
                 new = PropertyVerdict(Status.INCONCLUSIVE, now_ns, reason=why)
-                found += self._said(name, new)
+                found += self._news(name, new)
         self._clear()
         found += self.start(now_ns)
         for departure in self._departures.again(now_ns):
@@ -275,7 +275,7 @@ class PropertyWatch:
         self._presume_ns = self._ordered.presume_ns
 
     def _missed(self, loss: _Loss) -> list[Verdict]:
-        """Tell the properties of ``loss``; a violation of which it leaves nothing is withdrawn."""
+        """Hand ``loss`` to the properties; a violation of which it leaves nothing is withdrawn."""
         changes = dict(self._ordered.lose(loss.channel, loss.start, loss.end))
         verdicts = self._ordered.verdicts()
         found: list[Verdict] = []
@@ -285,7 +285,7 @@ class PropertyWatch:
             doubted = [ns for ns in tally.since if ns >= loss.start and ns != stands]
             if not doubted or not tally.concerns(loss.channel):
                 if name in changes:
-                    found += self._said(name, changes[name])
+                    found += self._news(name, changes[name])
                 continue
             tally.since = [ns for ns in tally.since if ns not in doubted]
             tally.violations -= len(doubted)
@@ -293,7 +293,7 @@ class PropertyWatch:
                 self.withdrawn(name, since_ns)
             if standing.status is not Status.FALSE:
                 why = f"the violation is withdrawn: messages on {loss.channel} were missed"
-                found += self._told(name, msgspec.structs.replace(standing, reason=why))
+                found += self._report(name, msgspec.structs.replace(standing, reason=why))
         return found
 
     def _pass_to(self, instant: int) -> list[Verdict]:
@@ -309,19 +309,19 @@ class PropertyWatch:
         self._reached_ns = instant
         return self._changes(self._ordered.seal(instant))
 
-    # --- what is said ------------------------------------------------------------------------------
+    # --- what is reported --------------------------------------------------------------------------
 
     def _changes(self, changes: Sequence[tuple[str, PropertyVerdict]]) -> list[Verdict]:
-        return [said for name, verdict in changes for said in self._said(name, verdict)]
+        return [made for name, verdict in changes for made in self._news(name, verdict)]
 
-    def _said(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
-        """What is certain now is said, unless it was before."""
+    def _news(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
+        """What is certain now is reported, unless it was before."""
         tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
         if outcome is tally.outcome and outcome is not Outcome.VIOLATED:
             return []
-        return self._told(name, verdict)
+        return self._report(name, verdict)
 
-    def _told(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
+    def _report(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
         tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
         made = verdict_on(self.properties[name], verdict, self._wording)
         tally.outcome = outcome
@@ -342,7 +342,7 @@ class PropertyWatch:
         return [self._status(name) for name in self.properties]
 
     def outcomes(self) -> Iterator[tuple[str, Outcome | None]]:
-        """What was last said of each property; None: nothing yet."""
+        """The outcome last reported of each property; None: nothing yet."""
         return ((name, tally.outcome) for name, tally in self._tallies.items())
 
     def _status(self, name: str) -> MachineStatus:
@@ -356,7 +356,7 @@ class PropertyWatch:
             name,
             str(outcome) if outcome is not None else UNSEEN,
             (str(self.properties[name].role),),
-            tally.heard,
+            tally.received,
             0,
             tally.violations,
             0,

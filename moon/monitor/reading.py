@@ -76,7 +76,7 @@ class SelectionError(ValueError):
 def judgeable(machines: Sequence[Machine]) -> tuple[tuple[Machine, ...], tuple[str, ...]]:
     """Those of ``machines`` whose inputs can be known, and for each of the others why it is not one.
 
-    That a best-effort message was heard here does not mean that a node got it, and when a node gets a
+    That a best-effort message was received here does not mean that a node got it, and when a node gets a
     transient_local one depends on when it finds its publisher: no bound on latency holds.
     """
     kept: list[Machine] = []

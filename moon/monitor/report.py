@@ -130,7 +130,7 @@ def closing(summary: Summary) -> list[str]:
     of_none = f", {counts.unconcerned:,} of no monitored machine" if has_models else ""
     lines = [
         f"{_many(summary.violations, 'violation')} in {summary.seconds:.1f} s; "
-        f"{''.join(tallies)}received {counts.heard:,} observations"
+        f"{''.join(tallies)}received {counts.received:,} observations"
         f"{of_none}"
     ]
     if counts.unknown and has_models:

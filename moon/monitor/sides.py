@@ -1,12 +1,12 @@
 """One monitor of a system whose nodes are on several transports, with bridges between them.
 
-A call that crosses a bridge is heard on both sides, as two calls: the caller's to the bridge, and the
+A call that crosses a bridge is observed on both sides, as two calls: the caller's to the bridge, and the
 bridge's to the server. Neither is a copy of the other: each side is a whole system in which the bridge
 is one more node. So every machine is judged on the side where its node is, by a ``SystemWatch`` of its
-own, with what is heard there; nothing is counted twice, and no client or number of a call need be
+own, with what is received there; nothing is counted twice, and no client or number of a call need be
 translated. All watches run on one thread, that of the first transport, and share their sinks.
 
-Properties are about the whole system. They are judged by one more watch that hears all sides
+Properties are about the whole system. They are judged by one more watch that listens on all sides
 (``AllSides``) and leaves out what bridges send: what is left is what the nodes themselves did, once.
 """
 
@@ -21,7 +21,7 @@ NodeHandler = Callable[[str, bool], None]
 
 
 class Side:
-    """What is heard on one transport, on the thread of another.
+    """What is received on one transport, on the thread of another.
 
     Args:
         there: listened to; somebody must spin it.
@@ -92,11 +92,11 @@ class AllSides:
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """A tap on every side."""
 
-        def hear(seen: Observation) -> None:
+        def receive(seen: Observation) -> None:
             if seen.source not in self._bridges:
                 handler(seen)
 
-        return _Taps([side.tap(channels, hear) for side in self._sides], self.post)
+        return _Taps([side.tap(channels, receive) for side in self._sides], self.post)
 
     def watch_nodes(self, handler: NodeHandler) -> None:
         """Nodes of all sides; bridges are not of the system."""

@@ -7,7 +7,7 @@ import msgspec
 from moon.ordering.counts import Counts
 
 UNSEEN = "unseen"
-"""The verdict on a machine of which nothing was heard yet."""
+"""The verdict on a machine of which nothing was received yet."""
 POLICY = "policy"
 """The node that ticks a system's tree, whether it is monitored or not."""
 PROPERTY = "property"
@@ -26,7 +26,7 @@ class MachineStatus(msgspec.Struct, frozen=True):
         violations: how often it did what its model does not.
         late: observations that came too late to be judged.
         lag_ms: from its own events to the monitor, median of the last ones; None before the first.
-        last: the last explanation, or why nothing can be said.
+        last: the last explanation, or why there is no verdict.
         kind: ``model`` or ``property``.
     """
 
@@ -48,8 +48,8 @@ class Summary(msgspec.Struct, frozen=True):
     Attributes:
         seconds: how long it listened.
         machines: each machine as it stands, then each property.
-        counts: what was heard.
-        problems: what could not be heard or decoded, one sentence each.
+        counts: what was received.
+        problems: what could not be received or decoded, one sentence each.
         unmonitored: what is not monitored, and why, one sentence each.
     """
 

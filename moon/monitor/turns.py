@@ -15,10 +15,10 @@ from moon.ordering.event_time_clock import NS, PERIOD_NS, USUAL_GAP_NS
 from transports.interface import Timer
 
 _SOON_NS = 20_000_000
-"""So long after something was heard the time is looked at: what is told of it meanwhile has come then."""
+"""So long after something was received the time is looked at: what else belongs to it has come then."""
 BEHIND_NS = 15_000_000
-"""So long after the latency bound of what was heard is looked at what can wait: a policy, and properties
-where more was heard meanwhile. At five, ten or twenty ticks a second the bound is over when another tick
+"""So long after the latency bound of what was received is looked at what can wait: a policy, and properties
+where more was received meanwhile. At five, ten or twenty ticks a second the bound is over when another tick
 begins, and a turn then would be within it."""
 MACHINES_NS = 8_000_000
 """The same of machines whose verdicts wait for the bound, and are to come within 10 ms of it: what began a
@@ -50,8 +50,8 @@ class Turns:
         now_ns = self._connection.now_ns()
         self._take_in(now_ns, min(max(next_ns - now_ns, PERIOD_NS), self._at_most_ns))
 
-    def heard(self, now_ns: int) -> None:
-        """Something was heard: have a turn soon."""
+    def received(self, now_ns: int) -> None:
+        """Something was received: have a turn soon."""
         if self.due_ns > now_ns + self._soon_ns:
             self._take_in(now_ns, self._soon_ns)
 

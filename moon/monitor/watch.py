@@ -1,4 +1,4 @@
-"""A monitor at work: what is heard goes to the oracles, what they say goes to the sinks."""
+"""A monitor at work: what is received goes to the oracles, their verdicts go to the sinks."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class SystemWatch:
         say: told what a person should know, one sentence each.
         properties: what else is to be monitored, of the same observations.
         policy: whether the policy is monitored; by default, if all machines of ``system`` are.
-        monotonic_ns: a clock that nobody sets: with it, standing still is told from a clock that was.
-        repeated: told of each violation that reads as its node's last; sinks do not get it.
+        monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was.
+        repeated: takes each violation that reads as its node's last; sinks do not get it.
     """
 
     def __init__(
@@ -117,21 +117,21 @@ class SystemWatch:
         self._began_ns = self._order.start(self.listener)
         transport.watch_nodes(self._node_changed)
         self._turns.plan(0)
-        self._tell_properties(self._properties.start(self._began_ns))
+        self._report_properties(self._properties.start(self._began_ns))
 
     # --- what is received --------------------------------------------------------------------------
 
     def _observe(self, seen: Observation) -> None:
         now_ns = self._transport.now_ns()
-        self._turns.heard(now_ns)
+        self._turns.received(now_ns)
         judged = self._order.take(seen, now_ns)
         if judged is None:
             return
         node = self._nodes.get(seen.source)
         if node is not None:
             node.lags.append(now_ns - judged.stamp_ns)
-            if not (node.up or node.heard):
-                node.heard = True
+            if not (node.up or node.received):
+                node.received = True
                 self._models.node_found(seen.source, now_ns + LINKED_NS)
         gap = self._order.gap
         if gap is not None:
@@ -174,7 +174,7 @@ class SystemWatch:
         for name, node in self._gone:
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
                 self._lose(self._models.watched[name], GONE)  # what it had sent is judged by now
-        self._tell_changes(now_ns)
+        self._report_changes(now_ns)
         silent_ns = FOREVER
         if self.listener is not None:
             silent_ns = self._silence.look(self.listener, self._models.watched, clock_ns)
@@ -192,7 +192,7 @@ class SystemWatch:
         self._advance_properties(reach_ns)
 
     def _advance_properties(self, now_ns: int) -> None:
-        self._tell_properties(self._properties.advance(now_ns, self._clock.lag_ns))
+        self._report_properties(self._properties.advance(now_ns, self._clock.lag_ns))
         for node in self._properties.take_questions():
             if self.listener is not None:
                 self._silence.ask(self.listener, node)
@@ -203,7 +203,7 @@ class SystemWatch:
             self._nodes[name].leave(oracle)
         self._models = self._fresh_models()
         if was_set_back:
-            self._tell_properties(self._properties.begin_anew(since_ns, why))
+            self._report_properties(self._properties.begin_anew(since_ns, why))
         else:
             self._properties.lose_all(from_ns, since_ns)
         self._say(f"warning: {why}: all machines are resynchronised")
@@ -242,12 +242,12 @@ class SystemWatch:
 
     def _node_changed(self, name: str, up: bool) -> None:
         now_ns = self._transport.now_ns()
-        self._turns.heard(now_ns)
+        self._turns.received(now_ns)
         self._order.sources.changed(name, up, self._transport.up_since(name) if up else now_ns)
         self._properties.node_changed(name, up, now_ns)
         node = self._nodes.get(name)
         if up and self._transport.up_since(name) < self._order.since_ns:
-            # what it did before is not known, so nothing is said of what should have been before
+            # what it did before is not known, so nothing is reported of what should have been before
             since_ns = self._order.since_ns
             self._properties.lose_all(since_ns, max(since_ns, now_ns) + 1)
         if node is None:
@@ -258,7 +258,7 @@ class SystemWatch:
         if up:
             self._node_up(name, node)
             return
-        node.up, node.heard, node.gone_ns = False, False, now_ns
+        node.up, node.received, node.gone_ns = False, False, now_ns
         self._sort_nodes()
 
     def _sort_nodes(self) -> None:
@@ -268,19 +268,19 @@ class SystemWatch:
         self._gone = [item for item in self._nodes.items() if item[1].gone_ns is not None]
 
     def _node_up(self, name: str, node: WatchedNode) -> None:
-        """Synchronised if everything that it did and got was heard; else found in the middle.
+        """Synchronised if everything that it did and got was received; else found in the middle.
 
         It was, if it began to connect after this monitor listened: then the two were linked before
         the node could declare anything (opening a connection waits for those who are there).
         """
         before, node.since = node.since, self._transport.up_since(name)
         started = node.since >= self._order.since_ns and node.since != before
-        heard, node.heard = node.heard, False
+        received, node.received = node.received, False
         again = before != 0
         node.up, node.gone_ns = True, None
         self._sort_nodes()
-        if not started or heard:
-            if again or heard:
+        if not started or received:
+            if again or received:
                 self._lose(self._models.watched[name], MIDDLE)
             found_ns = max(self._transport.now_ns(), self._order.since_ns)
             self._models.node_found(name, found_ns + LINKED_NS)
@@ -288,7 +288,7 @@ class SystemWatch:
         self._order.numbers.forget(name, node.since)
         if again:
             self._say(f"{name} has started again")
-        # what it did while it came up is heard from now on: half the bound, before it is too late
+        # what it did while it came up is received from now on: half the bound, before it is too late
         reach_ns = self._clock.reach_ns(self._transport.now_ns())
         stamp_ns = reach_ns - self._bounds.latency // 2
         started_ns = max(stamp_ns, node.since)
@@ -312,23 +312,23 @@ class SystemWatch:
                 continue  # who is not there owes nothing
             node.violations += 1
             self._violations += 1
-            if node.said is not Outcome.VIOLATED or node.last != verdict.reason:
+            if node.reported is not Outcome.VIOLATED or node.last != verdict.reason:
                 self._publish(verdict)
             else:
                 self._repeated(verdict)
 
-    def _tell_properties(self, verdicts: Sequence[Verdict]) -> None:
+    def _report_properties(self, verdicts: Sequence[Verdict]) -> None:
         for verdict in verdicts:
             for sink in self._sinks:
                 sink.take(verdict)
 
-    def _tell_changes(self, now_ns: int) -> None:
+    def _report_changes(self, now_ns: int) -> None:
         """What else has changed: a machine is known again, or no longer."""
         for oracle, node in zip(self._models.watched.values(), self._nodes.values(), strict=True):
             outcome = oracle.outcome
             if outcome is Outcome.VIOLATED:
                 continue
-            if outcome is node.said and (
+            if outcome is node.reported and (
                 outcome is Outcome.CONFORMING or not node.is_news(oracle.verdict().reason)
             ):
                 continue
@@ -340,7 +340,7 @@ class SystemWatch:
 
     def _publish(self, verdict: Verdict) -> None:
         node = self._nodes[verdict.node]
-        node.said = verdict.outcome
+        node.reported = verdict.outcome
         if verdict.reason:
             node.last = verdict.reason
         for sink in self._sinks:
@@ -385,7 +385,7 @@ class SystemWatch:
         return self.counts.late + self._properties.late + machines
 
     def problems(self) -> list[str]:
-        """What cannot be heard or judged, one sentence each, counts in front of ``message``."""
+        """What cannot be received or judged, one sentence each, counts in front of ``message``."""
         counts = self.counts
         found = list(self.listener.problems()) if self.listener is not None else []
         for number, what in (

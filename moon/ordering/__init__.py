@@ -9,7 +9,7 @@ first of these that applies (decisions 13, 29 and 30):
 3. *bounded lateness*: nothing is received later than the latency bound after its stamp
    (``event_time_clock``).
 
-* ``judge``: what a judge is handed, and what it is told of that is missing;
+* ``judge``: what a judge is handed, and what is reported to it as missing;
 * ``event_order``: what a tap hands over, made fit for judges (``reception``: stamps, types, sources);
 * ``numbers``: what was received twice, and what was not received, by the numbers of a channel;
 * ``sources``: up to when all that several nodes reported has been received (``progress``: of one);

@@ -11,7 +11,7 @@ class Counts(msgspec.Struct):
     """What a monitor received, and what it could not use.
 
     Attributes:
-        heard: observations.
+        received: observations; ``heard`` in JSON.
         unconcerned: observations that concern no monitored machine.
         future: observations whose stamp lies in the future.
         unnamed: messages that do not say who sent them; their stamps are taken with caution.
@@ -23,7 +23,7 @@ class Counts(msgspec.Struct):
         unknown: how many observations there were on channels that no model names.
     """
 
-    heard: int = 0
+    received: int = msgspec.field(default=0, name="heard")
     unconcerned: int = 0
     future: int = 0
     unnamed: int = 0

@@ -1,4 +1,4 @@
-"""What a tap hands over, made fit for judges: in time, of its type, with what is missing told before it.
+"""What a tap hands over, made fit for judges: in time, of its type, with what is missing reported before it.
 
 The only code that knows that observations arrive late, twice or not at all, that a clock may be set and
 that a monitor may stand still. Live, recorded and simulated runs go through it.
@@ -24,7 +24,7 @@ _NEXT = Sequel.NEXT
 
 
 class Judges(Protocol):
-    """Who is told of what is missing."""
+    """To whom what is missing is reported."""
 
     def gap(self, gap: Gap) -> None:
         """Something is missing."""
@@ -47,12 +47,12 @@ class EventOrder:
 
     Args:
         now_ns: the time of day.
-        monotonic_ns: a clock that nobody sets: with it, standing still is told from a clock that was set.
+        monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was set.
         latency_ns: nothing is received later than this after its stamp.
         repair_s: of the middleware (``Transport.repair_s``).
         reception: looks at stamps, types and sources.
         counts: what is counted.
-        judges: told of what is missing.
+        judges: what is missing is reported to them.
         known: the nodes of the system.
 
     Attributes:
@@ -127,7 +127,7 @@ class EventOrder:
         if lag_ns > clock.limit_ns:
             self._too_late(seen, lag_ns, now_ns)
             return None
-        clock.heard(lag_ns)
+        clock.received(lag_ns)
         if not self._is_new(seen):
             return None
         limit_ns = clock.reach_ns(now_ns)
@@ -216,7 +216,7 @@ class EventOrder:
         yield from self.sources.settle(clock_ns)
 
     def look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
-        """Whether time goes on as it should; else what was missed is told."""
+        """Whether time goes on as it should; else what was missed is reported."""
         gap_ns = now_ns - self.clock.now_ns
         if gap_ns > self.clock.limit_ns:
             passed_ns = monotonic_ns - self._monotonic_ns
@@ -235,7 +235,7 @@ class EventOrder:
         was_set_back = now_ns < self.clock.now_ns
         from_ns = self.clock.clock_ns - self._latency_ns
         self.since_ns = now_ns
-        if held_up and not was_set_back:  # what is missing cannot be told from what is on its way
+        if held_up and not was_set_back:  # what is missing and what is on its way look alike
             self.since_ns += self._repair_ns
         self._monotonic_ns = monotonic_ns
         self.sources.restart()

@@ -1,11 +1,11 @@
-"""The clock by which a monitor judges: never ahead of what it can have heard.
+"""The clock by which a monitor judges: never ahead of what it can have received.
 
-A monitor that is held up itself (no processor time, a slow link) hears late what happened in time. If
-its oracles were told the time of day meanwhile, they would miss what is only waiting to be heard. So
+A monitor that is held up itself (no processor time, a slow link) receives late what happened in time. If
+its oracles were given the time of day meanwhile, they would miss what is only waiting to be received. So
 their clock runs behind for as long as observations come late, and catches up at twice the speed.
 
 There is an end to that: oracles that look for a certain moment keep four latency bounds of what they
-heard. What is later than ``limit_ns`` is not waited for; it is said to be missed.
+received. What is later than ``limit_ns`` is not waited for; it is reported as missed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable
 NS = 1_000_000_000
 
 PERIOD_NS = 10_000_000
-"""Where nothing is heard, time passes for the oracles at most so often."""
+"""Where nothing is received, time passes for the oracles at most so often."""
 USUAL_GAP_NS = 50_000_000
 """The ticks of a monitor that is not held up are hardly further apart."""
 _MEMORY_NS = NS
@@ -56,7 +56,7 @@ class EventTimeClock:
         """What comes later than this after its stamp is too late; also, a monitor held up for longer
         has missed what happened meanwhile (links are closed then)."""
         self.clock_ns = now_ns
-        """What the oracles are told."""
+        """The time that the oracles are given."""
         self.now_ns = now_ns
         """The time of day at the last tick."""
         self._latency_ns = latency_ns
@@ -68,12 +68,12 @@ class EventTimeClock:
         self._late_before_ns = 0
         self._since_ns = now_ns
 
-    def heard(self, lag_ns: int) -> None:
+    def received(self, lag_ns: int) -> None:
         """An observation came ``lag_ns`` after its stamp, not more than the limit."""
         self._late_ns = max(self._late_ns, lag_ns)
 
     def tick(self, now_ns: int) -> int:
-        """It is ``now_ns`` now; what the oracles are to be told."""
+        """It is ``now_ns`` now; the time that the oracles are to be given."""
         gap = max(now_ns - self.now_ns, 0)
         self.now_ns = now_ns
         if now_ns - self._since_ns > _MEMORY_NS:
@@ -88,7 +88,7 @@ class EventTimeClock:
         return self.clock_ns
 
     def reach_ns(self, now_ns: int) -> int:
-        """What the oracles may be told the time is when something is heard between two ticks."""
+        """The time that the oracles may be given when something is received between two ticks."""
         if self.clock_ns < self.now_ns or max(self._late_ns, self._late_before_ns) > self._free_ns:
             return self.clock_ns
         return max(self.clock_ns, min(now_ns, self.now_ns + self._reach_ns))
@@ -108,7 +108,7 @@ class EventTimeClock:
 
         Args:
             now_ns: the time of day.
-            held_up: what waits to be heard comes as late as can be waited for, and one channel later
+            held_up: what waits to be received comes as late as can be waited for, and one channel later
                 than another: for a while that is expected.
         """
         self.clock_ns = self.now_ns = self._since_ns = now_ns

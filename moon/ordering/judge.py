@@ -54,7 +54,7 @@ class Judge(Protocol):
         ...
 
     def gap(self, gap: Gap) -> Sequence[Verdict]:
-        """Something is missing; told before what came after it."""
+        """Something is missing; reported before what came after it."""
         ...
 
     def advance(self, until_ns: int) -> Sequence[Verdict]:

@@ -1,6 +1,6 @@
 """Sequence numbers of what sources send on channels: what was received twice, and what was not received.
 
-What a number tells is said in :mod:`transports.sequences`; here it is kept once for all judges of a monitor.
+What a number means is described in :mod:`transports.sequences`; here each is kept once for all judges.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Up to when all that a machine's own node did has been heard (decision 13)."""
+"""Up to when all that a machine's own node did has been received (decision 13)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ class Progress:
     """Follows the order numbers of one node.
 
     Attributes:
-        heard: all that the node did until this stamp (ns) has been heard.
+        heard: all that the node did until this stamp (ns) has been received.
         next: the number that follows.
         ahead: number and stamp of what came after a gap.
         gap: what is missing and not waited for any more happened before this stamp (ns).
         answer: the number that followed when the node was asked how far it is, and when that was (ns);
-            None where all until then has been heard, or it was not asked.
-        is_whole: all that the node ever did has been heard, as far as it was: from number 0, without a gap.
+            None where all until then has been received, or it was not asked.
+        is_whole: nothing that the node did is missing: all was received from number 0 on, without a gap.
     """
 
     __slots__ = ("ahead", "answer", "gap", "heard", "is_whole", "next")
@@ -54,7 +54,7 @@ class Progress:
         Args:
             order: its number.
             stamp: when (ns).
-            settled: all that happened until then has been heard or is lost (ns).
+            settled: all that happened until then has been received or is lost (ns).
         """
         if order == self.next:
             self._go_on(stamp)

@@ -1,7 +1,7 @@
-"""What is fit to be judged: stamps, types and sources of what is heard, looked at before the oracles.
+"""What is fit to be judged: stamps, types and sources of what is received, looked at before the oracles.
 
 Nothing that comes over a network is trusted to be well-formed. What no oracle can judge is counted,
-and the oracles that it concerns are told that they missed something: never a wrong verdict.
+and it is reported to the oracles that it concerns as missing: never a wrong verdict.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Reception:
     def judge(self, seen: Observation, now_ns: int) -> Observation | Rejected:
         """``seen``, perhaps with a more careful stamp, or why it cannot be judged."""
         counts = self._counts
-        counts.heard += 1
+        counts.received += 1
         channel = seen.channel
         if channel not in self._known and channel.partition("/_action/")[0] not in self._known:
             self._note_unknown(channel)
@@ -147,7 +147,7 @@ class _Shape(msgspec.Struct, frozen=True):
     def read(self, seen: Observation) -> Observation | None:
         """``seen`` with what a node makes of its data (fields that are not there have their defaults).
 
-        None if no node takes it: its type is another, or is only said to be this one.
+        None if no node takes it: its type is another, or only claims to be this one.
         """
         if seen.type_name and seen.type_name != self.type_name:
             return None

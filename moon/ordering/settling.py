@@ -1,9 +1,9 @@
-"""What was recorded, as a monitor that was never late would have heard it.
+"""What was recorded, as a monitor that was never late would have received it.
 
 A recorder that stood still for a second, as the processor was busy elsewhere, received a second's worth
 of events afterwards. A monitor knows when it stands still, and its turns are in its recording; any other
 recording has none, and played as it was received it would have silences in which nothing came that was
-owed. But it is all there: what was received late is moved to where it would have been heard.
+owed. But it is all there: what was received late is moved to where it would have been received.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from moon.recording.entries import UNUSUAL_NS, Began, Entry, Pulse, set_by_ns
 from transports.interface import Observation
 
 USUAL_NS = 50_000_000
-"""An event is heard within this time of its stamp, if nothing is the matter: a quarter of the latency
+"""An event is received within this time of its stamp, if nothing is the matter: a quarter of the latency
 bound."""
 LATEST_NS = 10_000_000_000
 """What is later than this was not late: clocks differ."""

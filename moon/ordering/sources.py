@@ -115,9 +115,9 @@ class Sources:
             if not source.is_numbered:
                 return 0
             is_any = True
-            heard_ns = source.progress.heard
-            if heard_ns < known_ns:
-                known_ns = heard_ns
+            reported_ns = source.progress.heard
+            if reported_ns < known_ns:
+                known_ns = reported_ns
         return known_ns if is_any else 0
 
     def behind(self, names: Iterable[str], until_ns: int, now_ns: int) -> list[str]:
@@ -142,7 +142,7 @@ class Sources:
 
 def _gap_of(name: str, progress: Progress, before: tuple[int, int]) -> Gap | None:
     """What is missing of what ``name`` reported, if that was found since it was as ``before``."""
-    heard_ns, gap_ns = before
-    if progress.gap == gap_ns or not heard_ns:
+    reported_ns, gap_ns = before
+    if progress.gap == gap_ns or not reported_ns:
         return None  # of what it did before it was received first, nothing is missing
-    return Gap("", name, heard_ns + 1, progress.gap + 1, f"observations of {name} were lost")
+    return Gap("", name, reported_ns + 1, progress.gap + 1, f"observations of {name} were lost")

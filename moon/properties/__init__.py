@@ -1,4 +1,4 @@
-"""Past-time properties of what a tap hears: files, patterns, formulas, compiled monitors.
+"""Past-time properties of what a tap receives: files, patterns, formulas, compiled monitors.
 
 The names below are the interface; they are loaded when first used, so that the command line stays
 quick.

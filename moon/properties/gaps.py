@@ -12,9 +12,9 @@ Gap = tuple[int, int, str, str]
 
 
 class Gaps:
-    """The losses that were told and have not wholly passed, by port.
+    """The losses that were reported and have not wholly passed, by port.
 
-    They may be told in any order and may overlap; a port is open until the last of those that have
+    They may be reported in any order and may overlap; a port is open until the last of those that have
     begun has ended.
     """
 

@@ -202,7 +202,7 @@ class PropertySet:
 
     @property
     def now_ns(self) -> int:
-        """The latest instant that anything was told about; -1 before the first."""
+        """The latest instant up to which anything is known; -1 before the first."""
         return max((cell.now for cell in self.cells), default=-1)
 
     def verdicts(self) -> dict[str, Verdict]:

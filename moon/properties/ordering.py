@@ -249,7 +249,7 @@ class OrderedProperties:
         found: list[Change] = []
         for name, verdict in now.items():
             wrong = [
-                next((said for other, said in branch if other == name and _is_wrong(said)), None)
+                next((seen for other, seen in branch if other == name and _is_wrong(seen)), None)
                 for branch in branches
             ]
             # what was false for a moment only, in all of them or in some
@@ -257,12 +257,12 @@ class OrderedProperties:
                 found.append((name, wrong[0]))
             elif any(wrong):
                 found.append((name, _undecided(verdict)))
-            agree = len({said[name].status for said in standing}) == 1 and not self._gave_up
+            agree = len({verdicts[name].status for verdicts in standing}) == 1 and not self._gave_up
             found.append((name, verdict if agree else _undecided(verdict)))
         return [change for change in found if self._is_news(*change)]
 
     def _is_news(self, name: str, verdict: Verdict) -> bool:
-        """Whether it differs from what was said last; it is what was said last from now on."""
+        """Whether it differs from what was reported last; it is what was reported last from now on."""
         before = self._verdicts[name]
         if before.final or (verdict.status, verdict.reason) == (before.status, before.reason):
             return False

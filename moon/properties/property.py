@@ -40,8 +40,8 @@ class Port(msgspec.Struct, frozen=True):
     Attributes:
         name: how predicates call it.
         channel: the topic or service; ``*`` for any (its field then selects the observations).
-        kinds: which observations count. Where both ends of a call are heard, only the first kind
-            that was ever heard on the channel counts, so that a call counts once.
+        kinds: which observations count. Where both ends of a call are observed, only the first kind
+            that was ever observed on the channel counts, so that a call counts once.
         path: the fields that lead to the value; empty for the whole message.
         event: true while it happens (one tick), false otherwise; else the last value, kept.
         condition: of an event: which messages count (over the variable ``data``).

@@ -56,7 +56,7 @@ class Verdict(msgspec.Struct, frozen=True):
         status: true so far, false or inconclusive.
         since_ns: since when; -1 before the first observation.
         final: no further observation can change it; what can is a loss that had begun by then, and is
-            told only now.
+            reported only now.
         witness: why it is false.
         reason: why it is inconclusive.
     """

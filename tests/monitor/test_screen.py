@@ -64,7 +64,7 @@ def test_what_came_over_the_network_stays_on_its_line_and_is_no_command_to_the_t
 
 
 def test_the_end_counts_machines_by_verdict_and_names_unknown_channels() -> None:
-    counts = Counts(heard=12, unconcerned=3)
+    counts = Counts(received=12, unconcerned=3)
     counts.unknown["/a"] = 2
     lines = closing(Summary(2.0, (GOOD, BAD), counts, ()))
     assert lines == [

@@ -103,7 +103,7 @@ def test_there_is_one_timer_also_when_the_clock_is_set_back_behind_it() -> None:
     turns.plan(0)
     clock.running.clear()  # its turn has come, and is about to be planned anew
     clock.now -= S
-    turns.heard(clock.now)
+    turns.received(clock.now)
     turns.plan(0)
     assert len(clock.running) == 1
 

@@ -8,71 +8,71 @@ MS = 1_000_000
 LATENCY = 200 * MS
 
 
-def ticking(pace: EventTimeClock, start: int, milliseconds: int, step: int = 10) -> int:
+def ticking(clock: EventTimeClock, start: int, milliseconds: int, step: int = 10) -> int:
     """Tick every ``step`` ms; the time of day at the end."""
     now = start
     for _ in range(milliseconds // step):
         now += step * MS
-        pace.tick(now)
+        clock.tick(now)
     return now
 
 
 def test_while_all_is_heard_in_time_it_is_the_time_of_day() -> None:
-    pace = EventTimeClock(0, LATENCY)
+    clock = EventTimeClock(0, LATENCY)
     now = 0
     for _ in range(300):
-        pace.heard(90 * MS)
-        now = ticking(pace, now, 10)
-        assert pace.clock_ns == now
+        clock.received(90 * MS)
+        now = ticking(clock, now, 10)
+        assert clock.clock_ns == now
 
 
 def test_it_is_behind_by_what_comes_late_beyond_half_the_bound_and_catches_up() -> None:
-    pace = EventTimeClock(0, LATENCY)
-    now = ticking(pace, 0, 500)
-    pace.heard(300 * MS)
-    now = ticking(pace, now, 500)
-    assert now - pace.clock_ns == 200 * MS
-    now = ticking(pace, now, 3000)
-    assert pace.clock_ns == now
+    clock = EventTimeClock(0, LATENCY)
+    now = ticking(clock, 0, 500)
+    clock.received(300 * MS)
+    now = ticking(clock, now, 500)
+    assert now - clock.clock_ns == 200 * MS
+    now = ticking(clock, now, 3000)
+    assert clock.clock_ns == now
 
 
 def test_it_never_goes_back() -> None:
-    pace = EventTimeClock(0, LATENCY)
+    clock = EventTimeClock(0, LATENCY)
     now, last = 0, 0
     for round_ in range(200):
-        pace.heard((round_ * 37) % 500 * MS)
-        now = ticking(pace, now, 30)
-        assert pace.clock_ns >= last
-        last = pace.clock_ns
+        clock.received((round_ * 37) % 500 * MS)
+        now = ticking(clock, now, 30)
+        assert clock.clock_ns >= last
+        last = clock.clock_ns
 
 
 def test_after_a_pause_it_lets_what_waits_be_heard_first() -> None:
-    pace = EventTimeClock(0, LATENCY)
-    now = ticking(pace, 0, 100)
-    pace.tick(now + 400 * MS)
-    assert pace.clock_ns <= now + 100 * MS
-    now = ticking(pace, now + 400 * MS, 400)
-    assert pace.clock_ns == now
+    clock = EventTimeClock(0, LATENCY)
+    now = ticking(clock, 0, 100)
+    clock.tick(now + 400 * MS)
+    assert clock.clock_ns <= now + 100 * MS
+    now = ticking(clock, now + 400 * MS, 400)
+    assert clock.clock_ns == now
 
 
 def test_what_is_heard_between_two_ticks_takes_it_on_but_not_over_what_may_wait() -> None:
     """Nothing that is late by no more than half the bound, and was not there at the tick, is missed."""
     for latency, reach in ((200 * MS, 50 * MS), (100 * MS, 30 * MS), (30 * MS, 0)):
-        pace = EventTimeClock(0, latency)
-        pace.tick(10 * MS)
-        assert pace.reach_ns(10 * MS) == 10 * MS
-        assert pace.reach_ns(80 * MS) == 10 * MS + reach
-        pace.heard(latency)  # something is late: it waits for more of that
-        assert pace.reach_ns(80 * MS) == 10 * MS
+        clock = EventTimeClock(0, latency)
+        clock.tick(10 * MS)
+        assert clock.reach_ns(10 * MS) == 10 * MS
+        assert clock.reach_ns(80 * MS) == 10 * MS + reach
+        clock.received(latency)  # something is late: it waits for more of that
+        assert clock.reach_ns(80 * MS) == 10 * MS
 
 
 def test_a_monitor_that_always_ticks_late_is_lost() -> None:
-    pace = EventTimeClock(0, LATENCY)
-    ticking(pace, 0, 10_000, step=300)
-    assert pace.is_lost
-    pace.restart(20_000 * MS)
-    assert not pace.is_lost
-    assert pace.clock_ns == 20_000 * MS
+    clock = EventTimeClock(0, LATENCY)
+    ticking(clock, 0, 10_000, step=300)
+    assert clock.is_lost
+    clock.restart(20_000 * MS)
+    assert not clock.is_lost
+    assert clock.clock_ns == 20_000 * MS
 
 
 def test_who_is_held_up_between_two_clocks_reads_them_again() -> None:
@@ -105,13 +105,13 @@ def test_of_clocks_that_are_never_read_together_the_nearest_readings_count() -> 
 
 
 def test_after_being_held_up_what_still_waits_is_waited_for() -> None:
-    pace = EventTimeClock(0, LATENCY)
-    pace.restart(1_000 * MS, held_up=True)
-    assert pace.tick(1_010 * MS) == 1_000 * MS
-    behind = pace.limit_ns - LATENCY // 2
+    clock = EventTimeClock(0, LATENCY)
+    clock.restart(1_000 * MS, held_up=True)
+    assert clock.tick(1_010 * MS) == 1_000 * MS
+    behind = clock.limit_ns - LATENCY // 2
     for now in range(1_020, 1_990, 10):
-        assert pace.tick(now * MS) <= max(1_000 * MS, now * MS - behind)
+        assert clock.tick(now * MS) <= max(1_000 * MS, now * MS - behind)
     for now in range(1_990, 5_000, 10):
-        pace.tick(now * MS)
-    assert pace.clock_ns == 4_990 * MS
-    assert not pace.is_lost
+        clock.tick(now * MS)
+    assert clock.clock_ns == 4_990 * MS
+    assert not clock.is_lost

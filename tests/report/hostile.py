@@ -74,7 +74,7 @@ def _result(text: str, log: Path, model: Path) -> CheckResult:
         str(log), text, 2, START, START + 10**9, False, faults=(text,), limits=(f"2{text}",)
     )
     return CheckResult(
-        facts, (str(model),), text, (text,), (), said, machines, timelines, Counts(heard=2),
+        facts, (str(model),), text, (text,), (), said, machines, timelines, Counts(received=2),
         (f"3{text}",), seconds=0.4,
     )  # fmt: skip
 

@@ -97,7 +97,7 @@ def result(
     facts = RecordingFacts(
         str(recording), "JSON lines", observations, START if end else 0, end, complete=True
     )
-    counts = Counts(heard=observations)
+    counts = Counts(received=observations)
     return CheckResult(
         facts, models, "lab_tour" if models else "", (), (), violations,
         tuple(statuses), tuple(timelines), counts, (), seconds=0.4,

@@ -1,7 +1,7 @@
 """Ports and predicates against what models say of channels: their kind, their type and its fields.
 
 At run time a predicate that does not fit what is observed has no value, and its property stays
-inconclusive for ever. Where models are given, that is told before anything runs.
+inconclusive for ever. Where models are given, that is reported before anything runs.
 """
 
 from __future__ import annotations
