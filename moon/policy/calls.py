@@ -13,8 +13,8 @@ Call = tuple[str, str, int]
 """Service, who calls, number."""
 
 
-class HeardElsewhere:
-    """Calls of which only the server's end was heard so far, and when.
+class SeenByServer:
+    """Calls of which only the server's end was received so far, and when.
 
     What is too old is found without looking at the others: at saturation there are hundreds, of which each
     call that is judged asks.
@@ -29,7 +29,7 @@ class HeardElsewhere:
         self._by_age: list[tuple[int, Call]] = []
 
     def note(self, call: Call, stamp_ns: int) -> None:
-        """The server heard of ``call`` at ``stamp_ns``, or before if it was noted of before."""
+        """The server received ``call`` at ``stamp_ns``, or before if it was noted of before."""
         known_ns = self._stamps.get(call)
         if known_ns is not None:
             if known_ns <= stamp_ns:
@@ -41,13 +41,13 @@ class HeardElsewhere:
             self.forget(next(iter(self._stamps)))
 
     def forget(self, call: Call) -> None:
-        """The policy's end of ``call`` was heard as well."""
+        """The policy's end of ``call`` was received as well."""
         stamp_ns = self._stamps.pop(call, None)
         if stamp_ns is not None:
             self._forget_age(call, stamp_ns)
 
     def forget_until(self, until_ns: int) -> int:
-        """Forget those that servers heard up to ``until_ns``; how many there were."""
+        """Forget those that servers received up to ``until_ns``; how many there were."""
         by_age, count = self._by_age, 0
         while count < len(by_age) and by_age[count][0] <= until_ns:
             del self._stamps[by_age[count][1]]

@@ -16,7 +16,7 @@ MAX_RUNS = 64
 """Runs followed at once."""
 
 MAX_SILENT = 128
-"""Steps looked at between two calls: what plugins and the clock may have said meanwhile."""
+"""Steps looked at between two calls: what plugins and the clock may have answered meanwhile."""
 
 MAX_TAKEN = 1024
 """Steps that a run can be led along again to fork it."""
@@ -140,7 +140,7 @@ class Follower:
         self._merge()
 
     def owes(self) -> list[Ask]:
-        """The calls one of which the policy has to make now, whatever is not heard; [] if none."""
+        """The calls one of which the policy has to make now, whatever is not observed; [] if none."""
         asks = [run.ask for run in self.runs]
         if (
             not self.certain
@@ -153,7 +153,7 @@ class Follower:
     # --- following ---------------------------------------------------------------------------------
 
     def _doing(self, runs: list[Run], channel: str, stamp_ns: int) -> list[Run]:
-        """The runs that call ``channel`` at ``stamp_ns``, after what may go on unheard before it."""
+        """The runs that call ``channel`` at ``stamp_ns``, after what may happen unobserved before it."""
         found: dict[object, Run] = {}
         seen: dict[object, int] = {}
         made: list[Run] = []
@@ -184,7 +184,7 @@ class Follower:
                     seen[key] = run.due_ns
                 if ask.kind is AskKind.END:
                     if begun and run.due_ns > stamp_ns + self._tolerance_ns:
-                        continue  # after a tick that nobody heard, there is no time for another
+                        continue  # after a tick that was not observed, there is no time for another
                     self._step(run, BEGIN)
                     waiting.append((run, begun + 1))
                     continue
@@ -231,7 +231,7 @@ class Follower:
         _close(run for run in self.runs if id(run) not in kept)
         self.runs = list(found.values())
 
-    # --- finding the thread ------------------------------------------------------------------------
+    # --- resynchronisation -------------------------------------------------------------------------
 
     def _explore(self) -> Memories | None:
         if not self._explored:

@@ -24,7 +24,7 @@ from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.unconfirmed import UNCONFIRMED, Unconfirmed, Waiting
 from moon.ordering.judge import Gap
 from moon.ordering.progress import Progress
-from moon.policy.calls import Call, HeardElsewhere, call_of, doing_of, status_of
+from moon.policy.calls import Call, SeenByServer, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.run import Ask, Life
 from moon.policy.shape import shape_of
@@ -88,7 +88,7 @@ class PolicyJudge:
         self._last_ns = 0
         self._owed = False
         """Whether the next call has to come within the deadline."""
-        self._elsewhere = HeardElsewhere(KEPT_CALLS)
+        self._seen_by_server = SeenByServer(KEPT_CALLS)
         """Calls of the policy that their server reported, and the policy did not."""
         self._own: dict[Call, None] = {}
         """The last calls of the policy that were judged."""
@@ -111,7 +111,7 @@ class PolicyJudge:
         self._synchronised = self.is_fresh = True
         self._since = stamp_ns
         self.unconfirmed.restart()
-        self._elsewhere.clear()
+        self._seen_by_server.clear()
         self._unanswered.clear()
         self._own.clear()
         self._pending = None
@@ -134,7 +134,7 @@ class PolicyJudge:
     def choose(self, events: Sequence[Observation]) -> int:
         """Which of ``events``, all of one stamp, comes first: what is possible, else the first.
 
-        Clocks may be too coarse to tell an answer from the call that follows it.
+        Clocks may be too coarse to distinguish an answer from the call that follows it.
         """
         pending = self._pending
         for place, event in enumerate(events):
@@ -158,7 +158,7 @@ class PolicyJudge:
         if event.client != self.node or call in self._own:
             return
         if event.channel not in self._shape.hidden:
-            self._elsewhere.note(call, event.stamp_ns)
+            self._seen_by_server.note(call, event.stamp_ns)
 
     def gap(self, gap: Gap) -> list[Verdict]:
         """Something is missing: nothing of before is judged any more."""
@@ -205,7 +205,9 @@ class PolicyJudge:
             # its answer was lost on the way to here, or the policy did not wait for it
             unanswered = self._pending
             self._keep_unanswered(call_of(unanswered), observation)
-            verdicts += self._doubt(stamp, f"no answer to {self._told(unanswered)} was received")
+            verdicts += self._doubt(
+                stamp, f"no answer to {self._call_text(unanswered)} was received"
+            )
         if self._missed_before(stamp):
             verdicts += self._doubt(
                 stamp, f"a call of {self.node} was reported by its other end only"
@@ -220,7 +222,7 @@ class PolicyJudge:
             verdicts += self._violation(observation)
         elif follower.certain and not verdicts and not self.unconfirmed.kept:
             self.outcome, self._reason = Outcome.CONFORMING, ""
-        self._remember(stamp, self._told(observation))
+        self._remember(stamp, self._call_text(observation))
         self._pending, self._last_ns, self._owed = observation, stamp, False
         return verdicts
 
@@ -266,16 +268,16 @@ class PolicyJudge:
             del kept[next(iter(kept))]
 
     def _keep_own(self, call: Call) -> None:
-        self._elsewhere.forget(call)
+        self._seen_by_server.forget(call)
         self._own[call] = None
         if len(self._own) > KEPT_CALLS:
             del self._own[next(iter(self._own))]
 
     def _missed_before(self, stamp_ns: int) -> bool:
-        """Whether a server heard a call of the policy by then that was not heard from the policy."""
-        return self._elsewhere.forget_until(stamp_ns - self.bounds.skew) > 0
+        """Whether a server reported a call of the policy by then that the policy did not report."""
+        return self._seen_by_server.forget_until(stamp_ns - self.bounds.skew) > 0
 
-    def _told(self, observation: Observation) -> str:
+    def _call_text(self, observation: Observation) -> str:
         """What a call does, in words."""
         channel = observation.channel
         if channel not in self.leaves:
@@ -288,25 +290,27 @@ class PolicyJudge:
     # --- verdicts ----------------------------------------------------------------------------------
 
     def _violation(self, observation: Observation) -> list[Verdict]:
-        """A call that the tree does not make: say so, and find the policy anew."""
+        """A call that the tree does not make: report it, and resynchronise."""
         follower = self._follower
-        observed = self._told(observation)
+        observed = self._call_text(observation)
         if follower.early_ns:
             observed += f" {follower.early_ns / 1e6:.1f} ms before the next tick of the tree is due"
-        return self._say(observation.stamp_ns, follower.wanted, observed)
+        return self._violated(observation.stamp_ns, follower.wanted, observed)
 
-    def _overdue(self, settled: int) -> list[Verdict]:
-        if self._missed_before(settled):
-            return self._doubt(settled, f"a call of {self.node} was reported by its other end only")
-        return self._say(settled, self._follower.owes(), "nothing", "unresponsive: ")
+    def _overdue(self, watermark: int) -> list[Verdict]:
+        if self._missed_before(watermark):
+            return self._doubt(
+                watermark, f"a call of {self.node} was reported by its other end only"
+            )
+        return self._violated(watermark, self._follower.owes(), "nothing", "unresponsive: ")
 
     def _impatient(self, answer: Observation, later: Observation) -> list[Verdict]:
         expected = f"the answer on {answer.channel}"
-        observed = f"{self._told(later)} before it"
+        observed = f"{self._call_text(later)} before it"
         explanation = Explanation((expected,), observed)
         return self._convict(self._verdict_of(later.stamp_ns, explanation))
 
-    def _say(
+    def _violated(
         self, stamp: int, wanted: Sequence[Ask], observed: str, prefix: str = ""
     ) -> list[Verdict]:
         expected: list[str] = []
@@ -315,12 +319,17 @@ class PolicyJudge:
             if ask.leaf is not None:
                 expected.append(f"{ask.kind.value} {ask.leaf.name} ({ask.channel})")
                 places += self._places.get(ask.leaf.id, ())
-        told = tuple(dict.fromkeys(expected)), observed, tuple(self.states())
-        found = tuple(dict.fromkeys(places))
-        verdict = self._verdict_of(stamp, Explanation(*told, tuple(self._history), found), prefix)
-        said = self._convict(verdict, is_silence=bool(prefix))
+        why = Explanation(
+            tuple(dict.fromkeys(expected)),
+            observed,
+            tuple(self.states()),
+            tuple(self._history),
+            tuple(dict.fromkeys(places)),
+        )
+        verdict = self._verdict_of(stamp, why, prefix)
+        reported = self._convict(verdict, is_silence=bool(prefix))
         self._forget(stamp)
-        return said
+        return reported
 
     def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
         expected = " or ".join(explanation.expected) or "nothing"
@@ -328,7 +337,7 @@ class PolicyJudge:
         return Verdict(self.name, self.node, Outcome.VIOLATED, stamp, reason, explanation)
 
     def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
-        """Say ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
+        """Report ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
         progress, by = self._progress, verdict.stamp_ns + is_silence
         is_reported = progress.heard >= verdict.stamp_ns and progress.gap <= self._since
         if is_reported or not progress.heard:
@@ -354,7 +363,7 @@ class PolicyJudge:
         return verdicts
 
     def _doubt(self, stamp: int, text: str) -> list[Verdict]:
-        """Something is missing: nothing is said until the policy's doing is certain again."""
+        """Something is missing: nothing is reported until the policy's doing is certain again."""
         self._forget(stamp)
         if self.outcome is Outcome.INCONCLUSIVE:
             return []

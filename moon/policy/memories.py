@@ -23,7 +23,7 @@ class Memories(msgspec.Struct, frozen=True):
     Attributes:
         steps: the steps of one tick that leave each memory.
         places: in how many places of the tree each channel is ticked.
-        first: what the tree ticks first after each memory, where that can be heard.
+        first: what the tree ticks first after each memory, where that can be observed.
     """
 
     steps: dict[Memory, tuple[str, ...]]

@@ -74,7 +74,7 @@ class PolicyOracle:
             policy, node, self.bounds, synchronised, plugins, places or {}, rate, self._progress
         )
         self._held: Held[Observation] = Held()
-        self._finished = 0
+        self._watermark = 0
         self._judged_ns = -1
         """The newest that was judged happened then."""
         self._numbers = Numbers()
@@ -100,13 +100,13 @@ class PolicyOracle:
         begun = {event.channel for event in held if event.sequence <= 0}
         is_whole = self._judged_ns < stamp_ns and begun.issuperset(e.channel for e in held)
         self._unclear_until = 0
-        self._finished = max(self._finished, stamp_ns - self.bounds.latency)
+        self._watermark = max(self._watermark, stamp_ns - self.bounds.latency)
         self._judge.start(stamp_ns)
         if self._judge.is_judging and not is_whole:
-            self.lose(self._finished, f"what {self.node} did first was missed")
+            self.lose(self._watermark, f"what {self.node} did first was missed")
 
     def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
-        """Whether such an observation tells something of the policy."""
+        """Whether such an observation concerns the policy."""
         if source == self.node:
             return True
         return channel in self._judge.leaves and kind is not ObservationKind.MESSAGE
@@ -152,43 +152,43 @@ class PolicyOracle:
             return []
         channel, kind = observation.channel, observation.kind
         verdicts: list[Verdict] = []
-        settled = observation.received_ns - self.bounds.latency
+        watermark = observation.received_ns - self.bounds.latency
         if observation.source == self.node:
             if observation.order >= 0:
-                self._progress.take(observation.order, observation.stamp_ns, settled)
-                settled = max(settled, min(self._progress.heard, observation.received_ns))
+                self._progress.take(observation.order, observation.stamp_ns, watermark)
+                watermark = max(watermark, min(self._progress.heard, observation.received_ns))
             if judge.unconfirmed.kept:
                 verdicts = judge.look_at_reports()
             if kind in _OWN and _PARTS not in channel:
                 verdicts += self._take(observation, sequel)
         elif self.concerns(channel, observation.source, kind):
             judge.note_elsewhere(observation)
-        return verdicts if settled <= self._finished else verdicts + self._settle(settled)
+        return verdicts if watermark <= self._watermark else verdicts + self._settle(watermark)
 
     def advance(self, now_ns: int) -> list[Verdict]:
-        """Time has passed: what can no longer change is judged, what is overdue is said.
+        """Time has passed: what can no longer change is judged, what is overdue is reported.
 
         Args:
             now_ns: on the clock of ``Observation.received_ns``.
         """
-        settled = now_ns - self.bounds.latency
-        return [] if settled <= self._finished else self._settle(settled)
+        watermark = now_ns - self.bounds.latency
+        return [] if watermark <= self._watermark else self._settle(watermark)
 
-    def _settle(self, settled: int) -> list[Verdict]:
-        """All that happened until ``settled`` (ns) has been received."""
-        self._finished = settled
+    def _settle(self, watermark: int) -> list[Verdict]:
+        """All that happened until ``watermark`` (ns) has been received."""
+        self._watermark = watermark
         judge, held = self._judge, self._held
         verdicts: list[Verdict] = []
         if self._progress.ahead:
-            self._progress.settle(settled)
+            self._progress.settle(watermark)
         if judge.unconfirmed.kept:
             verdicts += judge.look_at_reports()
-        while held.stamps and held.stamps[0] <= settled:
+        while held.stamps and held.stamps[0] <= watermark:
             self._judged_ns = held.stamps[0]
             together = held.take(held.count(self._judged_ns))
             while together:
                 verdicts += judge.observe(together.pop(judge.choose(together)))
-        return verdicts + judge.advance(settled)
+        return verdicts + judge.advance(watermark)
 
     @property
     def wake(self) -> int:
@@ -203,14 +203,14 @@ class PolicyOracle:
         FOREVER: nothing is due, or the node's word would not be enough.
         """
         due = self._judge.due_ns
-        return due if self._progress.heard and due > self._finished else FOREVER
+        return due if self._progress.heard and due > self._watermark else FOREVER
 
     def reported(self, number: int, stamp_ns: int, now_ns: int) -> list[Verdict]:
         """The node was asked how far it is; see ``Oracle.reported``."""
         self._progress.answered(number, stamp_ns)
         verdicts = self._judge.look_at_reports() if self._judge.unconfirmed.kept else []
-        settled = max(now_ns - self.bounds.latency, min(self._progress.heard, now_ns))
-        return verdicts if settled <= self._finished else verdicts + self._settle(settled)
+        watermark = max(now_ns - self.bounds.latency, min(self._progress.heard, now_ns))
+        return verdicts if watermark <= self._watermark else verdicts + self._settle(watermark)
 
     @property
     def hypotheses(self) -> Sequence[object]:
@@ -243,7 +243,7 @@ class PolicyOracle:
                 verdicts = self.lose(stamp - 1, why)
         if stamp <= self._unclear_until:
             return verdicts
-        if stamp <= self._finished:
+        if stamp <= self._watermark:
             self.late += 1
             why = f"an observation on {observation.channel} came too late"
             return [*verdicts, *self.lose(stamp, why)]

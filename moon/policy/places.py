@@ -34,7 +34,7 @@ def policy_oracle(
     synchronised: bool = True,
     rate_hz: float | None = None,
 ) -> PolicyOracle | None:
-    """The oracle of ``system``'s policy; None if it has none, or after an error told to ``log``.
+    """The oracle of ``system``'s policy; None if it has none, or after an error reported to ``log``.
 
     Args:
         system: the models and where the policy is.

@@ -53,7 +53,7 @@ class Moment:
             if kind is not AskKind.END:
                 halted = kind is AskKind.HALT
                 self.decided = earlier.decided if halted else (earlier.ask.place, answer)
-        # the same leaf may be halted for several reasons; the last answer tells which
+        # the same leaf may be halted for several reasons; the last answer decides which
         why = self.decided if ask.kind is AskKind.HALT else None
         self.key: object = (self.memory, ask.kind, ask.place, frozenset(running), why)
 
@@ -80,7 +80,7 @@ class RememberedTree:
         return RememberedRun(self, self._fresh)
 
     def after(self, moment: Moment, answer: str) -> Moment:
-        """Where ``answer`` leads from ``moment``, which nobody was told so far."""
+        """Where ``answer`` leads from ``moment``, which was not computed so far."""
         if self._count >= MAX_MOMENTS:
             self._forget()
         tree = self._stand_at(moment)

@@ -25,7 +25,7 @@ BEGIN = ""
 """The answer to the end of a tick: the next one begins."""
 
 ELAPSED, WAITING = "elapsed", "waiting"
-"""What the clock may have said to a ``Sleep``, ``Delay`` or ``Timeout``."""
+"""What the clock may have answered a ``Sleep``, ``Delay`` or ``Timeout``."""
 
 
 class AskKind(Enum):
@@ -36,7 +36,7 @@ class AskKind(Enum):
     HALT = "halt"
     """The answer of the leaf's halt service."""
     OPEN = "open"
-    """Something that nobody hears: what a plugin or the clock says."""
+    """Something that cannot be observed: what a plugin or the clock answers."""
     END = "end"
     """The tick is over; ``status`` is the tree's."""
 
@@ -45,7 +45,7 @@ class Ask(msgspec.Struct, frozen=True):
     """What a run waits for, and where in the tree.
 
     Attributes:
-        choices: the answers that can be, if nobody hears it.
+        choices: the answers that can be, if it cannot be observed.
         status: the tree's, at the end of a tick.
         channel: the service that is called; "" if none is.
     """
@@ -67,7 +67,7 @@ class Trees:
 
     Args:
         policy: the tree and its leaves.
-        hidden: channels that plugins of the policy call too: what is heard there tells nothing.
+        hidden: channels that plugins of the policy call too: observations there say nothing of a leaf.
         records: whether runs keep their answers, so that they can be forked.
     """
 

@@ -1,4 +1,4 @@
-"""What a tree remembers from tick to tick, and what of it cannot be heard."""
+"""What a tree remembers from tick to tick, and what of it cannot be observed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Shape(msgspec.Struct, frozen=True):
         plain: all that it remembers is which leaf is RUNNING (with the timed nodes above it): its
             nodes keep the place of a RUNNING child and nothing else, and at most one child of each
             runs. So there are few memories, and each can be reached in one tick of a fresh tree.
-        is_open: some leaf's status cannot be heard.
+        is_open: some leaf's status cannot be observed.
         hidden: channels that plugins call from inside the policy.
         strangers: whether plugins may call channels that are not known.
         unchecked: why the policy cannot be checked; "" if it can.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from moon.policy.calls import Call, HeardElsewhere
+from moon.policy.calls import Call, SeenByServer
 
 MOST = 5
 ACTS = st.tuples(st.sampled_from(["note", "forget", "until"]), st.integers(0, 8), st.integers(0, 9))
@@ -13,7 +13,7 @@ ACTS = st.tuples(st.sampled_from(["note", "forget", "until"]), st.integers(0, 8)
 
 @given(st.lists(ACTS, max_size=40))
 def test_as_looking_at_all_of_them(acts: list[tuple[str, int, int]]) -> None:
-    heard = HeardElsewhere(MOST)
+    heard = SeenByServer(MOST)
     kept: dict[Call, int] = {}
     for act, number, stamp in acts:
         call = ("/Battery/tick", "policy", number)
