@@ -1,1 +1,1 @@
-"""Checking recordings: the oracles of ``moon monitor``, told what was recorded."""
+"""Checking recordings: the oracles of ``moon monitor``, handed what was recorded."""

@@ -80,7 +80,7 @@ def check(
     from moon.offline.batch import check_all
     from moon.offline.result import CheckResult
 
-    runs, models = _told_apart(paths)
+    runs, models = _runs_and_models(paths)
     if not runs:
         raise click.UsageError("Missing argument 'RUN': all that is named are models")
     subject = choice.subject(models)
@@ -122,7 +122,7 @@ def _say_undecided(result: CheckResult) -> None:
         say(f"strict: {result.recording.path}: not known to conform: {named}")
 
 
-def _told_apart(paths: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+def _runs_and_models(paths: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """The recordings among ``paths``, and the models."""
     models = tuple(path for path in paths if _is_model(path))
     return tuple(path for path in paths if path not in models), models

@@ -25,7 +25,7 @@ _START_MARGIN = 1
 """Latency bounds by which a monitor would have been there before the first entry of a bag."""
 
 Progress = Callable[[int], None]
-"""Told how many entries were read since it was last told."""
+"""Takes how many entries were read since it was last called."""
 
 
 class EmptyRecordingError(ValueError):
@@ -36,16 +36,16 @@ class _Collector:
     """Takes verdicts, with the time of the recording."""
 
     def __init__(self, player: Player) -> None:
-        self.said: list[Said] = []
+        self.reported: list[Said] = []
         self.counted: list[Said] = []
         self._repeats = 0
         self._player = player
 
     def take(self, verdict: Verdict) -> None:
-        said = Said(self._player.now_ns(), verdict)
-        self.said.append(said)
+        entry = Said(self._player.now_ns(), verdict)
+        self.reported.append(entry)
         if verdict.outcome is Outcome.VIOLATED:
-            self.counted.append(said)
+            self.counted.append(entry)
 
     def repeat(self, verdict: Verdict) -> None:
         self._repeats += 1
@@ -67,14 +67,14 @@ def check_recording(
     with_timelines: bool = False,
     progress: Progress | None = None,
 ) -> CheckResult:
-    """What a monitor of ``monitored`` would have said of the run in ``path``.
+    """What a monitor of ``monitored`` would have reported of the run in ``path``.
 
     Args:
         path: the recording.
         subject: the names of what is monitored, for the result.
         monitored: what is monitored.
         with_timelines: whether the result is to have them; that takes some more time.
-        progress: told now and then.
+        progress: called now and then.
 
     Raises:
         RecordingError: there is no recording at ``path``, or nothing of it can be read.
@@ -123,7 +123,7 @@ def check_recording(
         system=monitored.system.name,
         properties=tuple(map(str, subject.properties)),
         interfaces=tuple(map(str, subject.interfaces)),
-        verdicts=tuple(collector.said),
+        verdicts=tuple(collector.reported),
         machines=summary.machines,
         timelines=timelines.finished(last.received_ns) if timelines is not None else (),
         counts=summary.counts,

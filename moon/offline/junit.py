@@ -49,9 +49,9 @@ def _suite(result: CheckResult) -> etree._Element:
             _fail(case, result, machine)
         elif machine in result.undecided:
             below(case, "skipped", {"message": f"{machine.verdict}: {machine.last}"})
-    said = (*result.recording.faults, *result.recording.limits, *result.problems)
-    if said:
-        below(suite, "system-err", {}, "\n".join(said))
+    sentences = (*result.recording.faults, *result.recording.limits, *result.problems)
+    if sentences:
+        below(suite, "system-err", {}, "\n".join(sentences))
     return suite
 
 

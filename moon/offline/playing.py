@@ -1,4 +1,4 @@
-"""A recording as a monitor's connection: it is told what was recorded, when it was.
+"""A recording as a monitor's connection: it is handed what was recorded, when it was.
 
 ``SystemWatch`` is handed this in place of a transport. A recording of a monitor has the turns that it
 took, and they are taken again, one by one. Any other recording has none: then the timer runs when it is
@@ -33,7 +33,7 @@ QUIET_PER_ENTRY_NS = 10 * NS
 beyond that is not followed: a clock that was set, a recorder that was stopped, a damaged stamp."""
 
 WHOLE_NS = 20 * NS
-"""A recorder hears everything after so long, or says that it does not (``moon.tap.completeness``)."""
+"""A recorder receives everything after so long, or says that it does not (``moon.tap.completeness``)."""
 
 
 class Player:
@@ -55,7 +55,7 @@ class Player:
         self._paced = False
         self._next_ns = 0
         """When the timer is due, in a recording without turns."""
-        self._heard: Callable[[Observation], None] = _nothing
+        self._handler: Callable[[Observation], None] = _nothing
         self._changed: Callable[[str, bool], None] | None = None
         self._timer: Callable[[], None] | None = None
         self._posted: deque[Callable[[], None]] = deque()
@@ -68,7 +68,7 @@ class Player:
         self._begin: Callable[[], None] = _nothing_to_begin
         self._whole_by_ns = 0
         self._waiting: list[Entry] | None = None
-        """What was recorded before the recorder heard everything; None once it does."""
+        """What was recorded before the recorder received everything; None once it does."""
         self._looked: Pulse | None = None
         """When a recorder that was no monitor looked at both clocks last."""
         self._quiet_ns = QUIET_AT_FIRST_NS
@@ -90,12 +90,12 @@ class Player:
         return self._monotonic_ns
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
-        """Hear what was recorded."""
-        self._heard = handler
+        """``handler`` receives what was recorded."""
+        self._handler = handler
         return self
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
-        """Hear of nodes."""
+        """``handler`` is called for nodes that come and go."""
         self._changed = handler
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
@@ -114,7 +114,7 @@ class Player:
 
     @property
     def is_complete(self) -> bool:
-        """The watch is told of nothing before that."""
+        """Nothing is handed to the watch before that."""
         return True
 
     def ask(
@@ -136,7 +136,7 @@ class Player:
         return ()
 
     def problems(self) -> Sequence[str]:
-        """What the recorder said that it could not hear."""
+        """What the recorder reported as not received."""
         return tuple(self._missed.values())
 
     def close(self) -> None:
@@ -150,7 +150,7 @@ class Player:
 
     def start(self, first: Entry, begin: Callable[[], None]) -> None:
         """Begin where ``first``, the recording's first entry, says; ``begin`` starts the watch, there or
-        where all is heard.
+        where all is received.
         """
         self._begin = begin
         if isinstance(first, Began):
@@ -171,26 +171,26 @@ class Player:
             self._is_over = True
 
     def limits(self) -> list[str]:
-        """What is not judged as it was not recorded, or not heard by the recorder, one sentence each."""
-        said = []
+        """What is not judged as it was not recorded, or not received by the recorder, one sentence each."""
+        found = []
         if self._left_out_ns and self._is_over:
-            said.append(
+            found.append(
                 "it ended before its recorder was connected to all nodes: nothing is judged"
             )
         elif self._left_out_ns:
-            said.append(
+            found.append(
                 f"its recorder was connected to all nodes from {self._left_out_ns / NS:.1f} s on: "
                 "what was before is not judged"
             )
         if self._jumps:
-            said.append(
+            found.append(
                 f"nothing was recorded for too long, {plural(self._jumps, 'time')}: taken for a "
                 "clock that was set, and not for silence"
             )
-        return said
+        return found
 
     def _wait(self, entry: Entry) -> None:
-        """``entry`` was heard, but perhaps not what belongs to it."""
+        """``entry`` was received, but perhaps not what belongs to it."""
         assert self._waiting is not None
         if entry.received_ns > self._whole_by_ns:  # where it says so is damaged
             self._stop_waiting(entry.received_ns)
@@ -201,7 +201,7 @@ class Player:
             self._waiting.append(entry)
 
     def _stop_waiting(self, now_ns: int) -> None:
-        """All is heard from ``now_ns`` on; before it, too, if nobody was there when it began."""
+        """All is received from ``now_ns`` on; before it, too, if nobody was there when it began."""
         waited, self._waiting = self._waiting or [], None
         if _is_from_the_start(self._now_ns, waited):
             self._begin()
@@ -227,7 +227,7 @@ class Player:
         else:
             self._pass_to(entry.received_ns)
         if type(entry) is Observation:  # nearly all are, or turns
-            self._heard(entry)
+            self._handler(entry)
             return
         if type(entry) is Pulse:
             if self._paced:
@@ -304,19 +304,19 @@ class _Since(dict[str, int]):
 
 
 def _is_from_the_start(began_ns: int, entries: Sequence[Entry]) -> bool:
-    """Whether all who are heard in ``entries`` began to connect after ``began_ns``."""
+    """Whether all sources of ``entries`` began to connect after ``began_ns``."""
     started: set[str] = set()
-    heard: set[str] = set()
+    sources: set[str] = set()
     for number, entry in enumerate(entries):
         if type(entry) is Observation:
-            heard.add(entry.source)
+            sources.add(entry.source)
         elif isinstance(entry, NodeChange):
             if entry.up and entry.since_ns < began_ns:
                 return False
             started.add(entry.node)
         elif isinstance(entry, Began) and number:  # something is missing
             return False
-    return heard <= started
+    return sources <= started
 
 
 def _subject(problem: str) -> str:

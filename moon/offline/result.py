@@ -18,7 +18,7 @@ class Band(msgspec.Struct, frozen=True):
 
     Attributes:
         start_ns, end_ns: on the recorder's clock, ns since the epoch (``received_ns`` of entries).
-        states: in which the machine may have been, going by what had been heard; empty if that was
+        states: in which the machine may have been, going by what had been received; empty if that was
             not known, and for properties.
         verdict: ``conforming``, ``violated``, ``inconclusive``, or ``unseen``
             (``moon.monitor.status.UNSEEN``). As a monitor's screen has it, but not lasting: a machine
@@ -88,17 +88,17 @@ class CheckResult(msgspec.Struct, frozen=True):
         system: the system's name; "" without models.
         properties: the property files, as they were given.
         interfaces: folders of interface packages, as they were given.
-        verdicts: all that a monitor would have said, in order, each with the time at which it would
+        verdicts: all that a monitor would have reported, in order, each with the time at which it would
             have (on the recorder's clock); the same lines that ``moon monitor --log`` writes.
         machines: each machine as it stands at the end, then each property.
         timelines: one for each of ``machines``, in the same order; empty unless asked for.
-        counts: what was heard, and what could not be used.
-        problems: what could not be heard or judged, one sentence each.
+        counts: what was received, and what could not be used.
+        problems: what could not be received or judged, one sentence each.
         recorded: whether the recording holds verdicts of its own (``moon monitor --record``).
         seconds: how long the check took.
         counted: the violations that count, in order, each with the time at which it was: those of
             ``verdicts`` that were not taken back, and the first :data:`MAX_REPEATS` of those that are
-            not said again; None: all of ``verdicts``.
+            not reported again; None: all of ``verdicts``.
         unmonitored: what was not checked though it was named, and why, one sentence each.
     """
 

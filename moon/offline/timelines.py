@@ -13,7 +13,7 @@ MAX_BANDS = 20_000
 _SHORTEST_NS = 1_000
 """A page counts microseconds: a shorter band has no length there."""
 _LOOK_NS = 100_000_000
-"""How often machines are looked at when nothing is heard."""
+"""How often machines are looked at when nothing is received."""
 
 
 class _Growing:
@@ -61,11 +61,11 @@ def _joined(one: Band, other: Band) -> Band:
 
 
 class Timelines:
-    """Looks at a watch as it is told what was recorded.
+    """Looks at a watch as it is handed what was recorded.
 
     Args:
         watch: whose machines are looked at.
-        player: what tells it, for the time.
+        player: what hands it on, for the time.
     """
 
     def __init__(self, watch: SystemWatch, player: Player) -> None:
@@ -75,7 +75,7 @@ class Timelines:
         self._looked_ns = 0
 
     def look(self, entry: Entry) -> None:
-        """The watch was told of ``entry``."""
+        """``entry`` was handed to the watch."""
         now_ns = self._player.now_ns()
         if isinstance(entry, Observation) or now_ns - self._looked_ns >= _LOOK_NS:
             self._look(now_ns)

@@ -18,7 +18,7 @@ MAX_KNOWN = 100_000
 
 
 class Recorder:
-    """Records what is heard over ``connection``.
+    """Records what is received over ``connection``.
 
     Args:
         connection: where to listen.
@@ -26,8 +26,8 @@ class Recorder:
         writer: where to.
         globs: channels to be recorded (``moon.tap.selection.matches``; an action stands for all its
             parts); empty: all.
-        say: told when everything is heard, if it was not from the beginning, or that it never was.
-        monotonic_ns: a clock that nobody sets: with it, silence is told from a clock that was. By default
+        say: told when everything is received, if it was not from the beginning, or that it never was.
+        monotonic_ns: a clock that nobody sets: by it silence is distinguished from a clock that was. By default
             the system's, and that of a simulated world.
 
     Raises:
@@ -55,7 +55,7 @@ class Recorder:
             connection.now_ns if is_virtual else time.monotonic_ns
         )
         self._looked_ns = 0
-        """The time of day when both clocks were looked at, or when something was heard since."""
+        """The time of day when both clocks were looked at, or when something was received since."""
         self._wanted: dict[str, bool] = {}
         self._problems: frozenset[str] = frozenset()
         self._standing = Standing()
@@ -65,7 +65,7 @@ class Recorder:
         """Begin to listen (on the executor, or before it spins)."""
         connection, writer = self._connection, self._writer
         now_ns = connection.now_ns()
-        self.listener = tap = connection.tap(Selection(self._globs).to_hear(), self._observe)
+        self.listener = tap = connection.tap(Selection(self._globs).tapped(), self._observe)
         whole = tap.is_complete
         repair_s = connection.repair_s
         writer.add(Began(now_ns, connection.node, self._transport, repair_s=repair_s, whole=whole))
@@ -75,7 +75,7 @@ class Recorder:
             when_complete(connection, tap, self._note_whole, self._give_up)
 
     def look_around(self) -> None:
-        """Hand what was recorded to the system, and record what the tap could not hear.
+        """Hand what was recorded to the system, and record what the tap could not receive.
 
         Raises:
             OSError: the file cannot be written.

@@ -94,12 +94,12 @@ def _watch(
     watching = Watching(connection)
     watch = Watch(selection, output, Notices(say), count, watching.stop)
     try:
-        listener = connection.tap(selection.to_hear(), watch.observe)
+        listener = connection.tap(selection.tapped(), watch.observe)
         watching.run(lambda: watch.look_around(listener, connection.now_ns()), seconds)
         watch.finish(listener, connection.now_ns())
     finally:
         output.close()
     say(
-        f"received {watch.heard:,} observations in {time.monotonic() - start:.1f} s, "
+        f"received {watch.received:,} observations in {time.monotonic() - start:.1f} s, "
         f"showed {watch.shown:,} event{'s' * (watch.shown != 1)}"
     )

@@ -1,7 +1,7 @@
-"""When a tap hears all that there is.
+"""When a tap receives all that there is.
 
-Subscriptions take effect one after the other: in the middle of a run a tap hears an answer before it can hear
-the question.
+Subscriptions take effect one after the other: in the middle of a run a tap receives an answer before it can
+receive the question.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ AT_MOST_S = 15.0
 def when_complete(
     connection: Transport, tap: Tap, begin: Callable[[], None], give_up: Callable[[], None]
 ) -> None:
-    """Call ``begin`` once, when ``tap`` hears everything; at once, if it does already.
+    """Call ``begin`` once, when ``tap`` receives everything; at once, if it does already.
 
     Args:
         connection: the tap's, of whose executor this is called.

@@ -1,4 +1,4 @@
-"""What the tap says of itself: whom it hears, what it missed. Each thing once, not each second."""
+"""What the tap says of itself: from whom it receives, what it missed. Each thing once, not each second."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Notices:
         self._say = say
         self._peers: tuple[str, ...] = ()
         self._looks = 0
-        self._said: dict[str, int] = {}
+        self._warned: dict[str, int] = {}
         self._standing = Standing()
 
     def links(self, peers: Sequence[str]) -> None:
@@ -54,26 +54,26 @@ class Notices:
             self._say("no longer linked to any node")
 
     def problems(self, sentences: Sequence[str]) -> None:
-        """Warn of what is new, and of a number of messages when it has doubled since last said."""
+        """Warn of what is new, and of a number of messages when it has doubled since the last warning."""
         for sentence in self._standing.look(sentences):
-            problem, count = _told_apart(sentence)
-            said = self._said.get(problem)
-            if said is None or (count and count >= 2 * said):
+            problem, count = _parts(sentence)
+            before = self._warned.get(problem)
+            if before is None or (count and count >= 2 * before):
                 self._warn(sentence, problem, count)
 
     def last_problems(self, sentences: Sequence[str]) -> None:
         """At the end: warn of what is new, and say numbers that have grown as they are now."""
         for sentence in self._standing.look(sentences):
-            problem, count = _told_apart(sentence)
-            if self._said.get(problem) != count:
+            problem, count = _parts(sentence)
+            if self._warned.get(problem) != count:
                 self._warn(sentence, problem, count)
 
     def _warn(self, sentence: str, problem: str, count: int) -> None:
-        self._said[problem] = count
+        self._warned[problem] = count
         self._say(f"warning: {sentence}")
 
 
-def _told_apart(sentence: str) -> tuple[str, int]:
+def _parts(sentence: str) -> tuple[str, int]:
     """A problem without its number of messages, and that number (0 where there is none)."""
     found = _COUNT.search(sentence)
     if found is None:

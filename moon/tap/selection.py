@@ -64,15 +64,15 @@ class Selection:
             self._wanted[line.channel] = wanted
         return wanted
 
-    def to_hear(self) -> list[str]:
+    def tapped(self) -> list[str]:
         """Globs for ``Transport.tap``, whose ``*`` crosses parts: all that may match, and more."""
-        heard = []
+        globs = []
         for glob in self._channels:
             literal = glob.replace("[", "[[]")
-            heard.append(literal)
+            globs.append(literal)
             if literal.endswith("/**") and (above := literal.removesuffix("/**")):
-                heard.append(above)
-        return heard
+                globs.append(above)
+        return globs
 
 
 def check(glob: str) -> None:

@@ -45,12 +45,12 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
         type_name: its type.
         client: who asked, for responses; whose message was taken.
         call: number of the call at its client, or of the message that was taken.
-        round_trip_us: request to response at the client (or, if only the server is heard, there).
+        round_trip_us: request to response at the client (or, if only the server's end is observed, there).
         error: how a call without a response ended.
         action: the action that the channel is a part of.
         part: which part: ``goal``, ``goal response``, ``feedback``, ``result request``, ``result``,
             ``cancel``, ``cancel response`` or ``status``.
-        received_ns: when the tap heard it, on the tap's clock (ns since the epoch).
+        received_ns: when the tap received it, on the tap's clock (ns since the epoch).
     """
 
     stamp_ns: int
@@ -77,8 +77,8 @@ class _Call(msgspec.Struct):
     """A call whose response has not been shown.
 
     Attributes:
-        request: its request, as heard at the end that counts; None if it was not heard.
-        server: who serves it, once that end was heard.
+        request: its request, as observed at the end that counts; None if it was not received.
+        server: who serves it, once that end was observed.
         answer: the server's end of the response.
         returned: the client's end of the response, kept back until the server's name is known.
         reported: whether it was shown as unanswered.
@@ -104,11 +104,11 @@ _encode = msgspec.msgpack.Encoder().encode
 class CallMatcher:
     """Turns observations into lines, each request and each response once.
 
-    A call is heard at both ends where both publish service events, in an order that need not be the
-    order in which things happened. The request is shown when its first end is heard. The response
+    A call is observed at both ends where both publish service events, in an order that need not be the
+    order in which things happened. The request is shown when its first end is observed. The response
     is shown from the client's end, because its round trip is the one a user feels; if that end stays
     silent (a client of somebody else's), from the server's, a moment later. Who answered is known
-    from the server's end only: from the same call if it was heard in time, else from the calls
+    from the server's end only: from the same call if it was received in time, else from the calls
     before; the first response of a service waits a moment for it.
 
     Attributes:
@@ -244,7 +244,7 @@ class CallMatcher:
         return shown
 
     def unanswered(self, now_ns: int, after_s: float) -> list[Line]:
-        """Requests heard more than ``after_s`` ago whose response was not; each is reported once.
+        """Requests received more than ``after_s`` ago whose response was not; each is reported once.
 
         ``now_ns`` is the tap's clock, and so is the age of a request: the stamp of its node may be
         of a clock that is wrong. A response that comes later is still shown. A goal's result is

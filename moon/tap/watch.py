@@ -15,10 +15,10 @@ UNANSWERED_AFTER_S = 10.0
 
 
 class Watch:
-    """Matches, selects and shows what is heard.
+    """Matches, selects and shows what is received.
 
     Attributes:
-        heard: observations so far.
+        received: observations so far.
         shown: lines so far.
     """
 
@@ -31,7 +31,7 @@ class Watch:
         stop: Callable[[], None],
     ) -> None:
         """``stop`` is called once ``count`` lines were shown."""
-        self.heard = 0
+        self.received = 0
         self.shown = 0
         self._takes = selection.takes
         self._output = output
@@ -42,13 +42,13 @@ class Watch:
 
     def observe(self, seen: Observation) -> None:
         """Take one observation in."""
-        self.heard += 1
+        self.received += 1
         line = self._matcher.feed(seen)
         if line is not None:
             self._show(line)
 
     def look_around(self, listener: Tap, now_ns: int) -> None:
-        """Show late calls and the statistics anew; say whom ``listener`` hears and what it missed.
+        """Show late calls and the statistics anew; say from whom ``listener`` receives and what it missed.
 
         ``now_ns`` is the tap's clock.
         """

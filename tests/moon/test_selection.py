@@ -79,10 +79,10 @@ def test_an_unknown_answerer_matches_no_glob() -> None:
     "glob", ["/a/b", "/a/*", "/a/**", "/**", "/x[1]/**", "/*/tick", "/a/**/c", "/a?"]
 )
 def test_what_the_transport_is_asked_for_holds_all_that_matches(glob) -> None:
-    heard = Selection([glob]).to_hear()
+    tapped = Selection([glob]).tapped()
     for channel in ("/a", "/a/b", "/a/b/c", "/x[1]", "/x[1]/y", "/q/tick", "/ab", "/a/c"):
         if matches(channel, glob):
-            assert any(fnmatchcase(channel, wide) for wide in heard), channel
+            assert any(fnmatchcase(channel, wide) for wide in tapped), channel
 
 
 @pytest.mark.parametrize(
