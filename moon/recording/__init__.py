@@ -1,1 +1,1 @@
-"""Recordings: what a tap heard, kept in files."""
+"""Recordings: what a tap received, kept in files."""

@@ -21,7 +21,7 @@ _SERVICES = ("send_goal", "cancel_goal", "get_result")
 _TOPICS = ("feedback", "status")
 _CLIENT_END = frozenset({ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED})
 _SERVER_END = frozenset({ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT})
-_PUBLISHES, _HEARS, _SERVES, _CALLS = "publishes", "hears", "serves", "calls"
+_PUBLISHES, _RECEIVES, _SERVES, _CALLS = "publishes", "receives", "serves", "calls"
 _Role = tuple[str, str]
 """What a node does, and on which channel."""
 
@@ -96,10 +96,10 @@ class Attribution:
     def _what_is_open(self, role: _Role) -> str:
         """Why it is not known who played ``role``; "" if it is."""
         what, channel = role
-        topic = channel if what in (_PUBLISHES, _HEARS) else channel + EVENT_SUFFIX
+        topic = channel if what in (_PUBLISHES, _RECEIVES) else channel + EVENT_SUFFIX
         if topic not in self._topics:
             return f"{topic} was not recorded"
-        if what == _HEARS:
+        if what == _RECEIVES:
             return ""
         names = self._who[role]
         if len(names) > 1:
@@ -137,7 +137,7 @@ def _roles_of(interface: Interface, channel: str) -> list[_Role]:
         case InterfaceKind.PUBLISHER:
             return [(_PUBLISHES, channel)]
         case InterfaceKind.SUBSCRIBER:
-            return [(_HEARS, channel)]
+            return [(_RECEIVES, channel)]
         case InterfaceKind.SERVER:
             return [(_SERVES, channel)]
         case InterfaceKind.CLIENT:
@@ -147,6 +147,6 @@ def _roles_of(interface: Interface, channel: str) -> list[_Role]:
             parts = [f"{channel}/_action/{part}" for part in _SERVICES]
             topics = [f"{channel}/_action/{part}" for part in _TOPICS]
             return [(_SERVES if serves else _CALLS, part) for part in parts] + [
-                (_PUBLISHES if serves else _HEARS, topic) for topic in topics
+                (_PUBLISHES if serves else _RECEIVES, topic) for topic in topics
             ]
     return []

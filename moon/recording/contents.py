@@ -92,16 +92,16 @@ class Contents:
 
     def limits(self) -> list[str]:
         """What cannot be concluded from what was found, one sentence each."""
-        said = []
+        found = []
         topics = {n: c for n, c in self.channels.items() if ObservationKind.MESSAGE in c.kinds}
         calls = {n: c for n, c in self.channels.items() if n not in topics}
         if unnamed := [name for name, found in topics.items() if found.unnamed == found.count]:
-            said.append(f"who published the messages on {named(unnamed)} is not recorded")
+            found.append(f"who published the messages on {named(unnamed)} is not recorded")
         for kinds, who in ((_SERVER_END, "who served"), (_CLIENT_END, "who called")):
             if unnamed := [name for name, found in calls.items() if _is_unnamed(found, kinds)]:
-                said.append(f"{who} {named(unnamed)} is not recorded")
+                found.append(f"{who} {named(unnamed)} is not recorded")
         if lost := [name for name, found in self.channels.items() if found.unnumbered]:
-            said.append(
+            found.append(
                 f"events on {named(lost)} have no number: if any of them were lost cannot be known"
             )
         for kinds, end, other in (
@@ -110,13 +110,15 @@ class Contents:
         ):
             half = [name for name, found in calls.items() if found.kinds <= kinds]
             if half:
-                said.append(
+                found.append(
                     f"calls of {named(half)} were recorded at the {end}'s end only: when its "
                     f"{other} had them is known to the latency bound"
                 )
         if hollow := [name for name, found in self.channels.items() if found.hollow]:
-            said.append(f"events of {named(hollow)} have no contents: nothing can be said of those")
-        return said
+            found.append(
+                f"events of {named(hollow)} have no contents: nothing can be said of those"
+            )
+        return found
 
 
 def _is_unnamed(found: ChannelContents, kinds: frozenset[ObservationKind]) -> bool:
@@ -126,7 +128,7 @@ def _is_unnamed(found: ChannelContents, kinds: frozenset[ObservationKind]) -> bo
 
 
 def is_made_up(name: str) -> bool:
-    """Whether a node's name is none: that of a client in a bag, where they are only told apart."""
+    """Whether a node's name is none: that of a client in a bag, where they are only distinguished."""
     return not name or name.startswith(MADE_UP)
 
 

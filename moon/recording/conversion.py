@@ -1,6 +1,6 @@
-"""From stored messages to observations: what a tap would have heard, as far as the file tells.
+"""From stored messages to observations: what a tap would have received, as far as the file tells.
 
-A bag has no names of nodes and no numbers of publications. Clients of services are told apart by the
+A bag has no names of nodes and no numbers of publications. Clients of services are distinguished by the
 GIDs in their events, and called ``client-1``, ``client-2``… in the order of their first call.
 """
 

@@ -1,9 +1,9 @@
 """What a recording holds, in the order in which it happened to who recorded it.
 
-A monitor's verdicts depend on more than what it heard: on when it began, which nodes came up and went
+A monitor's verdicts depend on more than what it received: on when it began, which nodes came up and went
 away, and on its own turns, at which time passes for its oracles. A recording keeps all of it, so that
-who reads it later can be told the same, in the same order, at the same instants. Most entries are
-observations, and stand for themselves; all have ``received_ns``: when the recorder was told of them, ns
+who reads it later is handed the same, in the same order, at the same instants. Most entries are
+observations, and stand for themselves; all have ``received_ns``: when they reached the recorder, ns
 since the epoch on its clock. That is what ``log_time`` is in the file (``docs/recording-format.md``).
 
 Bags that others made have nothing but observations.
@@ -23,8 +23,8 @@ Instant = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 """ns since the epoch; what is read of a file is one that arithmetic and calendars can bear."""
 
 UNUSUAL_NS = 100_000_000
-"""After this long without a turn, or without anything heard, both clocks are looked at: the reader may stand
-to be told why nothing came."""
+"""After this long without a turn or an observation, both clocks are looked at: the reader has to know whether
+nothing happened or the clock was set."""
 
 
 class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
@@ -37,7 +37,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
         paced: whether a monitor was recorded, with its turns (:class:`Pulse`). If not, who checks the
             recording takes its own turns.
         repair_s: the middleware's (``Transport.repair_s``).
-        whole: whether all is heard from here on, not only from where it says so (:class:`Whole`).
+        whole: whether all is received from here on, not only from where it says so (:class:`Whole`).
     """
 
     received_ns: Instant
@@ -49,7 +49,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
 
 
 class Whole(msgspec.Struct, frozen=True, tag="whole", tag_field="entry"):
-    """From now on the recorder hears all that there is (``Tap.is_complete``).
+    """From now on the recorder receives all that there is (``Tap.is_complete``).
 
     What was received before is true, but an answer may be without its question: nothing can be concluded
     from what is not there.
@@ -65,11 +65,11 @@ class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
     """A node came up or went away (``Transport.watch_nodes``).
 
     Attributes:
-        received_ns: when the recorder was told.
+        received_ns: when this was reported to the recorder.
         node: its name.
         up: whether it is up now.
         since_ns: when it began to connect, on its clock (``Transport.up_since``); 0: not known.
-        told: whether the recorder was told so. If not, the node was up before, and all that changed
+        told: whether it was reported to the recorder. If not, the node was up before, and all that changed
             is ``since_ns``.
     """
 
@@ -81,7 +81,7 @@ class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
 
 
 class Turn(StrEnum):
-    """What makes a monitor act when nothing is heard."""
+    """What makes a monitor act when nothing is received."""
 
     TIMER = "timer"
     """Its timer ran out (``Transport.after``)."""
@@ -115,10 +115,10 @@ def set_by_ns(before: Pulse | None, pulse: Pulse) -> int:
 
 
 class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
-    """The recorder's tap could not hear or decode something (``Tap.problems``).
+    """The recorder's tap could not receive or decode something (``Tap.problems``).
 
     Attributes:
-        received_ns: when it said so.
+        received_ns: when it was reported.
         text: one sentence; the latest that begins the same way counts.
     """
 
@@ -127,7 +127,7 @@ class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
 
 
 class Said(msgspec.Struct, frozen=True):
-    """What the monitor that was recorded said then.
+    """A verdict that the monitor that was recorded reported then.
 
     Attributes:
         received_ns: when.

@@ -53,7 +53,7 @@ class JsonLines:
         self._name = name
 
     def observations(self) -> Iterator[Observation]:
-        """What the lines say, in their order; lines that say nothing are told in ``faults``."""
+        """What the lines say, in their order; lines that cannot be read are reported in ``faults``."""
         number = 0
         while line := self._file.readline(MAX_LINE + 1):
             number += 1

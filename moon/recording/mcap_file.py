@@ -2,7 +2,7 @@
 
 The mcap library's readers need the end of the file, or hand out records that are cut short as if they
 were whole; a recording of a crash has no end. Here every record is checked to be all there, a chunk
-that is damaged is left out and said, and no more than one record is held.
+that is damaged is left out and reported, and no more than one record is held.
 """
 
 from __future__ import annotations

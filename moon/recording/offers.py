@@ -32,7 +32,7 @@ class Offer(msgspec.Struct, frozen=True):
     """What the publishers of a topic offered.
 
     Attributes:
-        best_effort: all of them: messages may be dropped. Who offers more is heard by all the same.
+        best_effort: all of them: messages may be dropped. Who offers more is received all the same.
         transient_local: one of them at least: who comes late gets the last message.
     """
 

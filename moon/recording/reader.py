@@ -1,4 +1,4 @@
-"""Opening a recording, whatever its form: told by what is in it, not by its name."""
+"""Opening a recording, whatever its form: recognised by what is in it, not by its name."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Recording:
     def entries(self, wanted: Wanted | None = None) -> Iterator[Entry]:
         """What was recorded, in the order in which it was received; to be asked for once.
 
-        Damage ends nothing but what is damaged: ``faults`` tells of it. Where something of our own
+        Damage ends nothing but what is damaged: ``faults`` reports it. Where something of our own
         recording is missing, the recorder begins once more (:class:`moon.recording.entries.Began`).
 
         Args:
@@ -105,30 +105,30 @@ class Recording:
             return list(self._lines.faults)
         if self._bag is None:
             return []
-        said = [*self._bag.faults, *self._conversion.undecodable()]
+        found = [*self._bag.faults, *self._conversion.undecodable()]
         if self.form == OWN and self._at_end and not self.ended:
-            said.append(f"{self.path}: it was cut off: its recorder did not end it in good order")
-        return said
+            found.append(f"{self.path}: it was cut off: its recorder did not end it in good order")
+        return found
 
     def limits(self) -> list[str]:
         """What cannot be concluded from what was read so far, one sentence each."""
-        said = self.contents.limits()
+        found = self.contents.limits()
         if self.form == ROSBAG and self.contents.on_arrival and self.contents.count:
-            said.append(
+            found.append(
                 "messages on topics are stamped when they were recorded, not when they were published: "
                 "their order against other channels is known to the latency bound"
             )
         if self._conversion.hollow:
-            said.append(
+            found.append(
                 f"the events of {named(self._conversion.hollow)} carry no contents: they were recorded "
                 "with ServiceIntrospectionState.METADATA instead of CONTENTS"
             )
         if self._lines is not None:
-            said.append(
+            found.append(
                 "a log of JSON lines has no types: what is in it is taken as it is, and its times "
                 "may be whole seconds"
             )
-        return said
+        return found
 
     def attribution(self, nodes: Iterable[Machine], machines: Iterable[Machine]) -> Attribution:
         """Who did what, if this is a bag and was read to its end; see :class:`Attribution`."""

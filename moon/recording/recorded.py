@@ -1,8 +1,8 @@
-"""A monitor's connection, with everything that comes over it written down: what it heard, and when it acted.
+"""A monitor's connection, recorded: what came over it, and when the monitor acted.
 
-A monitor's verdicts are a function of what its connection tells it. So that a recording gives the same
-verdicts, time stands still for the monitor while it deals with one thing: what it is told the time is,
-however often it asks, is what is recorded with that thing.
+A monitor's verdicts are a function of what its connection hands it. So that a recording gives the same
+verdicts, time stands still for the monitor while it deals with one thing: the time that it reads, however
+often, is the one recorded with that thing.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class RecordedConnection:
 
     Args:
         home: the connection.
-        record: told everything, before the monitor is.
+        record: takes everything, before the monitor does.
         transport: its middleware.
     """
 
@@ -81,7 +81,7 @@ class RecordedConnection:
         """Listen, from now on."""
         home, record = self._home, self._record
 
-        def heard(seen: Observation) -> None:
+        def received(seen: Observation) -> None:
             now_ns = self._now_ns = home.now_ns()
             if not 0 <= now_ns - self._turned_ns <= UNUSUAL_NS:
                 self._take_turn(Turn.CLOCK)
@@ -92,14 +92,14 @@ class RecordedConnection:
 
         self._now_ns = home.now_ns()
         record(Began(self._now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
-        return _RecordedTap(home.tap(channels, heard), self._note_answer)
+        return _RecordedTap(home.tap(channels, received), self._note_answer)
 
     def _note_answer(self, node: str, answer: Answer) -> None:
         now_ns = self._now_ns = self._home.now_ns()
         self._record(Answered(now_ns, node, answer.stamp_ns, answer.next_order))
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
-        """Hear of nodes that come and go."""
+        """``handler`` is called for nodes that come and go."""
 
         def changed(name: str, up: bool) -> None:
             self._now_ns = self._home.now_ns()
@@ -160,7 +160,7 @@ class _RecordedTap:
 
     Args:
         tap: the connection's.
-        note: told who answered what, before the monitor is.
+        note: takes who answered what, before the monitor does.
     """
 
     def __init__(self, tap: Tap, note: Callable[[str, Answer], None]) -> None:
@@ -206,7 +206,7 @@ class RecordedRun:
         self._writer.add(Said(self._connection.now_ns(), verdict))
 
     def note_problems(self, problems: Sequence[str]) -> None:
-        """The tap says what it could not hear."""
+        """What the tap could not receive."""
         standing = self._standing.look(problems)
         for text in standing:
             if text not in self._problems:

@@ -26,9 +26,9 @@ class Recorder:
         writer: where to.
         globs: channels to be recorded (``moon.tap.selection.matches``; an action stands for all its
             parts); empty: all.
-        say: told when everything is received, if it was not from the beginning, or that it never was.
-        monotonic_ns: a clock that nobody sets: by it silence is distinguished from a clock that was. By default
-            the system's, and that of a simulated world.
+        say: called when everything is received, if it was not from the beginning, or that it never was.
+        monotonic_ns: a clock that nobody sets: by it silence is distinguished from a clock that was.
+            By default the system's, and that of a simulated world.
 
     Raises:
         GlobError: no channel can match one of ``globs``.

@@ -158,7 +158,7 @@ class BagFiles:
             )
 
     def _unpack(self, path: Path, into: Path) -> None:
-        """SQLite needs a file to seek in. What is cut off at the end is left out, and said."""
+        """SQLite needs a file to seek in. What is cut off at the end is left out, and reported."""
         limit = max(_ALWAYS_BYTES, MAX_RATIO * path.stat().st_size)
         limit = min(limit, shutil.disk_usage(into.parent).free // 2)
         made = 0
@@ -175,7 +175,7 @@ class BagFiles:
             self.faults.append(f"{path}: {file.fault}: what comes before was read")
 
     def _share_with(self, file: Storage) -> None:
-        """What is found is told as it is met."""
+        """What is found is reported as it is met."""
         file.faults, file.topics, file.offers = self.faults, self.topics, self.offers
 
     def _mcap(self, file: McapFile, wanted: Wanted) -> Iterator[StoredMessage]:

@@ -57,7 +57,7 @@ class SourceStream:
         """The number of the channel with what is not exact; -1 before there is one."""
 
 
-class Lanes:
+class SourceStreams:
     """The streams of one file.
 
     Args:

@@ -36,7 +36,7 @@ class StoredChannel(msgspec.Struct, frozen=True, eq=False):
         encoding: of their bytes: ``cdr``…
         schema_encoding: ``ros2msg``, ``ros2idl``… or empty.
         schema: the type's definition, in that encoding.
-        metadata: what else the writer said of it.
+        metadata: what else the writer recorded of it.
     """
 
     topic: str

@@ -20,7 +20,7 @@ from moon.recording.format import Form, NumberError
 from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import Numbering, Numbers
 from moon.recording.offers import Offer
-from moon.recording.source_streams import Lanes, SourceStream, Types
+from moon.recording.source_streams import SourceStream, SourceStreams, Types
 from moon.recording.whole import pack_whole
 from moon.sinks.topic import message_of
 from transports.interface import Observation
@@ -156,7 +156,7 @@ class RecordingWriter:
         file = FileIO(os.open(path, flags, 0o644), "wb")
         metadata = {layout.FORMAT_NAME: {"version": layout.FORMAT_VERSION}}
         self._file = McapWriter(file, self._compression, LIBRARY, metadata)
-        self._streams = Lanes(self._file, self._types, self._offers)
+        self._streams = SourceStreams(self._file, self._types, self._offers)
         self._numbers = Numbers()
         self._own: dict[str, int] = {}
         self._began_ns: int | None = None
