@@ -21,7 +21,7 @@ class ChannelRow(msgspec.Struct, frozen=True):
 
     name: str
     type: str
-    heard: int
+    received: int
     t: list[int]
     k: str
     s: list[int]
@@ -131,7 +131,7 @@ def _channel(channel: Channel, start: int) -> ChannelRow:
     return ChannelRow(
         channel.name,
         channel.type_name,
-        channel.heard,
+        channel.received,
         steps,
         "".join(one.sign for one in channel.shown),
         [one.text for one in channel.shown],

@@ -33,8 +33,8 @@ class Figure(msgspec.Struct, frozen=True):
     def marked(self, places: Iterable[str]) -> list[str]:
         """The keys of what stands at ``places``.
 
-        Files are told by their names where their paths differ: the models may have been named
-        otherwise when the verdict was said.
+        Files are distinguished by their names where their paths differ: the models may have been named
+        otherwise when the verdict was reported.
         """
         by_name = {_short(place): keys for place, keys in self.keys.items()}
         found: dict[str, None] = {}

@@ -21,12 +21,12 @@ MAX_SHOWN = 150_000
 MAX_NEAR = 50_000
 """Of these, at most so many because a violation followed."""
 NEAR_NS = 2_000_000_000
-"""What was heard so long before a violation may have led to it."""
+"""What was received so long before a violation may have led to it."""
 MAX_CHANNELS, MAX_SOURCES = 400, 2_000
-"""Names come from the wire, and need not end: so many channels and nodes are told apart."""
+"""Names come from the wire, and need not end: so many channels and nodes are distinguished."""
 MAX_TEXT = 120
 MAX_TEXTS = 4_000_000
-"""Characters of distinct texts that a page has; what is heard after that is shown without its contents."""
+"""Characters of distinct texts that a page has; what is received after that is shown without its contents."""
 
 _SIGNS = {
     ObservationKind.MESSAGE: "m",
@@ -54,11 +54,11 @@ class Shown(msgspec.Struct, frozen=True, gc=False):
 
 
 class Channel(msgspec.Struct):
-    """A channel's observations; ``heard`` counts those that are not shown, too."""
+    """A channel's observations; ``received`` counts those that are not shown, too."""
 
     name: str
     type_name: str
-    heard: int = 0
+    received: int = 0
     shown: list[Shown] = []
 
 
@@ -66,11 +66,11 @@ class Shelf:
     """Collects observations channel by channel.
 
     Args:
-        violations_ns: when violations were said, on the recorder's clock.
+        violations_ns: when violations were reported, on the recorder's clock.
         wording: the definitions by which numbers have names.
 
     Attributes:
-        heard: all that it was told.
+        received: all that it was handed.
         of_other_channels: what is left out because there are too many channels.
     """
 
@@ -83,13 +83,13 @@ class Shelf:
         self._sources: dict[str, int] = {"": 0}
         self._stride = 1
         self._near = self._far = 0
-        self.heard = self.of_other_channels = 0
+        self.received = self.of_other_channels = 0
 
     def take(self, seen: Observation) -> None:
         """Keep ``seen``, or not: which nodes took a message is not shown."""
         if seen.kind is ObservationKind.MESSAGE_TAKEN:
             return
-        self.heard += 1
+        self.received += 1
         channel = self._channels.get(seen.channel)
         if channel is None:
             if len(self._channels) >= MAX_CHANNELS:
@@ -97,8 +97,8 @@ class Shelf:
                 return
             channel = Channel(printable(seen.channel), printable(seen.type_name), shown=[])
             self._channels[seen.channel] = channel
-        number = channel.heard
-        channel.heard += 1
+        number = channel.received
+        channel.received += 1
         near = self._near < MAX_NEAR and self._is_near(seen.received_ns)
         if not near and number % self._stride:
             return

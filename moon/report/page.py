@@ -43,7 +43,7 @@ def write_report(result: CheckResult, path: Path) -> None:
     """Write what was found to the HTML file ``path``; it needs no other file and no network.
 
     The recording is read once more for its observations, and the models for their diagrams; what is
-    not there any more is left out of the page, and said.
+    not there any more is left out of the page, and reported on it.
 
     Args:
         result: of the check, with timelines.
@@ -69,7 +69,7 @@ def write_report(result: CheckResult, path: Path) -> None:
 def _read_properties(
     result: CheckResult, violations: Sequence[Said]
 ) -> tuple[Sequence[Property], list[str]]:
-    """The properties, if any is violated; what is said if they cannot be read any more."""
+    """The properties, if any is violated; the remark if they cannot be read any more."""
     if not any(said.verdict.kind == PROPERTY for said in violations):
         return (), []
     try:
@@ -81,7 +81,7 @@ def _read_properties(
 def _take_observations(
     result: CheckResult, library: InterfaceLibrary | None, shelf: Shelf, plots: Plots
 ) -> list[str]:
-    """Fill ``shelf`` and ``plots``; what is said if that cannot be done."""
+    """Fill ``shelf`` and ``plots``; the remark if that cannot be done."""
     try:
         recording = open_recording(Path(result.recording.path), library)
     except RecordingError as error:
@@ -106,13 +106,13 @@ class _Row(msgspec.Struct, frozen=True):
     last: str
 
 
-class _Told(msgspec.Struct, frozen=True):
+class _Violation(msgspec.Struct, frozen=True):
     """A violation.
 
     Attributes:
         name: of who violated what.
         at: when, from the start.
-        brief: what is told of it in the list.
+        brief: what the list shows of it.
         clock: when, as date and time of day.
         reason: the verdict's, where it says more than the explanation; else "".
         why: the explanation, as titles with what stands under them; None without one.
@@ -143,7 +143,7 @@ def _page(
     facts = result.recording
     data = timeline_data(result, shelf, violations)
     used: dict[str, Figure] = {}
-    told = [_told(said, figures, used, plots, data.start_ms) for said in violations]
+    shown = [_violation(said, figures, used, plots, data.start_ms) for said in violations]
     style, bare = _file("report.css"), Markup("[hidden]{display:block!important}")
     scripts = [_file("timeline.js"), _file("report.js")]
     return _template().render(
@@ -160,8 +160,8 @@ def _page(
         against=[*result.models, *result.properties],
         remarks=_remarks(result, shelf, missing),
         rows=[_row(status) for status in result.machines],
-        anything_heard=shelf.shown > 0,
-        violations=told,
+        anything_received=shelf.shown > 0,
+        violations=shown,
         figures=[{"id": f"{figure.prefix}figure", "svg": figure.svg} for figure in used.values()],
         data=as_json(data),
     )
@@ -224,7 +224,7 @@ def _about(result: CheckResult) -> list[str]:
 
 
 def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[str]:
-    """What could not be read, heard or judged, and what the page leaves out."""
+    """What could not be read, received or judged, and what the page leaves out."""
     facts = result.recording
     notes = [*facts.faults, *result.unmonitored, *result.problems, *facts.limits, *missing]
     if not facts.complete and not facts.faults:
@@ -239,9 +239,9 @@ def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[
         notes.append(
             f"{merged:,} changes of state followed others so closely that they are one band"
         )
-    if shelf.shown < shelf.heard - shelf.of_other_channels:
+    if shelf.shown < shelf.received - shelf.of_other_channels:
         notes.append(
-            f"the timeline shows {shelf.shown:,} of {shelf.heard:,} observations: those of the two "
+            f"the timeline shows {shelf.shown:,} of {shelf.received:,} observations: those of the two "
             "seconds before each violation, and a part of the others"
         )
     count = result.violations
@@ -266,21 +266,21 @@ def _row(status: MachineStatus) -> _Row:
     )
 
 
-def _told(
+def _violation(
     said: Said,
     figures: dict[str, Figure],
     used: dict[str, Figure],
     plots: Plots,
     start_ms: float,
-) -> _Told:
-    """What is told of a violation; its diagram is added to ``used``."""
+) -> _Violation:
+    """What the page shows of a violation; its diagram is added to ``used``."""
     verdict, why = said.verdict, said.verdict.explanation
     figure, keys = _figure(said, figures)
     if figure is not None:
         used[figure.name] = figure
     is_property = verdict.kind == PROPERTY
     plot = plots.of(said)
-    return _Told(
+    return _Violation(
         verdict.node,
         f"+{max(said.received_ns / 1e6 - start_ms, 0) / 1e3:,.3f} s",
         why.observed if why is not None and not is_property else verdict.reason,

@@ -13,7 +13,7 @@ from moon.report.plots import Plot, Series, as_number, words
 _WIDTH, _LEFT, _RIGHT = 480.0, 52.0, 472.0
 _HEADING, _LINE_HEIGHT, _MARKS_HEIGHT, _GAP, _AXIS = 16.0, 72.0, 18.0, 8.0, 18.0
 _TEXT_WIDTH = 60.0
-"""A value that is told beside its mark takes so much."""
+"""A value that is written beside its mark takes so much."""
 _MAX_WORDS = 40
 _MAX_MARKS = 200
 """Marks that are drawn in one row: more would touch."""
@@ -99,12 +99,12 @@ class _Drawing:
         for stamp, value in points[-_MAX_MARKS:]:
             x = self._x(stamp)
             place = f"M{number(x)},{number(top + 2)} V{number(top + _MARKS_HEIGHT - 2)}"
-            told = "" if value is True else _short(words(value))
+            label = "" if value is True else _short(words(value))
             mark = line(place, "event")
-            if told and x >= free and x + _TEXT_WIDTH <= _RIGHT:
-                mark += text(x + 3, top + 13, told if len(told) < 10 else f"{told[:9]}…")
+            if label and x >= free and x + _TEXT_WIDTH <= _RIGHT:
+                mark += text(x + 3, top + 13, label if len(label) < 10 else f"{label[:9]}…")
                 free = x + _TEXT_WIDTH
-            title = f"{self._time(stamp)}  {told}".rstrip()
+            title = f"{self._time(stamp)}  {label}".rstrip()
             self._parts.append(group([mark], title=title))
 
     def _violation(self, bottom: float) -> list[str]:
@@ -139,5 +139,5 @@ def _steps(xs: Sequence[float], ys: Sequence[float]) -> str:
     return f"{''.join(path)}H{number(_RIGHT)}"
 
 
-def _short(told: str) -> str:
-    return told if len(told) <= _MAX_WORDS else f"{told[: _MAX_WORDS - 1]}…"
+def _short(label: str) -> str:
+    return label if len(label) <= _MAX_WORDS else f"{label[: _MAX_WORDS - 1]}…"

@@ -43,7 +43,7 @@ class Series(msgspec.Struct, frozen=True):
 
     Attributes:
         name: the port's.
-        channel: where it is heard.
+        channel: where it is received.
         points: (ns, value), in order; the first may be from before the window. Of an event the value is True.
         event: whether a value lasts only an instant.
         limits: of its numbers.
@@ -111,7 +111,7 @@ class _Kept:
             self._points.append(point)
 
     def within(self, start_ns: int, end_ns: int) -> Series:
-        """What was heard from ``start_ns`` to ``end_ns``, and of a value that lasts the one before."""
+        """What was received from ``start_ns`` to ``end_ns``, and of a value that lasts the one before."""
         self._points.sort(key=_stamp)
         first = bisect_right(self._points, start_ns - 1, key=_stamp)
         end = bisect_right(self._points, end_ns, key=_stamp)
@@ -129,7 +129,7 @@ class Plots:
 
     Args:
         properties: that were checked.
-        violations: those that the page tells.
+        violations: those that the page shows.
     """
 
     def __init__(self, properties: Iterable[Property], violations: Iterable[Said]) -> None:

@@ -1,7 +1,7 @@
 "use strict";
 // The timeline: a row for each machine, property and channel, on a canvas. Only what is visible is
 // drawn, and of what shares a pixel only the first, so that a frame costs as much as the canvas is
-// wide, however much was heard. Times are microseconds from the start of the recording.
+// wide, however much was received. Times are microseconds from the start of the recording.
 class Timeline {
   constructor(canvas, scroller, data) {
     this.canvas = canvas;
@@ -155,7 +155,7 @@ class Timeline {
       pen.strokeStyle = this.colour("rule");
       line(pen, x, this.axis - 6, x, this.height);
       pen.fillStyle = this.colour("quiet");
-      if (x > this.left + 18 && x < this.width - 18) pen.fillText(told(at, step), x, 10);
+      if (x > this.left + 18 && x < this.width - 18) pen.fillText(timeText(at, step), x, 10);
     }
     pen.strokeStyle = this.colour("rule");
     line(pen, 0, this.axis + 0.5, this.width, this.axis + 0.5);
@@ -287,7 +287,7 @@ class Timeline {
   at(x, y) {
     if (x < this.left) {
       const row = this.rows.find((one) => y >= one.top && y < one.top + one.height);
-      return row ? (row.machine ? row.machine.name : `${row.channel.name}\n${row.channel.type}\n${row.channel.heard.toLocaleString()} heard`) : "";
+      return row ? (row.machine ? row.machine.name : `${row.channel.name}\n${row.channel.type}\n${row.channel.received.toLocaleString()} received`) : "";
     }
     const row = this.rows.find((one) => y >= one.top && y < one.top + one.height);
     if (!row) return "";
@@ -297,7 +297,7 @@ class Timeline {
       const band = bands[firstEndingAfter(bands, time)];
       if (!band || band[0] > time) return "";
       const verdict = ["conforming", "violated", "inconclusive", "unseen"][band[3]];
-      return `${row.machine.name}: ${verdict}${band[2] ? `, ${band[2]}` : ""}\nfrom ${told(band[0], 1)} to ${told(band[1], 1)}`;
+      return `${row.machine.name}: ${verdict}${band[2] ? `, ${band[2]}` : ""}\nfrom ${timeText(band[0], 1)} to ${timeText(band[1], 1)}`;
     }
     const reach = ((this.to - this.from) / (this.width - this.left)) * 5;
     let best = -1;
@@ -307,7 +307,7 @@ class Timeline {
     if (best < 0) return "";
     const what = { m: "message", q: "request", r: "response", x: "failed call" }[row.channel.k[best]];
     const from = this.data.sources[row.channel.f[best]];
-    return `${told(row.times[best], 1)}  ${what} on ${row.channel.name}${from ? ` from ${from}` : ""}\n${this.data.texts[row.channel.s[best]]}`;
+    return `${timeText(row.times[best], 1)}  ${what} on ${row.channel.name}${from ? ` from ${from}` : ""}\n${this.data.texts[row.channel.s[best]]}`;
   }
 
   // -- hands -----------------------------------------------------------------------------------
@@ -432,7 +432,7 @@ function niceStep(least) {
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= least);
 }
 
-function told(time, step) {
+function timeText(time, step) {
   const digits = step >= 1e6 ? 0 : step >= 1e3 ? 3 : 6;
   return `${(time / 1e6).toFixed(digits)} s`;
 }

@@ -119,7 +119,7 @@ def test_what_led_to_a_violation_is_kept_and_the_rest_thinned_out_evenly() -> No
     for number in range(count):
         shelf.take(observation(number, START + number * 10**6))
     (channel,) = shelf.channels()
-    assert channel.heard == count
+    assert channel.received == count
     assert shelf.shown == len(channel.shown) <= MAX_SHOWN
     near = [one for one in channel.shown if one.near]
     assert len(near) == 2001  # every one of the two seconds before
