@@ -99,7 +99,7 @@ ready_option = click.option(
     help="Write a line to this open file once every channel is subscribed to. What starts after that is "
     "observed from its first message.",
 )
-"""Readiness as the s6 supervisor has it told, and ``m2c run``."""
+"""Readiness, as the s6 supervisor and ``m2c run`` want it reported."""
 
 
 def say_ready(descriptor: int | None) -> None:
@@ -197,7 +197,7 @@ class Watching:
         """Run, for at most ``seconds``, until ``stop()``, a signal, or ``is_over()`` holds.
 
         ``look_around`` is called every :data:`REFRESH_S`. Unless ``is_over()``, it goes on for
-        ``settling_s`` then: what has been heard is judged when nothing older can come any more.
+        ``settling_s`` then: what has been received is judged when nothing older can come any more.
 
         Raises:
             BrokenPipeError: nobody reads standard output any more.

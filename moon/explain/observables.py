@@ -85,7 +85,7 @@ class Input(msgspec.Struct, frozen=True):
 
     Attributes:
         what: message, request, response, failed call, goal…
-        channel: where it is heard.
+        channel: where it is received.
         type_name: the channel's type.
         stamped_by: whose stamp says when it was taken.
         taken: whether any transition takes it; what none takes is discarded, and that is checked.
@@ -103,7 +103,7 @@ class Output(msgspec.Struct, frozen=True):
 
     Attributes:
         what: message, request, response, goal…
-        channel: where it is heard.
+        channel: where it is received.
         type_name: the channel's type.
         deadline_s: how long it may take from the step that owes it.
         places: ``file:line:column`` of the elements that send it; without any it may never come.

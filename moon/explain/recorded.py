@@ -184,9 +184,12 @@ def lines_of_overview(found: Overview) -> list[str]:
         f"{plural(found.channels, 'channel')}"
         + (f", {found.seconds:.1f} s from {when}" if found.observations else "")
     ]
-    for title, said in (("could not be read", found.faults), ("cannot be known", found.limits)):
-        if said:
-            lines += [f"  {title}", *(f"    {sentence}" for sentence in said)]
+    for title, sentences in (
+        ("could not be read", found.faults),
+        ("cannot be known", found.limits),
+    ):
+        if sentences:
+            lines += [f"  {title}", *(f"    {sentence}" for sentence in sentences)]
     return lines
 
 

@@ -145,7 +145,7 @@ class Player:
         self._counts.published += 1
 
     def ask(self, call: RecordedCall) -> None:
-        """Ask what was asked then; an answer that differs from that of then is said."""
+        """Ask what was asked then; an answer that differs from that of then is reported."""
         client, service = self._clients[call.channel]
         try:
             request = msgspec.convert(call.request, service.request)
@@ -154,7 +154,7 @@ class Player:
             return
 
         def done(result: CallResult) -> None:
-            now = _told(result)
+            now = _answer_of(result)
             then = call.error.partition(":")[0] if call.error else call.response
             if call.answered_ns and now != then:
                 self._counts.differently += 1
@@ -197,8 +197,8 @@ class Player:
         """Call ``handler`` when ``delay_ns`` of recorded time have passed."""
         return self.transport.after(max(0, delay_ns) / NS / self._rate, handler)
 
-    def tell(self, sentence: str) -> None:
-        """Tell the person who replays."""
+    def report(self, sentence: str) -> None:
+        """Say it to the person who replays."""
         self._say(sentence)
 
     # --- what is answered ----------------------------------------------------------------------------
@@ -277,7 +277,9 @@ class _Drive:
         try:
             feedback = msgspec.convert(data, self._action.feedback)
         except msgspec.ValidationError as error:
-            self._player.tell(f"{self._action.name}: feedback is not of its type any more: {error}")
+            self._player.report(
+                f"{self._action.name}: feedback is not of its type any more: {error}"
+            )
             return
         if not self._ended:
             self._handle.publish_feedback(feedback)
@@ -286,7 +288,7 @@ class _Drive:
         """Its client asks to cancel it."""
         goal = self._goal
         if goal.canceled_ns is None or goal.status != _CANCELED:
-            self._player.tell(f"{self._action.name} {shown(goal.goal)}: was not canceled then")
+            self._player.report(f"{self._action.name} {shown(goal.goal)}: was not canceled then")
         took_ns = 0
         if goal.status == _CANCELED and goal.ended_ns is not None and goal.canceled_ns is not None:
             took_ns = goal.ended_ns - goal.canceled_ns
@@ -305,7 +307,7 @@ class _Drive:
         try:
             result = msgspec.convert(recorded if recorded is not None else {}, self._action.result)
         except msgspec.ValidationError as error:
-            self._player.tell(
+            self._player.report(
                 f"{self._action.name}: the result is not of its type any more: {error}"
             )
             result = self._action.result()
@@ -323,7 +325,7 @@ def shown(data: Any) -> str:
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
 
-def _told(result: CallResult) -> Any:
+def _answer_of(result: CallResult) -> Any:
     if result.outcome is CallOutcome.RESPONSE:
         return msgspec.to_builtins(result.response)
     return str(result.outcome)

@@ -82,7 +82,7 @@ class Replay:
         return sorted(name for name in self._players if name != UNNAMED)
 
     def prepare(self) -> None:
-        """Declare all that will be published, served and asked; what cannot be is said."""
+        """Declare all that will be published, served and asked; what cannot be is reported."""
         script = self._script
         for channel, type_name in script.topics.items():
             for node in sorted(script.publishers[channel]):
@@ -142,7 +142,7 @@ class Replay:
                     self._asks.append((at_ns, player, cancel))
 
     def _declared(self, channel: str, declare: Callable[[Player], None], node: str) -> bool:
-        """Declare something of ``node``; False, and said, if that cannot be."""
+        """Declare something of ``node``; False, and reported, if that cannot be."""
         player = self._players.get(node)
         try:
             if player is None:
@@ -159,8 +159,8 @@ class Replay:
     def begin(self, recording: Recording) -> None:
         """Let the recorded time begin now; ``recording`` is the same one, opened again."""
         topics = {channel for channel, _ in self._publishing}
-        said = self._messages(recording, topics) if topics else iter(())
-        self._moments = heapq.merge(said, self._asks, key=itemgetter(0))
+        messages = self._messages(recording, topics) if topics else iter(())
+        self._moments = heapq.merge(messages, self._asks, key=itemgetter(0))
         self._start_ns = self._conductor.now_ns()
         self._next = next(self._moments, None)
         self._go_on()
@@ -214,34 +214,34 @@ class Replay:
     def summary(self) -> str:
         """What came of it, in one line."""
         counts = self.counts
-        said = [
+        parts = [
             f"published {plural(counts.published, 'message')}",
             f"answered {plural(counts.equal + counts.other, 'request')}",
         ]
         if counts.other:
-            said[-1] += f" ({counts.other} that were not recorded)"
+            parts[-1] += f" ({counts.other} that were not recorded)"
         if counts.unanswered:
-            said.append(f"left {counts.unanswered} without a response, as recorded")
+            parts.append(f"left {counts.unanswered} without a response, as recorded")
         if counts.without:
-            said.append(f"had no recorded response for {counts.without}")
+            parts.append(f"had no recorded response for {counts.without}")
         if counts.asked:
-            said.append(
+            parts.append(
                 f"sent {plural(counts.asked, 'request')}, "
                 f"{counts.differently} with another response than recorded"
             )
-        return ", ".join(said)
+        return ", ".join(parts)
 
     def overview(self) -> list[str]:
         """What is going to be done, one sentence each."""
         script = self._script
-        said = [f"played: {', '.join(self.played) or 'no node by name'}"]
+        parts = [f"played: {', '.join(self.played) or 'no node by name'}"]
         if UNNAMED in self._players:
             of_nobody = [c for c, node in self._publishing if node == UNNAMED]
             of_nobody += [
                 c for c, calls in script.calls.items() if not _server(x.server for x in calls)
             ]
-            said.append(f"of unnamed nodes: {named(set(of_nobody))}")
-        return said
+            parts.append(f"of unnamed nodes: {named(set(of_nobody))}")
+        return parts
 
 
 def _server(names: Iterable[str]) -> str:

@@ -13,7 +13,7 @@ from moon.verdict import Verdict
 class VerdictFile:
     """Appends a line for each verdict to the file at ``path``.
 
-    Each line is one ``write(2)``: whatever ends the monitor, even SIGKILL, what it had said is in the
+    Each line is one ``write(2)``: whatever ends the monitor, even SIGKILL, what it had reported is in the
     file, and no line is half there. (A line that an earlier run could not finish, on a full disk, is
     ended first.)
 
