@@ -1,11 +1,11 @@
-"""When a node tells its taps what it did: all at once, and when nobody waits for it.
+"""When a node reports to its taps what it did: all of it in one burst, between ticks (decision 15).
 
-What is published alone costs Zenoh 100 µs of processor time (DDS 60 to 300), what is published right behind
-it 5 (DDS 15): each burst wakes the sender's threads and the tap's, and the kernel in between. On few
-processors that time is taken from whoever is at work, so it is also a matter of when: events that leave
-while a tree is being ticked delay the tick. Hence one burst for all services of a node, not before the tick
-that the events are of is likely to be over, and not while the node itself is at work. Who ticks the tree
-knows when the tick is over, and where it can say so (``Transport.tick_complete``) all nodes tell then.
+Each burst wakes the sender's threads, the kernel and the tap's threads; what is published right behind other
+things costs a fraction of what it costs alone. On few processors that time is taken from whoever is at work:
+events that leave while a tree is being ticked delay the tick. Hence a node publishes one burst for all its
+services, not before the tick that the events are of is likely to be over, and not while it is at work itself.
+Who ticks the tree knows when the tick is over. Where it can say so (``Transport.tick_complete``), all nodes
+report then.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from transports.interface import Timer
 Item = TypeVar("Item")
 
 DELAY_S = 0.0025
-"""How long what is told first waits at least, unless the end of a round is waited for: a monitor should not
-be more than 5 ms behind, and needs half of that itself."""
+"""How long the first item of a burst waits at least, unless the end of a round is waited for: a monitor
+should not be more than 5 ms behind, and needs half of that itself."""
 QUIET_S = 0.002
-"""For how long a node must have told nothing: longer than between two calls of a policy."""
+"""For how long a node must have kept nothing new: longer than between two calls of a policy."""
 AT_MOST_S = 0.012
 """How long anything waits where a node is seldom at work, and how long it is at least from one burst to the
 next."""
 IN_A_ROW = 3
-"""A node that so often had something to tell again within ``AT_MOST_S`` of a burst is at work all the time,
+"""A node that so often had something to report again within ``AT_MOST_S`` of a burst is at work all the time,
 not only in the middle of a tick."""
 GROWTH = 1.5
 """By how much its bursts get rarer each time."""
@@ -39,22 +39,23 @@ SELDOM_S = 0.05
 
 NEAR_S = 0.0055
 """A node that usually begins to work at most so long before the end of a round waits for the end of the next,
-at most for ``AT_MOST_S``: what it tells does not hold up the tick then. The others do not wait, as what they
-did would be judged too late. (With 6 ms the lab tour's median verdict came after 5 ms, with 7 after 6.)"""
+at most for ``AT_MOST_S``: what it reports does not hold up the tick then. The others do not wait, as what
+they did would be judged too late (decision 15)."""
 NEAR_PART = 0.025
-"""Of the time from one round to the next: so long before the end is near, too. Who ticks seldom has cold
-caches and so longer ticks, and nothing against verdicts that come a fortieth of a tick's period later."""
+"""The same as a part of the time from one round to the next, at most ``AT_MOST_S``; the longer of the two
+counts. A system that ticks seldom has longer ticks, as caches are cold, and can wait a fortieth of a period
+for its verdicts."""
 SHARE = 0.25
 """What the last round counts for in how long before the end a node usually begins: one that is longer than
 the others is not to change everything."""
 ROUND_S = 0.1
-"""What was told longer ago was not of this round."""
+"""What the node did longer ago was not of this round."""
 ROUNDS_S = 5.0
-"""For how long a node that was told that a round is over expects to be told of the next."""
+"""For how long a node that received the end of a round expects to receive that of the next."""
 
 CALLER_S = AT_MOST_S - QUIET_S
-"""How long what a thread tells waits that calls one service after the other: looking earlier whether it has
-done so would only hold it up, as the executor's thread takes turns with it."""
+"""How long events wait of a thread that calls one service after the other. To look earlier whether it is done
+would only hold it up, as the executor's thread takes turns with it."""
 
 
 class Clockwork(Protocol):
@@ -66,13 +67,13 @@ class Clockwork(Protocol):
 
 
 class Outbox(Generic[Item]):
-    """What a node has yet to tell, in order.
+    """What a node has yet to publish, in order.
 
     Args:
         executor: the node's, which flushes.
-        publish: tells one item; called by one thread at a time, in the order of ``add``.
+        publish: publishes one item; called by one thread at a time, in the order of ``add``.
         clock: monotonic, in seconds.
-        delay_s: how long what is told first waits at least.
+        delay_s: how long the first item of a burst waits at least.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class Outbox(Generic[Item]):
         self._clock = clock
         self._pending: deque[Item] = deque()
         self.add: Callable[[Item], None] = self._pending.append
-        """Keep an item; from any thread. ``flush_later`` or ``flush`` has it told."""
+        """Keep an item; from any thread. ``flush_later`` or ``flush`` has it published."""
         self._lock = threading.Lock()
         """Held while items are published: they leave in order, whoever flushes."""
         self._scheduled = False
@@ -109,10 +110,10 @@ class Outbox(Generic[Item]):
         """How long the end of a round is waited for."""
 
     def flush_later(self, delay_s: float = 0.0) -> None:
-        """Tell what is kept when the node is quiet; from any thread.
+        """Publish what is kept when the node is quiet; from any thread.
 
         Args:
-            delay_s: how long what is told first waits at least, if longer than usual.
+            delay_s: how long the first item of a burst waits at least, if longer than usual.
         """
         self._last_s = now_s = self._clock()
         if now_s - self._began_s > ROUND_S:
@@ -146,7 +147,7 @@ class Outbox(Generic[Item]):
         self.flush()
 
     def note_round(self) -> bool:
-        """A round of calls is over; whether ``tick_complete`` has something to tell. From any thread."""
+        """A round of calls is over; whether ``tick_complete`` has something to publish. From any thread."""
         now_s = self._clock()
         before_s, apart_s = now_s - self._began_s, now_s - self._over_s
         self._began_s, self._over_s = -math.inf, now_s
@@ -159,7 +160,7 @@ class Outbox(Generic[Item]):
         return self._scheduled and now_s >= self._burst_s + AT_MOST_S
 
     def tick_complete(self) -> None:
-        """Tell what is kept, as nobody waits now; from any thread."""
+        """Publish what is kept, as nobody waits now; from any thread."""
         if not self._scheduled:
             return
         if self._timer is not None:
@@ -167,14 +168,14 @@ class Outbox(Generic[Item]):
         self._burst()
 
     def flush(self) -> None:
-        """Tell what is kept, now; from any thread."""
+        """Publish what is kept, now; from any thread."""
         pending, publish = self._pending, self._publish
         with self._lock:
             while pending and not self._closed:
                 publish(pending.popleft())
 
     def close(self) -> None:
-        """Tell what is kept, and nothing after it; idempotent."""
+        """Publish what is kept, and nothing after it; idempotent."""
         self.flush()
         with self._lock:
             self._closed = True

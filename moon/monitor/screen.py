@@ -15,7 +15,7 @@ from moon.monitor.status import MachineStatus, Summary
 from moon.verdict import Verdict
 
 Statuses = Callable[[], Sequence[MachineStatus]]
-"""How the machines stand; it takes 20 ms, and only a table shows it."""
+"""How the machines stand; it takes long, and only a table shows it."""
 
 
 class Screen(Protocol):

@@ -1,9 +1,8 @@
 """When a monitor looks at the time: seldom, as it shares processors with what it watches.
 
-A turn costs 0.4 ms of processor time, two thirds of them in the kernel, which wakes a process that slept. A
-hundred a second, as a fixed period had it, met every other tick of a system at ten ticks a second. There
-are that many still while the monitor is behind, looks for a machine in the middle of its run, or knows of a
-loss that goes on.
+A turn wakes a process that slept, and takes processor time from a tick that goes on then (decision 15). So
+turns are planned for when something is due. They follow each other by ``PERIOD_NS`` only while the monitor is
+behind, looks for a machine in the middle of its run, or knows of a loss that goes on.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Writing MCAP (https://mcap.dev/spec): whole chunks, handed to the file as they fill or grow old.
 
-Records are those of the mcap library, except messages and their index: its writer takes 20 µs for each
-message, which is a tap's whole time at 50 000 a second; here it is one tenth. Chunks are compressed and
+Records are those of the mcap library, except messages and their index: its writer takes ten times as long
+for each, at 50,000 messages a second a tap's whole time. Chunks are compressed and
 written on a thread of their own, so that whoever listens waits for no disk. What was handed to the
 system survives the end of the process, even by SIGKILL: every record is one ``write(2)``.
 """

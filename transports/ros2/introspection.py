@@ -26,8 +26,7 @@ from transports.service_events import EVENT_SUFFIX, REQUEST_RECEIVED, TYPE_SUFFI
 
 FLUSH_DELAY_S = CALLER_S
 """How long an event waits at least: longer than a tick of a few skills takes, as no node knows how long it
-goes on. (With 6 ms the first nodes told in the middle of it: on a busy machine a tick of four skills took
-1.24 times as long as with nothing recorded, with this 1.07 times.)"""
+goes on (decision 15)."""
 
 
 Recorded = tuple["ServiceEvents", int, int, bytes, int, Any]
@@ -38,7 +37,7 @@ somebody waits for the node."""
 
 
 def outbox(executor: Executor) -> Outbox[Recorded]:
-    """What one node has yet to tell, of all its services."""
+    """What one node has yet to publish, of all its services."""
     return Outbox(_RealTime(executor), _publish, delay_s=FLUSH_DELAY_S)
 
 
