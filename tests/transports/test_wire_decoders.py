@@ -261,7 +261,7 @@ class Query:
 
 def a_server(executor: Executor, refusals: Refusals) -> services.Server:
     session: Any = SimpleNamespace(declare_queryable=lambda *_, **__: None)
-    events: Any = SimpleNamespace(heard=False, skip=lambda: None)
+    events: Any = SimpleNamespace(is_tapped=False, skip=lambda: None)
     return services.Server(
         session,
         executor,

@@ -140,7 +140,9 @@ def test_an_action_runs_to_its_canceled_end_and_a_tap_hears_its_parts(network):
     caller.wait_for_nodes(["server"], WAIT_S)
     client = caller.action_client(action)
     events = GoalEvents(accepted, Inbox(), feedback, results, Inbox())
-    eventually(lambda: all(e.heard for e in (*server._events.values(), *caller._events.values())))
+    eventually(
+        lambda: all(e.is_tapped for e in (*server._events.values(), *caller._events.values()))
+    )
     goal_id = client.send_goal(peer.Number(1), events)
     assert accepted.wait() == [goal_id]
     assert feedback.wait() == [(goal_id, peer.Number(2))]

@@ -79,7 +79,7 @@ class _Question:
         self.marks = 0
         """Rings whose mark has not come out."""
         self.batch = 0
-        """Handled up to this one, the tap has heard all that came before the answer."""
+        """Handled up to this one, the tap has received all that came before the answer."""
 
 
 class Questions:

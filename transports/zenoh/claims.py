@@ -24,7 +24,7 @@ class Claims:
     Args:
         announced: the tokens of each node that is up; changed with ``lock`` in hand.
         linked: asks for the ids of the sessions that this one is linked to. Zenoh's own locks are taken for
-            that, which it holds as it tells of tokens: so never with ``lock`` in hand.
+            that, which it holds as it reports tokens: so never with ``lock`` in hand.
         lock: held while what is announced changes.
     """
 
@@ -38,7 +38,7 @@ class Claims:
         self._linked = linked
         self._lock = lock
         self._known: dict[str, object] = {}
-        """The session that each name was last heard from rightly."""
+        """The session from which something was last received rightly in each name."""
         self._foreign: dict[tuple[str, str], int] = {}
 
     def is_right(self, name: str, session: object) -> bool:

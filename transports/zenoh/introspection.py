@@ -1,8 +1,8 @@
-"""Events: what both ends of a service tell a tap, and who takes a message; only while one listens.
+"""Events: what both ends of a service report to a tap, and who takes a message; only while one listens.
 
 An event is recorded when it happens (with its stamp) and published a few milliseconds later, with all
 others of its node (``outbox``). Publishing at once would wake the tap while the caller waits for its
-answer: with two processors that made a tapped call 38 % slower. Without a listener nothing is recorded
+answer (decision 15). Without a listener nothing is recorded
 at all.
 """
 
@@ -53,10 +53,10 @@ class Events:
 
     Args:
         session: the node's.
-        outbox: what the node has yet to tell.
+        outbox: what the node has yet to publish.
         channel: whose events.
         node: the node's name in UTF-8.
-        orders: numbers all that the node tells.
+        orders: numbers all that the node reports.
     """
 
     def __init__(
@@ -88,17 +88,17 @@ class Events:
             # A listener that does not keep up loses events, and sees it by their numbers.
             congestion_control=zenoh.CongestionControl.DROP,
         )
-        self.heard = False
+        self.is_tapped = False
         """Whether anybody listens; nothing need be recorded otherwise."""
         self._publisher.declare_matching_listener(
             zenoh.handlers.Callback(self._matching, indirect=False)
         )
         status: Any = self._publisher.matching_status  # the stub says bool: it is none
-        if status.matching:  # if not, it is old: the listener may have been told otherwise by now
-            self.heard = True
+        if status.matching:  # if not, it is old: a newer status may have come by now
+            self.is_tapped = True
 
     def _matching(self, status: zenoh.MatchingStatus) -> None:
-        self.heard = bool(status.matching)
+        self.is_tapped = bool(status.matching)
 
     def record(
         self,

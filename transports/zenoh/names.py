@@ -23,7 +23,7 @@ SERVER_KEYS = "@m2c/server"
 """``@m2c/server/<zid>/<name>/<service key>``: a node serves a service."""
 
 LINK_KEYS = "@m2c/links"
-"""``@m2c/links/<zid>/<name>,<name>…``: the nodes that a node hears."""
+"""``@m2c/links/<zid>/<name>,<name>…``: the nodes that a node is linked to."""
 
 ANSWER_KEYS = "@m2c/answer"
 """``@m2c/answer/<zid>/<name>``: a node says here, when it is asked, up to where it has reported
@@ -65,10 +65,10 @@ def node_of(chunk: str) -> str:
 
 
 def subscriptions(globs: Iterable[str]) -> list[str]:
-    """Key expressions that hear everything on channels matching ``globs``, none of it twice.
+    """Key expressions that receive everything on channels matching ``globs``, none of it twice.
 
     A glob is cut at its first part with a wildcard: Zenoh's ``*`` stays within one part, a glob's
-    does not, so the rest is filtered by the tap. ``X/**`` also hears ``X`` and its service events.
+    does not, so the rest is filtered by the tap. ``X/**`` also receives ``X`` and its service events.
     """
     prefixes: set[tuple[str, ...]] = set()
     for glob in globs:

@@ -1,7 +1,7 @@
 """The order in which a node does things: a number for each, and up to where all of them have been reported.
 
 What a node does is numbered when it happens, and leaves later: a message when Zenoh has it, an event when it
-is kept in the outbox and that is flushed. Whoever asks how far a node has reported must not be told of
+is kept in the outbox and that is flushed. Whoever asks how far a node has reported must not get
 numbers that another thread has taken and not yet used; hence each is *open* until what it stands for has left
 or is kept.
 """

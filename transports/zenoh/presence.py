@@ -1,8 +1,8 @@
-"""Who is there: liveliness tokens of nodes, of servers, and of what each node hears.
+"""Who is there: liveliness tokens of nodes, of servers, and of the nodes that each node is linked to.
 
 Zenoh withdraws a token when its session closes or its link breaks, so a killed node disappears
 by itself. Peers do not relay tokens for one another; therefore each node also declares which
-nodes it hears (``LINK_KEYS``), from which a tap learns of nodes that it is not linked to itself.
+nodes it is linked to (``LINK_KEYS``), from which a tap learns of nodes that it is not linked to itself.
 """
 
 # zenoh's stubs leave the results of some methods open
@@ -31,9 +31,9 @@ MOST_TOKENS = 4096
 CONTESTED_S = 5.0
 """What a session has sent has come, or comes too late to be judged, so long after it went away."""
 LINKS_PERIOD_S = 0.1
-"""A node tells at most so often which others it hears: each time to all of them."""
+"""A node publishes at most so often which others it is linked to: each time to all of them."""
 _MOST_TWINS = 16
-"""So many others of the same name, or of the same service, are said one by one."""
+"""So many others of the same name, or of the same service, are reported one by one."""
 
 
 def is_up(sample: zenoh.Sample) -> bool:
@@ -58,7 +58,7 @@ class Nodes:
         """What there is of each: one token, or somebody else says that it has this name, too."""
         self.since = {} if since is None else since
         """When each began to connect, as it says itself (ns); 0 for one that was there twice at once: which
-        of the two is heard is not known, and so not what it had done before."""
+        of the two something comes from is not known, and so not what it had done before."""
         self._count = 0
         self._contested: dict[str, float] = {}
         """Until when (monotonic, s) what comes in a name may be of either that has claimed it."""
@@ -107,7 +107,7 @@ class Nodes:
         self._contested[name] = math.inf
 
     def take(self, sample: zenoh.Sample, refusals: Refusals) -> tuple[str, bool] | None:
-        """``update`` with what ``sample`` tells, or refuse it."""
+        """``update`` with what ``sample`` says, or refuse it."""
         try:
             return self.update(tokens.read_node(str(sample.key_expr)), is_up(sample))
         except TokenError as error:
@@ -171,7 +171,7 @@ class _Twins:
 
 
 class Announcement:
-    """A node's own token, the list of nodes it hears, and a watch for its name taken twice.
+    """A node's own token, the list of nodes it is linked to, and a watch for its name taken twice.
 
     The token says when the node began to connect (``since_ns``), so that who learns of it late, over
     a link that came up late or again, does not take it for one that has just started.
@@ -217,13 +217,13 @@ class Announcement:
             return
         wait_s = self._links_due_s - time.monotonic()
         if wait_s <= 0:
-            self._tell_links()
+            self._report_links()
         else:
             self._is_linking = True
-            self._executor.after(wait_s, self._tell_links)
+            self._executor.after(wait_s, self._report_links)
 
-    def _tell_links(self) -> None:
-        """Say which nodes this one hears, if that has changed."""
+    def _report_links(self) -> None:
+        """Publish which nodes this one is linked to, if that has changed."""
         self._is_linking = False
         self._links_due_s = time.monotonic() + LINKS_PERIOD_S
         key = tokens.links_key(self._zid, sorted(self._nodes.announced.keys() - {self._node}))

@@ -1,4 +1,4 @@
-"""The end of a round of calls, told to all nodes: a moment at which nobody waits for them.
+"""The end of a round of calls, published to all nodes: a moment at which nobody waits for them.
 
 A node cannot know how long the tick goes on in which it was called. Whoever ticks does, and says once, when
 it is over, what would be too dear to say with each call; see ``transports.outbox``.
@@ -19,16 +19,16 @@ from transports.zenoh.introspection import Recorded
 from transports.zenoh.names import ROUND_KEY
 
 LAST_S = 0.002
-"""Whoever says that a round is over tells of it this much later: it tells most, and the others come first."""
+"""Whoever says that a round is over reports this much later: it has most to report; the others come first."""
 
 
 class Rounds:
-    """Says that a round is over, and hears it from others.
+    """Says that a round is over, and receives it from others.
 
     Args:
         session: the node's.
         executor: the node's.
-        outbox: what the node has yet to tell.
+        outbox: what the node has yet to publish.
     """
 
     def __init__(
@@ -39,26 +39,26 @@ class Rounds:
         self._publisher = session.declare_publisher(
             ROUND_KEY, congestion_control=zenoh.CongestionControl.DROP, express=True
         )
-        heard: Any = zenoh.handlers.Callback(self._heard, indirect=False)
+        received: Any = zenoh.handlers.Callback(self._received, indirect=False)
         self._subscriber = session.declare_subscriber(
-            ROUND_KEY, heard, allowed_origin=zenoh.Locality.REMOTE
+            ROUND_KEY, received, allowed_origin=zenoh.Locality.REMOTE
         )
 
     def say(self) -> None:
-        """A round of this node is over; from any thread. Nothing is said if nobody listens to its calls."""
+        """A round of this node is over; from any thread. Nothing is published if nobody taps its calls."""
         if self._outbox.note_round():
             try:
                 self._publisher.put(b"")
-            except zenoh.ZError:  # closed meanwhile by another thread, which told what there was
+            except zenoh.ZError:  # closed meanwhile by another thread, which flushed the outbox
                 return
             self._executor.after(LAST_S, self._outbox.tick_complete)
 
-    def _heard(self, _: zenoh.Sample) -> None:
+    def _received(self, _: zenoh.Sample) -> None:
         """On a thread of Zenoh's: what is kept leaves from here, without waking the executor."""
         if self._outbox.note_round():
             self._outbox.tick_complete()
 
     def undeclare(self) -> None:
-        """Say and hear nothing any more."""
+        """Publish and receive nothing any more."""
         self._subscriber.undeclare()
         self._publisher.undeclare()

@@ -39,7 +39,7 @@ MOST_WAITING_BYTES = 64 * 1024 * 1024
 answered at once, with an error."""
 
 MOST_ERROR = 10_000
-"""Characters that are kept of the error that another tells: it stands in events, logs and recordings."""
+"""Characters that are kept of the error that another reports: it stands in events, logs and recordings."""
 
 _GRACE_S = 1.0
 """Zenoh's own time limit comes this much after ours: it only frees what a lost call holds."""
@@ -80,7 +80,7 @@ class Request:
         payload = server.codec.response.encode(response)
         query = self._take()
         events = server.events
-        moment = events.moment() if events.heard else events.skip()
+        moment = events.moment() if events.is_tapped else events.skip()
         try:
             query.reply(server.key, payload, encoding=server.codec.response.encoding)
             query.drop()
@@ -96,7 +96,7 @@ class Request:
         server = self._server
         query = self._take()
         events = server.events
-        moment = events.moment() if events.heard else events.skip()
+        moment = events.moment() if events.is_tapped else events.skip()
         try:
             query.reply_err(error.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
             query.drop()
@@ -177,13 +177,13 @@ class Server:
             self._refusals.refuse(self.name, client, error)
             Request(self, query, call, client, None).fail(f"bad request: {error}")
             return
-        heard = events.heard
-        if heard:
+        is_tapped = events.is_tapped
+        if is_tapped:
             events.record(event.REQUEST_RECEIVED, events.moment(), client, call, request)
         else:
             events.skip()
         self._handler(Request(self, query, call, client, data))
-        if heard:
+        if is_tapped:
             events.flush_later()  # mostly it is answered by now, and nobody waits
 
 
@@ -214,10 +214,10 @@ class _Call:
         done, self.done = self.done, None
         if self.timer is not None:
             self.timer.cancel()
-        heard = self.client.note_end(self.number, result, payload)
+        is_tapped = self.client.note_end(self.number, result, payload)
         if done is not None:
             done(result)
-        if heard:
+        if is_tapped:
             self.client.events.flush_later()
 
 
@@ -326,7 +326,7 @@ class Client:
     ) -> zenoh.Reply | None:
         """The first reply, or None when there is none; Empty after ``deadline`` (monotonic)."""
         wait_s = max(deadline - time.monotonic(), 0.0)
-        if self.events.heard and wait_s > CALLER_S:
+        if self.events.is_tapped and wait_s > CALLER_S:
             try:
                 return replies.get(timeout=CALLER_S)
             except Empty:  # a call that takes its time: say that it is under way
@@ -338,7 +338,7 @@ class Client:
         self, number: int, payload: bytes, timeout_s: float, handler: Any, delay_s: float = 0.0
     ) -> None:
         events = self.events
-        moment = events.moment() if events.heard else events.skip()
+        moment = events.moment() if events.is_tapped else events.skip()
         try:
             self._session.get(
                 self._key,
@@ -361,8 +361,8 @@ class Client:
         sample = reply.ok
         if sample is None:
             error = reply.err
-            told = b"" if error is None else error.payload.to_bytes()[: 4 * MOST_ERROR]
-            text = told.decode(errors="replace")[:MOST_ERROR]
+            sent = b"" if error is None else error.payload.to_bytes()[: 4 * MOST_ERROR]
+            text = sent.decode(errors="replace")[:MOST_ERROR]
             return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
         payload = contents(sample.payload)
         try:
@@ -376,7 +376,7 @@ class Client:
     def note_end(self, number: int, result: CallResult, response: bytes | None) -> bool:
         """Record how call ``number`` ended, for those who listen; whether anybody does."""
         events = self.events
-        if not events.heard:
+        if not events.is_tapped:
             events.skip()
             return False
         failed = result.outcome is not CallOutcome.RESPONSE

@@ -1,9 +1,9 @@
-"""The tap: hears everything by wildcard subscribers, and holds nobody up.
+"""The tap: receives everything by wildcard subscribers, and holds nobody up.
 
 Zenoh writes what arrives into a ring of its own (no Python, no lock that Python holds), from which one
 thread takes it at once, as what is kept there is bounded by its number only. It waits for the executor in a
 queue that is bounded in bytes. When the reader is slow the oldest goes: nodes never notice, the gaps in the
-sequence numbers tell how many were missed of each, and the tap says what it dropped.
+sequence numbers show how many were missed of each, and the tap says what it dropped.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ _BATCH_BYTES = 1024 * 1024
 """At most this many messages, and about so many bytes, are taken, handled or dropped at once."""
 
 MOST_CHANNELS = 10_000
-"""Channels that a tap hears: a hundred times those of a large system. Their names come from the wire."""
+"""Channels that a tap receives: a hundred times those of a large system. Their names come from the wire."""
 
 _JOINING_S = 0.5
-"""Publishers hear of a subscriber one by one, within ms; longer where processors are busy."""
+"""Publishers learn of a subscriber one by one, within ms; longer where processors are busy."""
 
 _decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
 
@@ -75,7 +75,7 @@ class Tap:
         self._losses = Losses()
         self._tokens_lock = threading.Lock()
         self._nodes = Nodes()
-        self._heard_by: dict[str, tuple[str, ...]] = {}
+        self._linked_to: dict[str, tuple[str, ...]] = {}
         self._claims = Claims(self._nodes.announced, self._linked_ids, self._tokens_lock)
         self._watches = [
             watch(session, f"{prefix}/**", self._take_token) for prefix in (NODE_KEYS, LINK_KEYS)
@@ -105,7 +105,7 @@ class Tap:
 
     @property
     def is_complete(self) -> bool:
-        """Whether those that were there have had the time to hear of it."""
+        """Whether those that were there have had the time to learn of it."""
         return time.monotonic() >= self._complete_at_s
 
     def ask(
@@ -131,7 +131,7 @@ class Tap:
         return linked
 
     def problems(self) -> Sequence[str]:
-        """What was missed, what could not be decoded, and which nodes cannot be heard."""
+        """What was missed, what could not be decoded, and from which nodes nothing can be received."""
         _, unlinked = self._links()
         with self._tokens_lock:
             claims = self._claims.sentences()
@@ -174,7 +174,7 @@ class Tap:
                     unlinked.add(name)
                 if ids & here:
                     own.add(name)
-            for names in self._heard_by.values():
+            for names in self._linked_to.values():
                 unlinked.update(names)
             return sorted(linked), sorted(unlinked - linked - own)
 
@@ -197,11 +197,11 @@ class Tap:
 
     def _take_links(self, token: tokens.LinkToken, up: bool) -> None:
         if up:
-            if len(self._heard_by) >= MOST_TOKENS and token.zid not in self._heard_by:
-                raise TokenError(f"more than {MOST_TOKENS} sessions say whom they hear")
-            self._heard_by[token.zid] = token.names
-        elif self._heard_by.get(token.zid) == token.names:  # a newer list may have come before
-            del self._heard_by[token.zid]
+            if len(self._linked_to) >= MOST_TOKENS and token.zid not in self._linked_to:
+                raise TokenError(f"more than {MOST_TOKENS} sessions say to whom they are linked")
+            self._linked_to[token.zid] = token.names
+        elif self._linked_to.get(token.zid) == token.names:  # a newer list may have come before
+            del self._linked_to[token.zid]
 
     def _listen(self, ring: Any) -> None:
         receive, take = ring.recv, ring.try_recv
@@ -235,7 +235,7 @@ class Tap:
             self._questions.note_mark(token, self._waiting.offered)
 
     def _read(self, sample: zenoh.Sample, received_ns: int, marks: list[bytes]) -> Arrived | None:
-        """What of ``sample`` is needed; None if it is on no channel that is heard, or goes to ``marks``."""
+        """What of ``sample`` is needed; None if its channel is not tapped, or it goes to ``marks``."""
         key = str(sample.key_expr)
         try:
             place = self._channels[key]
@@ -256,7 +256,7 @@ class Tap:
         )
 
     def _place_of(self, key: str) -> tuple[str, str] | None:
-        """The channel, and what events of it are, by their suffix; None if it is not heard."""
+        """The channel, and what events of it are, by their suffix; None if it is not received."""
         suffix = next((s for s in (EVENT_SUFFIX, TAKEN_SUFFIX) if key.endswith(s)), "")
         channel = channel_of(key.removesuffix(suffix))
         if key.endswith(MARK) or not self._wants(channel):

@@ -25,7 +25,7 @@ MOST_NAME = 255
 """Characters of a node's name: what ROS 2 allows (``RMW_NODE_NAME_MAX_NAME_LENGTH``)."""
 MOST_LINKS = 16 * 1024
 """Characters of the list of names in a token of ``LINK_KEYS``. Zenoh sends a key in one batch of 64 KB, and
-panics at one that does not fit; and whom a node hears, others decide."""
+panics at one that does not fit; and to whom a node is linked, others decide."""
 _ZID = re.compile(r"[0-9A-Za-z]{1,32}")
 """A session's id: up to 16 bytes in hexadecimal digits."""
 _SINCE = re.compile(r"[0-9]{1,19}")
@@ -54,7 +54,7 @@ class NodeToken(msgspec.Struct, frozen=True):
 
 
 class LinkToken(msgspec.Struct, frozen=True):
-    """The nodes that a session hears: ``@m2c/links/<zid>/<name>,<name>…``."""
+    """The nodes that a session is linked to: ``@m2c/links/<zid>/<name>,<name>…``."""
 
     zid: str
     names: tuple[str, ...]

@@ -120,7 +120,7 @@ def subscribe(
         except PayloadError as error:
             refusals.refuse(topic.name, read_attachment(sample.attachment).node, error)
             return
-        number, _, source = read_attachment(sample.attachment) if events.heard else UNKNOWN
+        number, _, source = read_attachment(sample.attachment) if events.is_tapped else UNKNOWN
         if not source:
             events.skip()
             handler(message)

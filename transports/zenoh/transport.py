@@ -151,12 +151,12 @@ class ZenohTransport(OnExecutor):
             )
 
     def tick_complete(self) -> None:
-        """Have all nodes tell their taps what they keep for them, this one last."""
+        """Have all nodes report to their taps what they keep for them, this one last."""
         if self._rounds is not None:
             self._rounds.say()
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
-        """Hear everything on channels that match one of the globs (empty: all), passively."""
+        """Receive everything on channels that match one of the globs (empty: all), passively."""
         tap = Tap(self._session, self._executor, channels, handler, self._refusals)
         self._taps.append(tap)
         return tap
@@ -168,7 +168,7 @@ class ZenohTransport(OnExecutor):
             tap.close()
         if self._announcement is not None:
             self._announcement.undeclare()
-            self._answering.undeclare()  # what is done from now on is not told
+            self._answering.undeclare()  # what is done from now on is not reported
         self._outbox.close()
         for declared in (*self._declared, *self._events.values()):
             # "Already borrowed": another thread publishes with it just now; it goes with the session

@@ -48,10 +48,10 @@ class Waiting:
         """Those that were taken or dropped."""
         self._dropped: Counter[str] = Counter()
         self._dropped_bytes = 0
-        self._to_tell: set[tuple[str, str]] = set()
+        self._to_report: set[tuple[str, str]] = set()
 
     def offer(self, batch: list[Arrived]) -> bool:
-        """Keep ``batch``; whether somebody must be told to take it."""
+        """Keep ``batch``; whether somebody must be woken to take it."""
         kept: list[Arrived] = []
         with self._lock:
             for arrived in batch:
@@ -96,14 +96,14 @@ class Waiting:
     def _count(self, arrived: Arrived, size: int) -> None:
         self._dropped[arrived.channel] += 1
         self._dropped_bytes += size
-        self._to_tell.add((arrived.channel, arrived.sent.node))
+        self._to_report.add((arrived.channel, arrived.sent.node))
 
     def take_dropped(self) -> Collection[tuple[str, str]]:
         """Channel and source of what was dropped since this was last asked."""
-        if not self._to_tell:
+        if not self._to_report:
             return ()
         with self._lock:
-            dropped, self._to_tell = self._to_tell, set()
+            dropped, self._to_report = self._to_report, set()
         return dropped
 
     def sentences(self) -> list[str]:

@@ -3,7 +3,7 @@
 Payload: the struct as a MessagePack map. Encoding: ``application/msgpack;<type name>``, so that
 the type can be checked before decoding and any tool can read the contents without it. Attachment:
 two 8-byte little-endian numbers (of a publication: its sequence on its channel, and its order among
-all that the node tells; of a call: its number, and 0), then the name of the sending node in UTF-8.
+all that the node reports; of a call: its number, and 0), then the name of the sending node in UTF-8.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def contents(payload: zenoh.ZBytes | None) -> bytes:
 
 
 class Sent(NamedTuple):
-    """What an attachment tells; see the module's text."""
+    """What an attachment says; see the module's text."""
 
     number: int
     order: int
@@ -83,7 +83,7 @@ def attachment(number: int, order: int, node: bytes) -> bytes:
 
 
 def read_attachment(data: zenoh.ZBytes | None) -> Sent:
-    """What an attachment tells; ``UNKNOWN`` if it is none of ours. Nothing is raised."""
+    """What an attachment says; ``UNKNOWN`` if it is none of ours. Nothing is raised."""
     return UNKNOWN if data is None else sent_of(data.to_bytes())
 
 
