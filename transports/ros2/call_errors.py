@@ -2,7 +2,7 @@
 
 A service of ROS 2 answers or does not. A server of this transport that fails a request sends no
 response (an ordinary client would take it for a real one, and waits as for any server that does not
-answer); it says why on ``<namespace>/_m2c/call_errors``, which every client of this transport hears.
+answer); it says why on ``<namespace>/_m2c/call_errors``, which every client of this transport receives.
 Clients say there how their calls ended otherwise, for whoever taps. The record is JSON in a
 ``std_msgs/msg/String``: ``ros2 topic echo`` shows it.
 """
@@ -31,7 +31,7 @@ _encode = msgspec.json.Encoder().encode
 
 
 class CallErrors:
-    """What one node says of failed calls, and what its clients hear."""
+    """What one node says of failed calls, and what its clients receive."""
 
     def __init__(self, node: Any, executor: Executor, topic: str, refusals: Refusals) -> None:
         self._refusals = refusals
@@ -54,7 +54,7 @@ class CallErrors:
         executor.handle(self._subscription, self._take)
 
     def listen(self, service: str, listener: Callable[[CallError], None]) -> None:
-        """Hear what servers say of failed calls of ``service``."""
+        """Receive what servers say of failed calls of ``service``."""
         self._listeners[service] = listener
 
     def publish(self, error: CallError) -> None:

@@ -2,7 +2,7 @@
 
 rclpy makes and reads an event as any message, part by part, each an object. But an event is always the same
 ``service_msgs/msg/ServiceEventInfo`` and one message, the request or the response, for whose type there is
-what writes and reads it. A node at work tells four of them for each call, and a monitor reads them all.
+what writes and reads it. A node at work publishes four of them for each call, and a monitor reads them all.
 """
 
 # rclpy leaves some of its functions without types

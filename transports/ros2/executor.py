@@ -34,15 +34,15 @@ LOG = logging.getLogger("transports.ros2")
 """Where this transport reports what it dropped and what cannot work."""
 
 _AT_ONCE = 64
-"""Messages taken from one subscription before the others have their turn, if nothing else is said."""
+"""Messages taken from one subscription before the others have their turn, if nothing else is given."""
 
 
 WAIT_SET = "TRANSPORTS_ROS2_WAIT_SET"
-"""Set in the environment: nodes wait by wait sets, also where rcl can tell of arrivals."""
+"""Set in the environment: nodes wait by wait sets, also where rcl can report arrivals."""
 
 
 def arrivals_of(node: Any) -> Arrivals | WaitSetArrivals:
-    """How ``node`` learns what has arrived: told by rcl if that works here, else by a wait set."""
+    """How ``node`` learns what has arrived: reported by rcl if that works here, else by a wait set."""
     if not os.environ.get(WAIT_SET) and native.tells_of_arrivals(node):
         return Arrivals()
     return WaitSetArrivals(node.context)
@@ -106,7 +106,7 @@ class Executor:
         self._spinner = threading.Lock()
         self._thread = 0
         self._ready: dict[Take, int] = {}
-        """What may have something to take, in turn, and how often it is asked at least: told once of
+        """What may have something to take, in turn, and how often it is asked at least: reported once of
         each arrival, that is known until then."""
         self._ignored: list[Any] = []
         self._stale = True

@@ -50,7 +50,7 @@ def may_hang() -> bool:
 
 
 def end_discovery(node: Any) -> None:
-    """Before ``node`` is destroyed: its context is told no more of who comes and goes, if that might hang.
+    """Before ``node`` is destroyed: its context no longer learns who comes and goes, if that might hang.
 
     Args:
         node: an ``rclpy.node.Node`` in a context of its own.

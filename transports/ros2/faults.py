@@ -1,4 +1,4 @@
-"""What cannot work in the graph, said once: other types, QoS that does not match, two servers."""
+"""What cannot work in the graph, reported once: other types, QoS that does not match, two servers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Declared(msgspec.Struct):
 
 
 class Faults:
-    """Looks at the graph for what will never be heard, and reports it."""
+    """Looks at the graph for what will never be received, and reports it."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class Faults:
         self._name_of = graph.name_of
         self._declared = declared
         self._report = report
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
 
     def look(self) -> None:
         """Report what is new."""
@@ -90,6 +90,6 @@ class Faults:
             )
 
     def _say(self, text: str) -> None:
-        if text not in self._said:
-            self._said.add(text)
+        if text not in self._reported:
+            self._reported.add(text)
             self._report(text)

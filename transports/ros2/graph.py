@@ -1,6 +1,6 @@
-"""The graph of a ROS 2 system: who is there, told when it changes.
+"""The graph of a ROS 2 system: who is there, with a report when it changes.
 
-rcl triggers a guard condition at every change of the graph; one thread waits for it and tells those
+rcl triggers a guard condition at every change of the graph; one thread waits for it and calls those
 who asked. rclpy itself only offers to look again every now and then.
 """
 
@@ -19,10 +19,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from transports.ros2 import native
 
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
-"""What rmw says of an endpoint whose node it has not heard of yet."""
+"""What rmw says of an endpoint whose node it has not discovered yet."""
 
 _PAUSE_S = 0.005
-"""Changes come in bursts (a node that starts makes dozens): each burst is told once."""
+"""Changes come in bursts (a node that starts makes dozens): each burst is reported once."""
 
 
 def request_topic(service: str) -> str:
@@ -130,7 +130,7 @@ class Graph:
 
     def learn_node(self, gid: bytes, name: str) -> None:
         """``name`` says that the endpoint with this GID is its own, and that it has its participant for
-        itself; the graph may tell seconds later, or never.
+        itself; the graph may show it seconds later, or never.
         """
         self._announced[native.participant_of(gid)] = name
 

@@ -302,7 +302,7 @@ def ring_for(kind: str, handle: Any, bell: int | None) -> None:
         bell: an eventfd; None: no longer.
 
     Raises:
-        TransportError: this RMW does not tell of arrivals.
+        TransportError: this RMW does not report arrivals.
     """
     rcl = functions()
     set_callback = rcl.on_new[kind]

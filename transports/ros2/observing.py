@@ -21,7 +21,7 @@ from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT
 
 
 class Notes:
-    """What a tap keeps of all that it has heard.
+    """What a tap keeps of all that it has received.
 
     Args:
         graph: who knows names.
@@ -75,8 +75,8 @@ class Notes:
     def caller(self, service: str, gid: bytes, call: int) -> str:
         """Who made a call, by the client's GID; the same for all events of the call, a name or not.
 
-        Who is told of a call matches its events by it: they must not change sides when the graph tells the
-        name in between.
+        Who receives the events of a call matches them by it: they must not change sides when the graph shows
+        the name in between.
         """
         calls = self._nameless_calls
         known = calls.get((gid, call)) if calls else None
@@ -202,7 +202,7 @@ class Events:
 
 
 class Errors:
-    """Of the topic on which it is said how calls ended without a response."""
+    """Of the topic on which it is reported how calls ended without a response."""
 
     def __init__(self, notes: Notes, topic: str, globs: Sequence[str], ros: Any) -> None:
         self.read: Callable[[bytes], Any] = cdr.reader(ros)

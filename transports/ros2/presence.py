@@ -43,8 +43,8 @@ class Presence(msgspec.Struct):
         node: its name.
         since_ns: when it began to connect, ns since the epoch, on its clock.
         publishes, subscribes, serves, calls: full names of what it had declared.
-        taps: globs of what it listens to, and with them it declares to hear what matches.
-        refused: topics that its taps cannot hear.
+        taps: globs of what it listens to, and with them it declares to receive what matches.
+        refused: topics that its taps cannot receive.
     """
 
     node: Annotated[str, msgspec.Meta(min_length=1, max_length=255)]
@@ -57,10 +57,10 @@ class Presence(msgspec.Struct):
     refused: list[str] = msgspec.field(default_factory=list)
 
 
-class _Heard(msgspec.Struct):
+class _Announced(msgspec.Struct):
     """An announcement, and what of it the graph has shown: that is not asked again, which takes its time.
 
-    What the node has declared is told by its participant, not by its name: names come by another way
+    What the node has declared is recognised by its participant, not by its name: names come by another way
     (``ros_discovery_info``), on which Fast DDS may lose somebody for good (decision 20).
     """
 
@@ -71,7 +71,7 @@ class _Heard(msgspec.Struct):
 
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(Presence).decode
-_MOST_HEARD = 4096
+_MOST_ANNOUNCED = 4096
 """Announcements that are remembered; anybody may make any number."""
 
 
@@ -87,7 +87,7 @@ class Announcements:
         self._graph = graph
         self._topic = prefix + TOPIC
         self._taker = native.Taker()
-        self._heard: dict[bytes, _Heard] = {}
+        self._announced: dict[bytes, _Announced] = {}
         self._up: dict[bytes, str] = {}
         self._changed = threading.Condition()
         self._watchers: list[Callable[[str, bool], None]] = []
@@ -111,7 +111,7 @@ class Announcements:
         graph.start(self._subscription)
 
     def announce(self) -> None:
-        """Say what this node has declared; saying it again tells what has changed."""
+        """Say what this node has declared; saying it again reports what has changed."""
         if self._publisher is None:
             self._publisher = self._node.create_publisher(
                 String,
@@ -121,7 +121,7 @@ class Announcements:
             )
         self._publisher.publish(String(data=_encode(self.own).decode()))
 
-    def tell_again(self) -> None:
+    def announce_again(self) -> None:
         """``announce`` once more if this node has announced itself."""
         if self._publisher is not None:
             self.announce()
@@ -190,13 +190,13 @@ class Announcements:
         }
         gone = [gid for gid in self._up if gid not in there]
         come = {
-            gid: heard.presence
-            for gid, heard in self._heard.items()
-            if gid not in self._up and gid in there and self._is_complete(heard)
+            gid: announced.presence
+            for gid, announced in self._announced.items()
+            if gid not in self._up and gid in there and self._is_complete(announced)
         }
         if not gone and not come:
             return
-        with self._changed:  # who begins to watch hears of a change once, by this or by ``watch``
+        with self._changed:  # who begins to watch learns of a change once, by this or by ``watch``
             changes = [*self._note_gone(gone), *self._note_come(come)]
             self._changed.notify_all()
             for watcher in self._watchers:
@@ -204,14 +204,14 @@ class Announcements:
                     self._executor.post(partial(watcher, name, up))
 
     def _take(self, gid: bytes, presence: Presence) -> None:
-        if len(self._heard) >= _MOST_HEARD and gid not in self._heard:
-            raise PayloadError(f"more than {_MOST_HEARD} nodes have announced themselves")
-        self._heard[gid] = _Heard(presence, native.participant_of(gid))
+        if len(self._announced) >= _MOST_ANNOUNCED and gid not in self._announced:
+            raise PayloadError(f"more than {_MOST_ANNOUNCED} nodes have announced themselves")
+        self._announced[gid] = _Announced(presence, native.participant_of(gid))
         self._graph.learn_node(gid, presence.node)
 
     def _note_gone(self, gone: list[bytes]) -> Iterator[tuple[str, bool]]:
         for gid in gone:
-            self._heard.pop(gid, None)
+            self._announced.pop(gid, None)
             name = self._up.pop(gid)
             self._note_participants(name)
             if name not in self._up.values():
@@ -225,7 +225,7 @@ class Announcements:
                 LOG.error("two nodes are named %s", presence.node)
             self._up[gid] = presence.node
             self._note_participants(presence.node)
-            # which of two is heard is not known, and so not what it had done before
+            # from which of two something comes is not known, and so not what it had done before
             is_twin = len(self._participants[presence.node]) > 1
             self._since[presence.node] = 0 if is_twin else presence.since_ns
 
@@ -239,16 +239,16 @@ class Announcements:
         elif len(before) > 1:
             self._contested_until_s[name] = time.monotonic() + CONTESTED_S
 
-    def _is_complete(self, heard: _Heard) -> bool:
+    def _is_complete(self, announced: _Announced) -> bool:
         """Whether all that the node has declared has reached this node's graph, and its taps have
         found what this node has declared.
         """
-        for wanted in self._wanted(heard.presence):
-            if wanted in heard.shown:
+        for wanted in self._wanted(announced.presence):
+            if wanted in announced.shown:
                 continue
-            if not self._is_shown(*wanted, heard):
+            if not self._is_shown(*wanted, announced):
                 return False
-            heard.shown.add(wanted)
+            announced.shown.add(wanted)
         return True
 
     def _wanted(self, presence: Presence) -> Iterator[tuple[str, str]]:
@@ -258,22 +258,24 @@ class Announcements:
         yield from (("serves", request_topic(service)) for service in presence.serves)
         if not presence.taps or presence.node == self.own.node:
             return
-        hearable = [
+        visible = [
             *((topic, topic) for topic in self.own.publishes),
             *((service, service + EVENT_SUFFIX) for service in (*self.own.serves, *self.own.calls)),
         ]
-        for channel, topic in hearable:
+        for channel, topic in visible:
             if topic not in presence.refused and matches(channel, presence.taps):
                 yield "taps", topic
 
-    def _is_shown(self, kind: str, topic: str, heard: _Heard) -> bool:
+    def _is_shown(self, kind: str, topic: str, announced: _Announced) -> bool:
         if kind == "publishes":
             infos = self._node.get_publishers_info_by_topic(topic)
         else:
             infos = self._node.get_subscriptions_info_by_topic(topic, no_mangle=kind == "serves")
-        found = sum(native.participant_of(info.endpoint_gid) == heard.participant for info in infos)
+        found = sum(
+            native.participant_of(info.endpoint_gid) == announced.participant for info in infos
+        )
         # a tap subscribes beside the node itself, if that does too
-        return found > (heard.presence.subscribes.count(topic) if kind == "taps" else 0)
+        return found > (announced.presence.subscribes.count(topic) if kind == "taps" else 0)
 
 
 def _profile(depth: int) -> QoSProfile:

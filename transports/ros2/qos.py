@@ -1,4 +1,4 @@
-"""QoS profiles: what a channel asks of DDS, and what a tap asks to hear who is there."""
+"""QoS profiles: what a channel asks of DDS, and what a tap asks so that it receives who is there."""
 
 # rclpy leaves some of its functions without types
 # mypy: disable-error-code="no-untyped-call"
@@ -52,7 +52,7 @@ def of_subscription(topic: Topic) -> QoSProfile:
     return profile(topic.reliability is Reliability.RELIABLE, topic.transient_local, DEPTH)
 
 
-def to_hear_all(offered: Iterable[Any]) -> QoSProfile:
+def to_receive_all(offered: Iterable[Any]) -> QoSProfile:
     """The most that every publisher of a topic offers.
 
     Args:
@@ -67,10 +67,10 @@ def to_hear_all(offered: Iterable[Any]) -> QoSProfile:
 
 
 def mismatch(offered: QoSProfile, requested: QoSProfile) -> str:
-    """Why a subscription that asks for ``requested`` cannot hear a publisher; empty if it can.
+    """Why a subscription that asks for ``requested`` cannot receive from a publisher; empty if it can.
 
     What DDS compares (https://docs.ros.org/en/jazzy/Concepts/Intermediate/
-    About-Quality-of-Service-Settings.html); the graph tells infinite durations as such, a profile
+    About-Quality-of-Service-Settings.html); the graph shows infinite durations as such, a profile
     written in Python as 0.
     """
     reasons = []

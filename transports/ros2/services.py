@@ -101,7 +101,7 @@ class Request:
 
     @property
     def client(self) -> str:
-        """Who asks (node name); empty if the graph does not tell yet."""
+        """Who asks (node name); empty if the graph does not show it yet."""
         return self._server.graph.client_of(self._server.name, self._id.gid)
 
     def respond(self, response: Message) -> None:
@@ -311,7 +311,7 @@ class Client:
         self._end(call, CallResult(CallOutcome.TIMEOUT, error=text))
 
     def _give_up(self, call: _Call) -> None:
-        """Nobody serves. The request is sent all the same, to nobody: so a tap hears of it."""
+        """Nobody serves. The request is sent all the same, to nobody: so a tap learns of it."""
         with self._lock:
             if not self._closed:
                 self._send(call)

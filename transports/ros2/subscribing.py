@@ -3,8 +3,8 @@
 DDS holds its locks for long while a system starts: a participant that comes is matched, endpoint by
 endpoint, by threads that share the processors with everything that starts. Who subscribes meanwhile
 waits for them, up to half a second each time, and rclpy holds the interpreter as it waits. A tap has
-sixty subscriptions, and a monitor that stands still hears too late. So these are made by rcl itself
-(``rcl_subscription_init``), called without the interpreter's lock, on a thread of their own.
+sixty subscriptions, and a monitor that stands still receives what happens too late. So these are made by rcl
+itself (``rcl_subscription_init``), called without the interpreter's lock, on a thread of their own.
 
 rcl allows it: entities of one node may be made by several threads, and rmw has them take turns.
 """
@@ -27,7 +27,7 @@ class Subscriber:
 
     Args:
         node: an ``rclpy.node.Node``.
-        executor: the node's; told on its thread of what is made.
+        executor: the node's; on its thread what is made is handed over.
     """
 
     def __init__(self, node: Any, executor: Executor) -> None:

@@ -1,7 +1,7 @@
-"""The tap: an ordinary subscriber of whatever the graph shows, in the QoS that hears it.
+"""The tap: an ordinary subscriber of whatever the graph shows, in the QoS with which it receives it.
 
 A subscription that cannot keep up loses its oldest messages at its own end (it keeps the last few
-thousand); DDS numbers what a publisher sends, so the gaps tell how many were missed.
+thousand); DDS numbers what a publisher sends, so the gaps show how many were missed.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX
 from transports.timers import Timer
 
 _QUIET = ("/rosout", "/parameter_events", "/clock")
-"""Topics of ROS 2 itself, which every node has: heard only when a glob is their name."""
+"""Topics of ROS 2 itself, which every node has: received only when a glob is their name."""
 _QUIET_PACKAGES = ("rcl_interfaces/", "type_description_interfaces/", "composition_interfaces/")
 """Types of the services that every node serves; nobody asks why they have no introspection."""
 _NAMELESS_S = 0.05
 """How long a message waits for the name of who published it, and what came after it with it: a monitor's time
 passes meanwhile, so it must be less than what things may be late."""
 _NEVER_NAMED_S = 1.0
-"""Who has no name so long after it was first heard gets none: nothing of it waits any more."""
+"""Who has no name so long after it was first received from gets none: nothing of it waits any more."""
 _RETRY_S = 0.02
 _QUIET_S = 0.05
 """How long after a look at the graph there is none."""
@@ -69,7 +69,7 @@ _HOW = (
 )
 
 
-class _Heard(msgspec.Struct, eq=False):
+class _Tapped(msgspec.Struct, eq=False):
     """One topic that is subscribed to, or about to be: then there is no subscription yet."""
 
     topic: str
@@ -119,15 +119,15 @@ class Tap:
         self._handler = handler
         self._taker = native.Taker()
         self._notes = Notes(graph, announcements, prefix)
-        self._heard: dict[str, _Heard] = {}
+        self._tapped: dict[str, _Tapped] = {}
         self._looking = False
         self._quiet_until = 0.0
         self._close_look: Timer | None = None
-        self._to_hear: deque[tuple[str, Sequence[str]]] = deque()
-        """What the graph showed when it was last looked at, and has not been heard yet."""
+        self._to_tap: deque[tuple[str, Sequence[str]]] = deque()
+        """What the graph showed when it was last looked at, and has not been subscribed to yet."""
         self._making = 0
         """Subscriptions that are on their way."""
-        self._deaf: dict[str, str] = {}
+        self._not_received: dict[str, str] = {}
         self._taken: list[_Waiting] = []
         """In the present turn, topic by topic: all that had come when it began."""
         self._newest: dict[bytes, int] = {}
@@ -136,7 +136,7 @@ class Tap:
         self._retrying = False
         self._turn_bytes = 0
         self._nameless: dict[bytes, float] = {}
-        """When each that had no name was first heard."""
+        """When something was first received from each that had no name."""
         self._silent_since: dict[str, float] = {}
         self._closed = False
         self._began_s = time.monotonic()
@@ -148,7 +148,7 @@ class Tap:
     @property
     def is_complete(self) -> bool:
         """Whether the graph was discovered, and of late nothing was new in it, or waited for a name."""
-        is_busy = self._to_hear or self._looking or self._making
+        is_busy = self._to_tap or self._looking or self._making
         return not is_busy and time.monotonic() >= self._complete_at_s
 
     def _not_complete_before(self, instant_s: float) -> None:
@@ -169,16 +169,16 @@ class Tap:
         return ()
 
     def peers(self) -> Sequence[str]:
-        """Names of the nodes in the graph, and of those that said who they are."""
+        """Names of the nodes in the graph, and of those that announced themselves."""
         names = {*self._node.get_node_names(), *self._announcements.names()}
         return sorted(names - {self._node.get_name()})
 
     def problems(self) -> Sequence[str]:
-        """What was missed or not decoded, which topics cannot be heard, which services have no
+        """What was missed or not decoded, which topics cannot be received, which services have no
         introspection.
         """
         notes = self._notes
-        deaf = {**notes.without_contents.copy(), **self._deaf.copy()}
+        not_received = {**notes.without_contents.copy(), **self._not_received.copy()}
         contested = (
             f"several nodes claim to be {name}: which of them is the node is not known"
             for name in self._announcements.contested()
@@ -187,7 +187,7 @@ class Tap:
             *notes.losses.sentences(),
             *contested,
             *notes.foreign(),
-            *deaf.values(),
+            *not_received.values(),
             *self._silent_services(),
         ]
 
@@ -205,16 +205,16 @@ class Tap:
 
     def _release(self) -> None:
         self._executor.no_longer_after_taking(self._pass_on)
-        for heard in self._heard.values():
-            self._drop(heard)
-        self._heard.clear()
+        for tapped in self._tapped.values():
+            self._drop(tapped)
+        self._tapped.clear()
         self._taker.close()
-        self._announcements.tell_again()
+        self._announcements.announce_again()
 
-    def _drop(self, heard: _Heard) -> None:
-        if heard.subscription is not None:
-            self._executor.forget(heard.subscription)
-            self._subscriber.end(heard.subscription)
+    def _drop(self, tapped: _Tapped) -> None:
+        if tapped.subscription is not None:
+            self._executor.forget(tapped.subscription)
+            self._subscriber.end(tapped.subscription)
 
     def refresh(self) -> None:
         """The graph has changed (on the executor): look at it, at once if it was quiet before.
@@ -240,8 +240,8 @@ class Tap:
         self._look_around()
 
     def _look_closely(self) -> None:
-        for heard in self._heard.values():
-            heard.publishers = _UNKNOWN
+        for tapped in self._tapped.values():
+            tapped.publishers = _UNKNOWN
         if not self._closed:
             self._look_around()
 
@@ -249,28 +249,28 @@ class Tap:
         self._graph.learn_participants()
         self._deliver()
         self._note_silence()
-        is_hearing = bool(self._to_hear)
+        is_subscribing = bool(self._to_tap)
         topics = self._node.get_topic_names_and_types()
-        self._to_hear = deque((topic, types) for topic, types in topics if self._wants(topic))
-        if not is_hearing:
-            self._hear_next()
+        self._to_tap = deque((topic, types) for topic, types in topics if self._wants(topic))
+        if not is_subscribing:
+            self._subscribe_next()
 
-    def _hear_next(self) -> None:
-        """Subscribe to some of what is to be heard, the rest in the next turn."""
+    def _subscribe_next(self) -> None:
+        """Subscribe to some of what is to be tapped, the rest in the next turn."""
         deadline = time.monotonic() + _TURN_S
-        while self._to_hear and not self._closed and time.monotonic() < deadline:
-            self._hear(*self._to_hear.popleft())
-        if self._to_hear:
-            self._executor.post(self._hear_next)
-        self._tell_refused()
+        while self._to_tap and not self._closed and time.monotonic() < deadline:
+            self._subscribe(*self._to_tap.popleft())
+        if self._to_tap:
+            self._executor.post(self._subscribe_next)
+        self._report_refused()
 
-    def _tell_refused(self) -> None:
+    def _report_refused(self) -> None:
         """Once nothing is on its way any more."""
-        if self._to_hear or self._making or self._closed:
+        if self._to_tap or self._making or self._closed:
             return
-        if self._announcements.own.refused != (refused := sorted(self._deaf)):
+        if self._announcements.own.refused != (refused := sorted(self._not_received)):
             self._announcements.own.refused = refused
-            self._announcements.tell_again()
+            self._announcements.announce_again()
 
     def _wants(self, topic: str) -> bool:
         if topic == self._prefix + ros_forms.CALL_ERRORS:
@@ -281,67 +281,67 @@ class Tap:
             return topic in self._globs
         return matches(topic.removesuffix(EVENT_SUFFIX), self._globs)
 
-    def _hear(self, topic: str, types: Sequence[str]) -> None:
-        heard = self._heard.get(topic)
+    def _subscribe(self, topic: str, types: Sequence[str]) -> None:
+        tapped = self._tapped.get(topic)
         count = self._node.count_publishers(topic)
-        if heard is not None:
-            if heard.publishers == count:
+        if tapped is not None:
+            if tapped.publishers == count:
                 return
-            heard.publishers = count
+            tapped.publishers = count
         if not count:
             return
         publishers = self._node.get_publishers_info_by_topic(topic)
         offered = sorted({info.topic_type for info in publishers})
-        if heard is not None:
-            if heard.type_name not in offered:
+        if tapped is not None:
+            if tapped.type_name not in offered:
                 # a participant that declares a topic anew with another type crashes in rmw_fastrtps
-                self._deaf[topic] = (
+                self._not_received[topic] = (
                     f"{topic} is not received any more: it is published as {', '.join(offered)} now, "
-                    f"and was as {heard.type_name}, the only type that this node can have it as; "
+                    f"and was as {tapped.type_name}, the only type that this node can have it as; "
                     "restart this program"
                 )
                 return
-            self._deaf.pop(topic, None)
-            if not any(qos.mismatch(info.qos_profile, heard.profile) for info in publishers):
+            self._not_received.pop(topic, None)
+            if not any(qos.mismatch(info.qos_profile, tapped.profile) for info in publishers):
                 return
-            self._drop(heard)  # who publishes now offers less than those before: ask for less
-            del self._heard[topic]
+            self._drop(tapped)  # who publishes now offers less than those before: ask for less
+            del self._tapped[topic]
         if len(offered) > 1:
-            self._deaf[topic] = (
+            self._not_received[topic] = (
                 f"{topic} is published with different types ({', '.join(offered)}): "
                 f"only {offered[0]} is received"
             )
         try:
             type_name = offered[0] if offered else types[0]
-            profile = qos.to_hear_all(publishers)
+            profile = qos.to_receive_all(publishers)
             ros = ros_class(type_name)
         except TransportError as error:
-            self._deaf[topic] = f"{topic} is not received: {error}"
+            self._not_received[topic] = f"{topic} is not received: {error}"
             return
-        heard = self._heard[topic] = _Heard(topic, type_name, profile, count)
+        tapped = self._tapped[topic] = _Tapped(topic, type_name, profile, count)
         self._making += 1
-        self._subscriber.subscribe(topic, ros, profile, partial(self._begin_to_hear, heard, ros))
+        self._subscriber.subscribe(topic, ros, profile, partial(self._subscribed, tapped, ros))
 
-    def _begin_to_hear(
-        self, heard: _Heard, ros: Any, made: RawSubscription | TransportError
+    def _subscribed(
+        self, tapped: _Tapped, ros: Any, made: RawSubscription | TransportError
     ) -> None:
-        """What was to be heard is subscribed to, or cannot be."""
+        """What was to be tapped is subscribed to, or cannot be."""
         self._making -= 1
-        is_wanted = self._heard.get(heard.topic) is heard
+        is_wanted = self._tapped.get(tapped.topic) is tapped
         if isinstance(made, TransportError):
             if is_wanted:
-                self._deaf[heard.topic] = f"{heard.topic} is not received: {made}"
-                del self._heard[heard.topic]
+                self._not_received[tapped.topic] = f"{tapped.topic} is not received: {made}"
+                del self._tapped[tapped.topic]
         elif is_wanted:
-            heard.subscription = made
-            self._take_from(made, heard, ros)
+            tapped.subscription = made
+            self._take_from(made, tapped, ros)
         else:
             self._subscriber.end(made)
-        self._tell_refused()
+        self._report_refused()
 
-    def _take_from(self, handle: RawSubscription, heard: _Heard, ros: Any) -> None:
-        topic = heard.topic
-        observing = self._observing(topic, heard.type_name, ros)
+    def _take_from(self, handle: RawSubscription, tapped: _Tapped, ros: Any) -> None:
+        topic = tapped.topic
+        observing = self._observing(topic, tapped.type_name, ros)
         read = observing.read
 
         def take() -> bool:
@@ -349,12 +349,12 @@ class Tap:
             if taken is None:
                 return False
             size = len(taken.payload)
-            if size * heard.profile.depth > 2 * MOST_KEPT_BYTES and not self._closed:
-                self._executor.post(partial(self._keep_fewer, heard, ros, size))
+            if size * tapped.profile.depth > 2 * MOST_KEPT_BYTES and not self._closed:
+                self._executor.post(partial(self._keep_fewer, tapped, ros, size))
             if taken.number:
-                if taken.number <= heard.numbers.get(taken.gid, 0):
+                if taken.number <= tapped.numbers.get(taken.gid, 0):
                     return True  # a transient local one that this subscription's forerunner had
-                heard.numbers[taken.gid] = taken.number
+                tapped.numbers[taken.gid] = taken.number
             try:
                 data = read(taken.payload)
             except CdrError as error:
@@ -374,21 +374,21 @@ class Tap:
         self._not_complete_before(self._began_s + _DISCOVERY_S)
         self._not_complete_before(time.monotonic() + _MATCHED_S)
 
-    def _keep_fewer(self, heard: _Heard, ros: Any, size: int) -> None:
+    def _keep_fewer(self, tapped: _Tapped, ros: Any, size: int) -> None:
         """Subscribe anew, with a shorter history: messages of ``size`` bytes come on this topic."""
         depth = max(MOST_KEPT_BYTES // size, _LEAST_DEPTH)
         if (
             self._closed
-            or self._heard.get(heard.topic) is not heard
-            or heard.profile.depth <= depth
+            or self._tapped.get(tapped.topic) is not tapped
+            or tapped.profile.depth <= depth
         ):
             return
-        self._drop(heard)
-        heard.subscription = None
-        heard.profile.depth = depth
+        self._drop(tapped)
+        tapped.subscription = None
+        tapped.profile.depth = depth
         self._making += 1
         self._subscriber.subscribe(
-            heard.topic, ros, heard.profile, partial(self._begin_to_hear, heard, ros)
+            tapped.topic, ros, tapped.profile, partial(self._subscribed, tapped, ros)
         )
 
     def _observing(self, topic: str, type_name: str, ros: Any) -> Observing:
@@ -399,8 +399,8 @@ class Tap:
         return made(self._notes, topic, type_name, ros)
 
     def _pass_on(self) -> None:
-        """Hand on what was taken in one turn in the order in which it happened: what one node told on several
-        topics would be told topic by topic else, and look as if it had come late.
+        """Hand on what was taken in one turn in the order in which it happened: what one node reported on
+        several topics would be handed on topic by topic else, and look as if it had come late.
         """
         self._taken.sort(key=_STAMP)
         self._waiting += self._taken
@@ -410,7 +410,7 @@ class Tap:
         self._deliver()
 
     def _deliver(self) -> None:
-        """Hand on what was taken, in its order, once the graph tells the names in it.
+        """Hand on what was taken, in its order, once the graph shows the names in it.
 
         DDS shows an endpoint before ROS 2 says whose it is, so the first messages of a new node may have to
         wait; not for long: they go without a name then.
@@ -436,7 +436,7 @@ class Tap:
         if now >= max(since_s) + _NEVER_NAMED_S:
             return False
         self._not_complete_before(now + _MATCHED_S)
-        joins = now < self._began_s + _DISCOVERY_S  # nobody judges yet what it hears
+        joins = now < self._began_s + _DISCOVERY_S  # nobody judges yet what it receives
         return now < first.since_s + (_NEVER_NAMED_S if joins else _NAMELESS_S)
 
     def _retry(self) -> None:
@@ -460,7 +460,7 @@ class Tap:
         self._silent_since = {service: known.get(service, now) for service in silent}
 
     def _silent_services(self) -> list[str]:
-        """Services whose calls cannot be heard; not those that are just coming or going."""
+        """Services whose calls cannot be observed; not those that are just coming or going."""
         self._note_silence()
         found = []
         actions = set()

@@ -1,6 +1,6 @@
 """Topics: publications and subscriptions.
 
-Types of the packages ``m2c`` and ``moon_msgs`` (what the tools tell each other) have no ROS
+Types of the packages ``m2c`` and ``moon_msgs`` (what the tools report to each other) have no ROS
 definition: they travel as JSON in a ``std_msgs/msg/String``.
 """
 

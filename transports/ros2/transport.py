@@ -72,7 +72,7 @@ class Ros2Transport(OnExecutor):
         self._clock = ros_node.get_clock()
         self._prefix = prefix
         self._graph = Graph(ros_node)
-        self._graph.listen(self._hear_of_change)
+        self._graph.listen(self._graph_changed)
         self._change_posted = threading.Event()
         self._announcements = Announcements(
             ros_node, self._executor, self._graph, prefix, self._refusals
@@ -186,7 +186,7 @@ class Ros2Transport(OnExecutor):
         self._announcements.announce()
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
-        """Hear everything on channels that match one of the globs (empty: all), passively."""
+        """Receive everything on channels that match one of the globs (empty: all), passively."""
         self._require_open()
         tap = Tap(
             self._ros,
@@ -267,7 +267,7 @@ class Ros2Transport(OnExecutor):
             self._own.subscribes.append(topic)
         return self._errors
 
-    def _hear_of_change(self) -> None:
+    def _graph_changed(self) -> None:
         """On the graph's thread; a burst of changes is looked at once."""
         if not self._change_posted.is_set():
             self._change_posted.set()

@@ -1,7 +1,7 @@
-"""What has arrived, told by rclpy's wait set: for where rcl rings no bell (``transports.ros2.arrivals``).
+"""What has arrived, by rclpy's wait set: for where rcl rings no bell (``transports.ros2.arrivals``).
 
 It is filled anew for each wait, for which a tap of sixty topics takes about twice the processor time
-(decision 17). What it tells is the same, and so is how it is used.
+(decision 17). What it reports is the same, and so is how it is used.
 """
 
 # rclpy leaves some of its functions without types
@@ -57,7 +57,7 @@ class WaitSetArrivals:
                 self._guard.trigger()
 
     def watch_only(self, wanted: list[tuple[str, Any, Take]]) -> list[Take]:
-        """Watch these and no others. None is returned: what came before is told by the next wait."""
+        """Watch these and no others. None is returned: what came before is reported by the next wait."""
         self._wanted = list(wanted)
         self._waits.destroy_when_not_in_use()
         self._waits = self._new_set()
@@ -66,7 +66,7 @@ class WaitSetArrivals:
     def wait(self, timeout_ns: int) -> list[tuple[Take, int]]:
         """Wait until something has arrived, ``ring`` or a signal, or for ``timeout_ns`` (-1: for ever).
 
-        With each that has something, 1: how much it is will be told by taking it, and what is left by the
+        With each that has something, 1: how much it is shows when it is taken, and what is left by the
         next wait.
         """
         waits = self._waits

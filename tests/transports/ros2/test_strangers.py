@@ -231,8 +231,8 @@ def test_of_a_topic_with_large_messages_few_are_kept(
         lambda: tapper.tap(["/large"], lambda seen: heard.append(seen.data["data"])),
     )
     assert network.until(lambda: [text[:5] for text in heard] == ["first"])
-    assert network.until(lambda: tap._heard["/large"].profile.depth == 9)
-    assert network.until(lambda: tap._heard["/large"].subscription is not None)
+    assert network.until(lambda: tap._tapped["/large"].profile.depth == 9)
+    assert network.until(lambda: tap._tapped["/large"].subscription is not None)
     for number in range(30):
         publisher.publish(String(data=f"{number:05}" + "x" * 100_000))
     assert network.until(lambda: heard[-1].startswith("00029"))
