@@ -1,4 +1,4 @@
-"""Which channels a tap is to hear."""
+"""Which channels a tap is to receive."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _REMEMBERED = 65_536
 
 
 def channel_filter(globs: Iterable[str]) -> Callable[[str], bool]:
-    """Whether a tap with ``globs`` is to hear a channel; without any, it hears all."""
+    """Whether a tap with ``globs`` is to receive a channel; without any, it receives all."""
     chosen = tuple(globs)
 
     @lru_cache(_REMEMBERED)

@@ -1,7 +1,7 @@
-"""What taps hear is taken together where it comes without a pause.
+"""What taps receive is taken together where it comes without a pause.
 
-Nodes at work tell something hundreds of times a second, each its own. To take a thing each time wakes threads
-and a process, which costs ten times what one thing more does that lies there already.
+Each node at work reports something hundreds of times a second. Taking one thing wakes threads and a process,
+which costs ten times as much as taking one more that lies there already.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 
 GATHER_S = 0.004
-"""What comes often is left to lie for so long: a third of what nodes wait before they tell it
+"""What comes often is left to lie for so long: a third of what nodes wait before they report it
 (``transports.outbox``)."""
 OFTEN, OFTEN_S = 20, 0.1
 """So often within this time is often. At ten ticks a second a system is not there; one that is stays there

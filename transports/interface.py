@@ -148,7 +148,7 @@ class GoalHandle(Protocol):
         ...
 
     def accept(self) -> None:
-        """Accept the goal; the client hears it."""
+        """Accept the goal; the client receives it."""
         ...
 
     def reject(self) -> None:
@@ -173,7 +173,7 @@ class GoalHandle(Protocol):
 
 
 class GoalEvents(msgspec.Struct, frozen=True):
-    """What a client wants to hear of its goal; all run on the executor thread."""
+    """What a client wants to receive of its goal; all run on the executor thread."""
 
     accepted: Callable[[str], None]
     """(goal_id)"""
@@ -223,7 +223,7 @@ class Timer(Protocol):
 
 
 class ObservationKind(StrEnum):
-    """What a tap can hear (service_msgs/msg/ServiceEventInfo has the four of services)."""
+    """What a tap can receive (service_msgs/msg/ServiceEventInfo has the four of services)."""
 
     MESSAGE = "message"
     MESSAGE_TAKEN = "message_taken"
@@ -239,7 +239,7 @@ NAMELESS = "gid "
 
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One thing that happened, as a tap heard it.
+    """One thing that happened, as a tap received it.
 
     Attributes:
         stamp_ns: when it happened, taken where it happened (ns since the epoch).
@@ -251,7 +251,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         source: the node that published this observation: of a message taken, the one that took it.
         sequence: counts from 0 per source and channel: a gap shows loss; -1 where not known. Messages taken
             are counted apart from messages.
-        order: counts all that the source tells, on whatever channel, in the order in which it
+        order: counts all that the source reports, on whatever channel, in the order in which it
             happened; -1 where not known. Without a gap, nothing older is still to come.
         client, call: for services, who calls and the number of its call. The client begins with ``NAMELESS``
             where only its endpoint is known: another end of the same call may know its name.
@@ -312,7 +312,7 @@ class Tap(Protocol):
 
     def take_dropped(self) -> Collection[tuple[str, str]]:
         """Channel and source of what this tap has dropped by itself since it was last asked, as it came
-        faster than it was handled (source: empty where it is not known). Gaps in numbers tell of it later,
+        faster than it was handled (source: empty where it is not known). Gaps in numbers show it later,
         or never.
         """
         ...
@@ -322,7 +322,7 @@ class Tap(Protocol):
         ...
 
     def problems(self) -> Sequence[str]:
-        """What the tap cannot hear or could not decode, one sentence each (undecodable payloads,
+        """What the tap cannot receive or could not decode, one sentence each (undecodable payloads,
         lost messages, peers that are known but not linked).
         """
         ...
@@ -344,7 +344,7 @@ class Transport(Protocol):
     def repair_s(self) -> float:
         """How long what the middleware dropped while this process stood still may take to come after all (s).
 
-        0 where all that was not heard by then is lost, or comes late and in its order.
+        0 where all that was not received by then is lost, or comes late and in its order.
         """
         ...
 
@@ -379,7 +379,7 @@ class Transport(Protocol):
         goal: Callable[[GoalHandle], None],
         cancel: Callable[[GoalHandle], None],
     ) -> None:
-        """Serve ``action``: ``goal`` hears new goals, ``cancel`` cancel requests of accepted ones."""
+        """Serve ``action``: ``goal`` receives new goals, ``cancel`` cancel requests of accepted ones."""
         ...
 
     def action_client(self, action: Action) -> ActionClient:
@@ -405,8 +405,8 @@ class Transport(Protocol):
     def tick_complete(self) -> None:
         """Say that this node has made all calls of a round (a policy: of a tick), and pauses before the next.
 
-        From any thread. A transport may have its nodes tell their taps now what they did, as nobody waits
-        for them; it may as well do nothing.
+        From any thread. A transport may have its nodes report to their taps now what they did, as nobody
+        waits for them; it may as well do nothing.
         """
 
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
@@ -423,7 +423,7 @@ class Transport(Protocol):
     def up_since(self, name: str) -> int:
         """When ``name`` began to connect: ns since the epoch, on its clock; 0 if that is not known.
 
-        Known from when ``watch_nodes`` has told that it is up. A node that is heard of late (its
+        Known from when ``watch_nodes`` has reported that it is up. A node that is discovered late (its
         link came up late, or again) began before; one that was restarted began anew.
         """
         ...
@@ -437,7 +437,7 @@ class Transport(Protocol):
         channels: Sequence[str],
         handler: Callable[[Observation], None],
     ) -> Tap:
-        """Hear everything on channels that match one of the globs (empty: all), passively."""
+        """Receive everything on channels that match one of the globs (empty: all), passively."""
         ...
 
     def spin(self, until: Callable[[], bool] | None = None) -> None:

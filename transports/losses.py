@@ -1,4 +1,4 @@
-"""What a tap missed or could not decode, told from sequence numbers and payloads."""
+"""What a tap missed or could not decode, by sequence numbers and payloads."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from transports.sequences import Sequel, Sequences
 
 KEPT_PLACES = 10_000
-"""Channels and sources that are told apart; their names come from the wire, and never end."""
+"""Channels and sources that are distinguished; their names come from the wire, and never end."""
 
 _AFTER_A_GAP = Sequel.AFTER_A_GAP
 
@@ -29,7 +29,7 @@ class Losses:
         """What was missed or not decoded on channels or from sources of which no more can be kept."""
 
     def number(self, channel: str, source: str, sequence: int, stamp_ns: int) -> None:
-        """Take the sequence number of something heard into account."""
+        """Take the sequence number of something received into account."""
         place = (channel, source)
         sequel, last = self._sequences.follow(place, sequence, stamp_ns)
         if sequel is _AFTER_A_GAP and last is not None:

@@ -1,4 +1,4 @@
-"""What arrived and could not be used: counted by channel and source, and said once for each.
+"""What arrived and could not be used: counted by channel and source, and reported once for each.
 
 Whoever reaches the middleware can send anything, as often as it likes. So what a decoder refuses must
 neither end the process nor fill its log or its memory.
@@ -12,18 +12,18 @@ import threading
 from collections.abc import Iterator
 
 MOST_PLACES = 256
-"""Channels and sources that are told apart; their names come from the wire, and never end."""
+"""Channels and sources that are distinguished; their names come from the wire, and never end."""
 MOST_SHOWN = 200
 """Characters of a name or a reason that a line of the log shows."""
 _AGAIN = 1000
-"""What goes on is said again each time it has become so many times as much."""
+"""What goes on is reported again each time it has become so many times as much."""
 
 
 class Refusals:
     """Counts what one node refused, and says so.
 
     Args:
-        log: where it is said.
+        log: where it is reported.
     """
 
     def __init__(self, log: logging.Logger) -> None:
@@ -55,7 +55,7 @@ class Refusals:
                     "more than %d senders of what cannot be used: the others are not reported one by one",
                     MOST_PLACES,
                 )
-        elif _is_said(count):
+        elif _is_reported(count):
             self._log.warning(
                 "%s: message from %s dropped: %s%s",
                 shown(channel),
@@ -83,7 +83,7 @@ class Refusals:
             return self._counts.get((channel, source), 0)
 
 
-def _is_said(count: int) -> bool:
+def _is_reported(count: int) -> bool:
     while count % _AGAIN == 0:
         count //= _AGAIN
     return count == 1

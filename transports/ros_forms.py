@@ -16,10 +16,10 @@ from transports.payloads import PayloadError, decode_with, shallow
 from transports.service_events import KIND_OF_EVENT, TYPE_SUFFIX
 
 OWN_PACKAGES = ("m2c/", "moon_msgs/")
-"""Packages of types that have no ROS definition: what the tools tell each other."""
+"""Packages of types that have no ROS definition: what the tools report to each other."""
 STRING = "std_msgs/msg/String"
 CALL_ERRORS = "/_m2c/call_errors"
-"""Where it is said how calls ended without a response."""
+"""Where it is reported how calls ended without a response."""
 
 
 class Carried(msgspec.Struct, frozen=True):

@@ -1,4 +1,4 @@
-"""Names that ROS 2 takes, told without ROS 2: models are checked where it is not installed.
+"""Names that ROS 2 takes, checked without ROS 2: models are checked where it is not installed.
 
 Rules: https://design.ros2.org/articles/topic_and_service_names.html and the headers
 ``rmw/validate_full_topic_name.h``, ``rmw/validate_node_name.h``. A test compares with rclpy's own.

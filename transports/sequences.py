@@ -1,4 +1,4 @@
-"""Sequence numbers: what they tell of what was heard twice, and of what was not heard.
+"""Sequence numbers: they show what was received twice, and what was not received.
 
 Whoever publishes or calls numbers what it sends on each channel, from 0. This is the one rule by which all
 read such numbers; what follows from it is each reader's own.
@@ -14,12 +14,12 @@ class Sequel(Enum):
     """How a number follows the one before it, of the same source on the same channel."""
 
     FIRST = 0
-    """Nothing was heard before; whether that is a loss, if it is not 0, the number does not tell."""
+    """Nothing was received before; whether that is a loss, if it is not 0, the number does not tell."""
     NEXT = 1
     AGAIN = 2
-    """It was heard before, or comes late: it tells nothing new."""
+    """It was received before, or comes late: it is nothing new."""
     AFTER_A_GAP = 3
-    """The numbers in between were not heard."""
+    """The numbers in between were not received."""
     ANEW = 4
     """Its source has started again, and numbers anew: what it sent last, before that, may be missing."""
 
@@ -34,8 +34,8 @@ Last = tuple[int, int]
 def sequel_of(last: Last | None, number: int, stamp_ns: int) -> Sequel:
     """How ``number`` follows.
 
-    A number that does not go up is one that was heard before, or a late one, if its stamp is not newer; else
-    it is a restarted node's.
+    A number that does not go up is one that was received before, or a late one, if its stamp is not newer;
+    else it is a restarted node's.
 
     Args:
         last: what it follows; None: it is the first.
@@ -57,7 +57,7 @@ class Sequences:
 
     Args:
         most: places that are remembered; their names come from the wire, and never end. The one that was
-            heard first is forgotten first.
+            received first is forgotten first.
 
     Attributes:
         last: by place.

@@ -45,9 +45,9 @@ CASES = [
     (LosesMessages, conformance.messages_of_one_source_arrive_in_order),
     (KeepsNoOrder, conformance.messages_of_one_source_arrive_in_order),
     (DoublesMessages, conformance.messages_of_one_source_arrive_in_order),
-    (HidesObservations, conformance.a_tap_hears_every_message_once_and_in_order),
-    (HidesObservations, conformance.a_tap_hears_the_four_events_of_every_call),
-    (StampsAtRandom, conformance.a_tap_hears_the_four_events_of_every_call),
+    (HidesObservations, conformance.a_tap_receives_every_message_once_and_in_order),
+    (HidesObservations, conformance.a_tap_receives_the_four_events_of_every_call),
+    (StampsAtRandom, conformance.a_tap_receives_the_four_events_of_every_call),
 ]
 
 

@@ -64,7 +64,7 @@ class SimpleActionClient:
         self._accepted: set[str] = set()
         self._cancel_wanted: set[str] = set()
         self._early: dict[str, list[Any]] = {}
-        transport.subscribe(parts.feedback, self._hear_feedback)
+        transport.subscribe(parts.feedback, self._receive_feedback)
 
     def send_goal(self, goal: Message, events: GoalEvents, timeout_s: float = 5.0) -> str:
         """Send a goal; see ``transports.interface.ActionClient``."""
@@ -83,10 +83,10 @@ class SimpleActionClient:
             return
         info = GoalInfo(wire_id(goal_id))
         self._cancel_goal.call(
-            CancelRequest(info), lambda result: self._hear_cancel(goal_id, result)
+            CancelRequest(info), lambda result: self._receive_cancel(goal_id, result)
         )
 
-    def _hear_cancel(self, goal_id: str, result: CallResult) -> None:
+    def _receive_cancel(self, goal_id: str, result: CallResult) -> None:
         """A goal that goes on although it should be canceled is worth a line."""
         if result.outcome is not CallOutcome.RESPONSE:
             why = result.error or str(result.outcome)
@@ -129,7 +129,7 @@ class SimpleActionClient:
         else:
             events.result(goal_id, status, answer.response.result)
 
-    def _hear_feedback(self, message: Any) -> None:
+    def _receive_feedback(self, message: Any) -> None:
         goal_id = hex_id(message.goal_id)
         events = self._events.get(goal_id)
         if events is None:

@@ -30,12 +30,12 @@ from transports.conformance.life import (
     timers_fire_no_earlier_than_asked_and_stop_when_cancelled,
 )
 from transports.conformance.observation import (
-    a_tap_hears_every_message_once_and_in_order,
-    a_tap_hears_how_a_call_failed,
-    a_tap_hears_only_what_its_globs_name,
-    a_tap_hears_the_four_events_of_every_call,
     a_tap_knows_in_what_order_a_source_did_things,
-    a_tap_that_is_closed_hears_no_more,
+    a_tap_receives_every_message_once_and_in_order,
+    a_tap_receives_how_a_call_failed,
+    a_tap_receives_only_what_its_globs_name,
+    a_tap_receives_the_four_events_of_every_call,
+    a_tap_that_is_closed_receives_no_more,
 )
 from transports.conformance.services import (
     a_call_gets_its_own_answer_even_when_answers_are_deferred,
@@ -64,7 +64,7 @@ from transports.conformance.stage import (
     refused,
 )
 from transports.conformance.takes import (
-    a_tap_hears_which_messages_a_node_takes,
+    a_tap_receives_which_messages_a_node_takes,
     an_answer_comes_behind_what_it_speaks_of,
     who_is_not_there_does_not_answer,
 )
@@ -119,13 +119,13 @@ __all__ = [
     "a_remote_error_carries_its_text",
     "a_request_is_answered_once",
     "a_service_is_served_once_in_a_node",
-    "a_tap_hears_every_message_once_and_in_order",
-    "a_tap_hears_how_a_call_failed",
-    "a_tap_hears_only_what_its_globs_name",
-    "a_tap_hears_the_four_events_of_every_call",
-    "a_tap_hears_which_messages_a_node_takes",
     "a_tap_knows_in_what_order_a_source_did_things",
-    "a_tap_that_is_closed_hears_no_more",
+    "a_tap_receives_every_message_once_and_in_order",
+    "a_tap_receives_how_a_call_failed",
+    "a_tap_receives_only_what_its_globs_name",
+    "a_tap_receives_the_four_events_of_every_call",
+    "a_tap_receives_which_messages_a_node_takes",
+    "a_tap_that_is_closed_receives_no_more",
     "a_transient_local_topic_gives_the_last_message_to_who_comes_late",
     "an_answer_comes_behind_what_it_speaks_of",
     "callbacks_run_one_at_a_time",

@@ -46,15 +46,15 @@ def a_goal_runs_from_acceptance_by_feedback_to_its_result(network: Network) -> N
     on(network, client, lambda: client.action_client(COUNTING))
     ready(network, server, client)
     goal, _ = _send_goal(network, client, 3)
-    assert network.until(lambda: bool(goal.heard) and goal.heard[-1][0] is GoalStatus.SUCCEEDED), (
-        f"the goal does not succeed: {goal.heard}"
-    )
+    assert network.until(
+        lambda: bool(goal.received) and goal.received[-1][0] is GoalStatus.SUCCEEDED
+    ), f"the goal does not succeed: {goal.received}"
     expected = [("accepted",), *(("feedback", n) for n in range(3)), ("succeeded", "done")]
-    assert goal.heard == expected, f"the client heard {goal.heard}, not {expected}"
+    assert goal.received == expected, f"the client received {goal.received}, not {expected}"
 
 
 def a_goal_can_be_rejected_or_aborted(network: Network) -> None:
-    """A rejected goal hears nothing more; an aborted one gets its result."""
+    """A rejected goal receives nothing more; an aborted one gets its result."""
     server, client = network.node("server"), network.node("client")
 
     def serve(handle: GoalHandle) -> None:
@@ -68,12 +68,12 @@ def a_goal_can_be_rejected_or_aborted(network: Network) -> None:
     ready(network, server, client)
     rejected, _ = _send_goal(network, client, 0)
     aborted, _ = _send_goal(network, client, 1)
-    assert network.until(lambda: len(aborted.heard) >= 2 and bool(rejected.heard)), (
-        f"the goals do not end: {rejected.heard}, {aborted.heard}"
+    assert network.until(lambda: len(aborted.received) >= 2 and bool(rejected.received)), (
+        f"the goals do not end: {rejected.received}, {aborted.received}"
     )
-    assert rejected.heard == [("rejected",)], f"a rejected goal heard {rejected.heard}"
+    assert rejected.received == [("rejected",)], f"a rejected goal received {rejected.received}"
     expected = [("accepted",), (GoalStatus.ABORTED, "tired")]
-    assert aborted.heard == expected, f"an aborted goal heard {aborted.heard}"
+    assert aborted.received == expected, f"an aborted goal received {aborted.received}"
 
 
 def a_cancel_request_reaches_the_goal_it_names(network: Network) -> None:
@@ -92,11 +92,13 @@ def a_cancel_request_reaches_the_goal_it_names(network: Network) -> None:
     ready(network, server, client)
     first, caller = _send_goal(network, client, 1)
     second, _ = _send_goal(network, client, 2)
-    assert network.until(lambda: bool(first.heard) and bool(second.heard)), "no goal is accepted"
+    assert network.until(lambda: bool(first.received) and bool(second.received)), (
+        "no goal is accepted"
+    )
     refused(network, server, lambda: handles[0].canceled(Text()), "a cancel nobody asked for")
     on(network, client, lambda: caller.cancel(first.id))
-    assert network.until(lambda: len(first.heard) == 2), f"it is not cancelled: {first.heard}"
-    assert first.heard[1] == (GoalStatus.CANCELED, "stopped 1"), f"it heard {first.heard}"
+    assert network.until(lambda: len(first.received) == 2), f"it is not cancelled: {first.received}"
+    assert first.received[1] == (GoalStatus.CANCELED, "stopped 1"), f"it received {first.received}"
     on(network, server, lambda: handles[1].succeed(Text("went on")))
-    assert network.until(lambda: len(second.heard) == 2), "the other goal does not go on"
-    assert second.heard[1] == (GoalStatus.SUCCEEDED, "went on"), f"it heard {second.heard}"
+    assert network.until(lambda: len(second.received) == 2), "the other goal does not go on"
+    assert second.received[1] == (GoalStatus.SUCCEEDED, "went on"), f"it received {second.received}"

@@ -97,9 +97,9 @@ def a_node_is_up_once_it_is_announced_and_down_once_it_is_closed(network: Networ
     missing = network.caller(lambda: watcher.wait_for_nodes(["node"], 0.05))()
     assert list(missing) == ["node"], "a node that is not announced counts as up"
     ready(network, watcher, node)
-    assert network.until(lambda: ("node", True) in changes), "nobody hears that it is up"
+    assert network.until(lambda: ("node", True) in changes), "nobody is notified that it is up"
     node.close()
-    assert network.until(lambda: ("node", False) in changes), "nobody hears that it is gone"
+    assert network.until(lambda: ("node", False) in changes), "nobody is notified that it is gone"
 
 
 def closing_while_busy_ends_everything(network: Network) -> None:

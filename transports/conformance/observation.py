@@ -1,4 +1,4 @@
-"""What every transport must tell a tap.
+"""What every transport must report to a tap.
 
 Every public function is a check.
 """
@@ -27,23 +27,23 @@ from transports.interface import (
 from transports.networks import Network
 
 
-def a_tap_hears_every_message_once_and_in_order(network: Network) -> None:
+def a_tap_receives_every_message_once_and_in_order(network: Network) -> None:
     """With its source, its type, its data as plain values, and gapless numbers."""
     source, listener = network.node("source"), network.node("listener")
-    heard: list[Observation] = []
+    received: list[Observation] = []
     publisher = on(network, source, lambda: source.publisher(NUMBERS))
-    on(network, listener, lambda: listener.tap([], heard.append))
+    on(network, listener, lambda: listener.tap([], received.append))
     ready(network, source, listener)
     before = source.now_ns()
     for value in range(COUNT):
         source.post(partial(publisher.publish, Number(value, "x")))
     wanted = [("value", COUNT - 1)]
     assert network.until(
-        lambda: any(o.channel == NUMBERS.name and o.data["value"] == wanted[0][1] for o in heard)
-    ), "the tap does not hear the last message"
-    mine = [o for o in heard if o.channel == NUMBERS.name]
+        lambda: any(o.channel == NUMBERS.name and o.data["value"] == wanted[0][1] for o in received)
+    ), "the tap does not receive the last message"
+    mine = [o for o in received if o.channel == NUMBERS.name]
     assert [o.data for o in mine] == [{"value": v, "text": "x"} for v in range(COUNT)], (
-        f"the tap heard {len(mine)} of {COUNT} messages, or not in order"
+        f"the tap received {len(mine)} of {COUNT} messages, or not in order"
     )
     first = mine[0].sequence
     for offset, observation in enumerate(mine):
@@ -57,38 +57,44 @@ def a_tap_hears_every_message_once_and_in_order(network: Network) -> None:
 
 
 def _tapped_service(network: Network) -> tuple[Transport, Transport, list[Observation]]:
-    """A server of ``DOUBLE``, its client, and what a third node hears of them."""
+    """A server of ``DOUBLE``, its client, and what a third node learns of them."""
     server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
-    heard: list[Observation] = []
+    received: list[Observation] = []
     on(network, server, lambda: server.serve(DOUBLE, lambda r: r.respond(Answer(2 * r.data.value))))
-    on(network, listener, lambda: listener.tap([], heard.append))
+    on(network, listener, lambda: listener.tap([], received.append))
     ready(network, server, client, listener)
-    return server, client, heard
+    return server, client, received
 
 
-def _until_both_ends_tell(network: Network, client: Transport, heard: list[Observation]) -> None:
+def _until_both_ends_report(
+    network: Network, client: Transport, received: list[Observation]
+) -> None:
     """Call ``DOUBLE`` until all four events of a call come: its ends learn of a tap by and by."""
 
-    def is_heard(value: int) -> bool:
+    def is_received(value: int) -> bool:
         results = calls(network, client, range(value, value + 1))
         assert network.until(lambda: bool(results)), "the call does not end"
         network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
-        return sum(o.data in ({"value": value}, {"value": 2 * value}) for o in heard) == 4
+        return sum(o.data in ({"value": value}, {"value": 2 * value}) for o in received) == 4
 
-    assert any(is_heard(1000 + attempt) for attempt in range(20)), "the ends do not tell the tap"
+    assert any(is_received(1000 + attempt) for attempt in range(20)), (
+        "the ends do not report to the tap"
+    )
 
 
-def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
-    """Both ends tell theirs, in an order that respects cause and effect."""
-    _, client, heard = _tapped_service(network)
-    _until_both_ends_tell(network, client, heard)
-    heard.clear()
+def a_tap_receives_the_four_events_of_every_call(network: Network) -> None:
+    """Both ends report theirs, in an order that respects cause and effect."""
+    _, client, received = _tapped_service(network)
+    _until_both_ends_report(network, client, received)
+    received.clear()
     results = calls(network, client, range(1, 51))
     assert network.until(lambda: len(results) == 50), "the calls do not end"
-    assert network.until(lambda: len(heard) >= 200), f"the tap heard {len(heard)} of 200 events"
-    assert len(heard) == 200, f"the tap heard {len(heard)} events of 50 calls, not 200"
+    assert network.until(lambda: len(received) >= 200), (
+        f"the tap received {len(received)} of 200 events"
+    )
+    assert len(received) == 200, f"the tap received {len(received)} events of 50 calls, not 200"
     by_call: dict[int, list[Observation]] = {}
-    for observation in heard:
+    for observation in received:
         by_call.setdefault(observation.call, []).append(observation)
     assert len(by_call) == 50, f"50 calls have {len(by_call)} numbers"
     order = [
@@ -111,8 +117,8 @@ def a_tap_hears_the_four_events_of_every_call(network: Network) -> None:
 
 
 def rounds_that_are_over_cost_a_tap_nothing(network: Network) -> None:
-    """Whoever says that they are over, on whatever thread: all that was done is heard, once and in order."""
-    server, client, heard = _tapped_service(network)
+    """Whoever says that they are over, on whatever thread: all is received, once and in order."""
+    server, client, received = _tapped_service(network)
     client.tick_complete()  # nothing was done yet
 
     def rounds(values: range) -> None:
@@ -122,20 +128,22 @@ def rounds_that_are_over_cost_a_tap_nothing(network: Network) -> None:
             client.tick_complete()
             on(network, server, server.tick_complete)
 
-    _until_both_ends_tell(network, client, heard)
-    heard.clear()
+    _until_both_ends_report(network, client, received)
+    received.clear()
     rounds(range(1, 21))
-    assert network.until(lambda: len(heard) >= 80), f"the tap heard {len(heard)} of 80 events"
+    assert network.until(lambda: len(received) >= 80), (
+        f"the tap received {len(received)} of 80 events"
+    )
     for source in ("client", "server"):
-        stamps = [o.stamp_ns for o in heard if o.source == source]
-        assert len(stamps) == 40, f"of {source} the tap heard {len(stamps)} of 40 events"
-        assert stamps == sorted(stamps), f"what {source} tells of a service is not in order"
+        stamps = [o.stamp_ns for o in received if o.source == source]
+        assert len(stamps) == 40, f"of {source} the tap received {len(stamps)} of 40 events"
+        assert stamps == sorted(stamps), f"what {source} reports of a service is not in order"
 
 
 def a_tap_knows_in_what_order_a_source_did_things(network: Network) -> None:
     """Numbers over all channels of a source have no gap and rise with its stamps; or it gives none."""
     server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
-    heard: list[Observation] = []
+    received: list[Observation] = []
     publisher = on(network, server, lambda: server.publisher(NUMBERS))
 
     def answer(request: Any) -> None:
@@ -144,23 +152,23 @@ def a_tap_knows_in_what_order_a_source_did_things(network: Network) -> None:
         publisher.publish(Number(request.data.value, "after"))
 
     on(network, server, lambda: server.serve(DOUBLE, answer))
-    on(network, listener, lambda: listener.tap([], heard.append))
+    on(network, listener, lambda: listener.tap([], received.append))
     ready(network, server, client, listener)
 
     def mine() -> list[Observation]:
-        return [o for o in heard if o.source == "server"]
+        return [o for o in received if o.source == "server"]
 
     for attempt in range(20):  # ends learn of a tap by and by
-        heard.clear()
+        received.clear()
         results = calls(network, client, range(attempt, attempt + 1))
         assert network.until(partial(bool, results)), "the call does not end"
         network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
         if len(mine()) == 4:
             break
-    heard.clear()
+    received.clear()
     results = calls(network, client, range(100, 150))
     assert network.until(lambda: len(results) == 50), "the calls do not end"
-    assert network.until(lambda: len(mine()) >= 200), f"the tap heard {len(mine())} of 200"
+    assert network.until(lambda: len(mine()) >= 200), f"the tap received {len(mine())} of 200"
     did = sorted(mine(), key=lambda o: o.order)
     if all(o.order == -1 for o in did):
         return
@@ -170,16 +178,16 @@ def a_tap_knows_in_what_order_a_source_did_things(network: Network) -> None:
     assert stamps == sorted(stamps), "what came later in the order was stamped earlier"
 
 
-def a_tap_hears_how_a_call_failed(network: Network) -> None:
+def a_tap_receives_how_a_call_failed(network: Network) -> None:
     """A remote error is on both response events; a call that nobody answers ends with its reason."""
     server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
-    heard: list[Observation] = []
+    received: list[Observation] = []
     on(network, server, lambda: server.serve(DOUBLE, lambda r: r.fail("no")))
-    on(network, listener, lambda: listener.tap([DOUBLE.name], heard.append))
+    on(network, listener, lambda: listener.tap([DOUBLE.name], received.append))
     ready(network, server, client, listener)
 
     def responses() -> list[Observation]:
-        return [o for o in heard if "response" in o.kind]
+        return [o for o in received if "response" in o.kind]
 
     for _ in range(20):
         results = calls(network, client, range(1))
@@ -187,41 +195,41 @@ def a_tap_hears_how_a_call_failed(network: Network) -> None:
         network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
         if len({o.kind for o in responses()}) == 2:
             break
-    assert responses(), "the tap hears no response event"
+    assert responses(), "the tap receives no response event"
     wrong = [o for o in responses() if not o.error.startswith("remote_error: ") or o.data]
-    assert not wrong, f"the error is not told: {wrong}"
+    assert not wrong, f"the error is not reported: {wrong}"
 
 
-def a_tap_hears_only_what_its_globs_name(network: Network) -> None:
+def a_tap_receives_only_what_its_globs_name(network: Network) -> None:
     """A glob names channels; naming an action names its parts."""
     source, listener = network.node("source"), network.node("listener")
-    heard: list[Observation] = []
+    received: list[Observation] = []
     other = Topic("/other/numbers", Number.__type_name__, Number)
     publishers = [on(network, source, partial(source.publisher, t)) for t in (other, NUMBERS)]
-    on(network, listener, lambda: listener.tap(["/conformance/*"], heard.append))
+    on(network, listener, lambda: listener.tap(["/conformance/*"], received.append))
     ready(network, source, listener)
     for publisher in publishers:
         on(network, source, partial(publisher.publish, Number(1)))
-    assert network.until(lambda: bool(heard)), "the tap hears nothing"
-    channels = {observation.channel for observation in heard}
-    assert channels == {NUMBERS.name}, f"the tap hears {channels}"
+    assert network.until(lambda: bool(received)), "the tap receives nothing"
+    channels = {observation.channel for observation in received}
+    assert channels == {NUMBERS.name}, f"the tap receives {channels}"
 
 
-def a_tap_that_is_closed_hears_no_more(network: Network) -> None:
+def a_tap_that_is_closed_receives_no_more(network: Network) -> None:
     """Closing it twice does nothing; its peers are named while it is open."""
     source, listener = network.node("source"), network.node("listener")
-    heard: list[Observation] = []
+    received: list[Observation] = []
     later: list[Number] = []
     publisher = on(network, source, lambda: source.publisher(NUMBERS))
-    tap = on(network, listener, lambda: listener.tap([], heard.append))
+    tap = on(network, listener, lambda: listener.tap([], received.append))
     on(network, listener, lambda: listener.subscribe(NUMBERS, later.append))
     ready(network, source, listener)
     assert network.until(lambda: "source" in tap.peers()), f"its peers are {tap.peers()}"
     on(network, source, lambda: publisher.publish(Number(1)))
-    assert network.until(lambda: bool(heard)), "the tap hears nothing"
+    assert network.until(lambda: bool(received)), "the tap receives nothing"
     on(network, listener, tap.close)
     on(network, listener, tap.close)
-    count = len(heard)
+    count = len(received)
     on(network, source, lambda: publisher.publish(Number(2)))
-    assert network.until(lambda: len(later) == 2), "the subscriber beside it hears nothing"
-    assert len(heard) == count, "a closed tap still hears"
+    assert network.until(lambda: len(later) == 2), "the subscriber beside it receives nothing"
+    assert len(received) == count, "a closed tap still receives"

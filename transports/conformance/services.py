@@ -94,7 +94,7 @@ def a_call_without_an_answer_times_out_once(network: Network) -> None:
 
 
 def a_call_that_nobody_serves_is_unavailable_or_times_out(network: Network) -> None:
-    """UNAVAILABLE where the middleware can tell, TIMEOUT where it cannot; never a hang."""
+    """UNAVAILABLE where the middleware can know, TIMEOUT where it cannot; never a hang."""
     client = network.node("client")
     ready(network, client)
     results = calls(network, client, range(1), timeout_s=0.5)

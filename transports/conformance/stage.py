@@ -119,15 +119,15 @@ def calls(
 
 
 class Goal:
-    """What one goal's client heard, in order."""
+    """What one goal's client received, in order."""
 
     def __init__(self) -> None:
-        self.heard: list[tuple[Any, ...]] = []
+        self.received: list[tuple[Any, ...]] = []
         self.id = ""
 
     def events(self) -> GoalEvents:
-        """What puts all of it into ``heard``."""
-        put = self.heard.append
+        """What puts all of it into ``received``."""
+        put = self.received.append
         return GoalEvents(
             accepted=lambda _: put(("accepted",)),
             rejected=lambda _: put(("rejected",)),

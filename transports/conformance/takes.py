@@ -1,4 +1,4 @@
-"""What taps hear of messages that nodes take, and how far a node has reported.
+"""What taps learn of messages that nodes take, and how far a node has reported.
 
 A transport that does not report takes (``Transport.reports_takes``) says nothing of them, and answers None.
 Every public function is a check.
@@ -21,25 +21,27 @@ class _Scene:
     def __init__(self, network: Network) -> None:
         self.network = network
         self.source, self.taker, self.listener = map(network.node, ("source", "taker", "listener"))
-        self.heard: list[Observation] = []
+        self.received: list[Observation] = []
         self.numbers: Publisher = on(network, self.source, lambda: self.source.publisher(NUMBERS))
         echoes: Publisher = on(network, self.taker, lambda: self.taker.publisher(ECHOES))
         on(network, self.taker, lambda: self.taker.subscribe(NUMBERS, echoes.publish))
-        self.tap: Tap = on(network, self.listener, lambda: self.listener.tap([], self.heard.append))
+        self.tap: Tap = on(
+            network, self.listener, lambda: self.listener.tap([], self.received.append)
+        )
         ready(network, self.source, self.taker, self.listener)
 
     def of(self, kind: ObservationKind, channel: str) -> list[Observation]:
-        """What was heard of this kind on ``channel``."""
-        return [o for o in self.heard if o.kind is kind and o.channel == channel]
+        """What was learned of this kind on ``channel``."""
+        return [o for o in self.received if o.kind is kind and o.channel == channel]
 
     def pass_on(self, value: int) -> None:
-        """Have a message published, and wait until the tap has heard that of the taker."""
+        """Have a message published, and wait until the tap has received that of the taker."""
         on(self.network, self.source, partial(self.numbers.publish, Number(value)))
         assert self.network.until(
             lambda: any(
                 o.data["value"] == value for o in self.of(ObservationKind.MESSAGE, ECHOES.name)
             )
-        ), "the tap does not hear what the taker publishes"
+        ), "the tap does not receive what the taker publishes"
 
     def begin(self) -> bool:
         """Until the taker reports what it takes, which it learns to do by and by; whether it does at all."""
@@ -49,26 +51,26 @@ class _Scene:
             if self.of(ObservationKind.MESSAGE_TAKEN, NUMBERS.name):
                 break
         else:
-            assert not self.taker.reports_takes, "nothing is heard of messages that are taken"
+            assert not self.taker.reports_takes, "nothing is received of messages that are taken"
             return False
-        assert self.taker.reports_takes, "messages taken are heard though it reports none"
-        self.heard.clear()
+        assert self.taker.reports_takes, "messages taken are received though it reports none"
+        self.received.clear()
         return True
 
     def ask(self, node: str) -> tuple[Answer | None, list[Observation]]:
-        """The answer, and what had been heard when it came."""
+        """The answer, and what had been received when it came."""
         answers: list[tuple[Answer | None, list[Observation]]] = []
         on(
             self.network,
             self.listener,
-            lambda: self.tap.ask(node, lambda a: answers.append((a, self.heard.copy()))),
+            lambda: self.tap.ask(node, lambda a: answers.append((a, self.received.copy()))),
         )
         assert self.network.until(lambda: bool(answers)), f"asking {node} does not end"
         assert len(answers) == 1, "a question is answered twice"
         return answers[0]
 
 
-def a_tap_hears_which_messages_a_node_takes(network: Network) -> None:
+def a_tap_receives_which_messages_a_node_takes(network: Network) -> None:
     """Each once, by whose message it is and its number, before what the node does of it."""
     scene = _Scene(network)
     if not scene.begin():
@@ -80,7 +82,7 @@ def a_tap_hears_which_messages_a_node_takes(network: Network) -> None:
             len(scene.of(ObservationKind.MESSAGE_TAKEN, NUMBERS.name)) >= COUNT
             and len(scene.of(ObservationKind.MESSAGE, ECHOES.name)) >= COUNT
         )
-    ), f"the tap heard {len(scene.heard)} observations of {3 * COUNT}"
+    ), f"the tap received {len(scene.received)} observations of {3 * COUNT}"
     published = {o.sequence: o for o in scene.of(ObservationKind.MESSAGE, NUMBERS.name)}
     taken = scene.of(ObservationKind.MESSAGE_TAKEN, NUMBERS.name)
     assert [o.call for o in taken] == sorted(published), "not each message is taken once"
@@ -91,14 +93,14 @@ def a_tap_hears_which_messages_a_node_takes(network: Network) -> None:
         message = published[take.call]
         assert (take.source, take.client) == ("taker", "source"), f"taken by or from whom: {take}"
         assert take.type_name == Number.__type_name__, f"type {take.type_name!r}"
-        assert take.data is None, "the contents are told twice"
+        assert take.data is None, "the contents are reported twice"
         assert message.data == echo.data, f"{take} is of {message}, and makes {echo}"
         assert message.stamp_ns < take.stamp_ns < echo.stamp_ns, "taken too early or too late"
         assert take.order < echo.order, "taken after what came of it"
 
 
 def an_answer_comes_behind_what_it_speaks_of(network: Network) -> None:
-    """All that has a number below it has been heard, and nothing else was done until its stamp."""
+    """All that has a number below it has been received, and nothing else was done until its stamp."""
     scene = _Scene(network)
     if not scene.begin():
         return
@@ -108,14 +110,14 @@ def an_answer_comes_behind_what_it_speaks_of(network: Network) -> None:
             scene.source.post(partial(scene.numbers.publish, Number(10 * value + part)))
         if value % 2:
             scene.pass_on(1000 + value)
-        answer, heard = scene.ask("taker")
+        answer, received = scene.ask("taker")
         assert answer is not None, "a node that is there does not answer"
-        asked.append((answer, heard))
+        asked.append((answer, received))
     scene.pass_on(2000)
-    done = sorted((o for o in scene.heard if o.source == "taker"), key=lambda o: o.order)
-    for answer, heard in asked:
+    done = sorted((o for o in scene.received if o.source == "taker"), key=lambda o: o.order)
+    for answer, received in asked:
         before = [o for o in done if o.order < answer.next_order]
-        missing = [o for o in before if o not in heard]
+        missing = [o for o in before if o not in received]
         assert not missing, f"{answer} came before {len(missing)} that it speaks of: {missing[:1]}"
         early = [o for o in done if o.stamp_ns <= answer.stamp_ns and o not in before]
         assert not early, f"{answer} does not speak of {early[:1]}, which was done before"

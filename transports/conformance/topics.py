@@ -25,11 +25,11 @@ from transports.networks import Network
 
 
 def messages_of_one_source_arrive_in_order(network: Network) -> None:
-    """Two publishers, two subscribers: each hears all of each, in order."""
+    """Two publishers, two subscribers: each receives all of each, in order."""
     sources = [network.node("source_a"), network.node("source_b")]
     sinks = [network.node("sink_a"), network.node("sink_b")]
-    heard: list[list[Number]] = [[], []]
-    for sink, inbox in zip(sinks, heard, strict=True):
+    received: list[list[Number]] = [[], []]
+    for sink, inbox in zip(sinks, received, strict=True):
         on(network, sink, partial(sink.subscribe, NUMBERS, inbox.append))
     publishers = [on(network, source, partial(source.publisher, NUMBERS)) for source in sources]
     ready(network, *sources, *sinks)
@@ -37,10 +37,10 @@ def messages_of_one_source_arrive_in_order(network: Network) -> None:
         for source, publisher in zip(sources, publishers, strict=True):
             message = Number(value, source.node)
             source.post(partial(publisher.publish, message))
-    assert network.until(lambda: all(len(inbox) >= 2 * COUNT for inbox in heard)), (
-        f"of {2 * COUNT} messages the subscribers heard {[len(inbox) for inbox in heard]}"
+    assert network.until(lambda: all(len(inbox) >= 2 * COUNT for inbox in received)), (
+        f"of {2 * COUNT} messages the subscribers received {[len(inbox) for inbox in received]}"
     )
-    for inbox in heard:
+    for inbox in received:
         for source in sources:
             values = [message.value for message in inbox if message.text == source.node]
             assert values == list(range(COUNT)), f"from {source.node} came {values}"
@@ -53,12 +53,16 @@ def a_transient_local_topic_gives_the_last_message_to_who_comes_late(network: Ne
     on(network, source, lambda: publisher.publish(Number(1)))
     on(network, source, lambda: publisher.publish(Number(2)))
     ready(network, source, late)
-    heard: list[int] = []
-    on(network, late, lambda: late.subscribe(TRANSIENT_LOCAL, lambda m: heard.append(m.value)))
-    assert network.until(lambda: bool(heard)), "a late subscriber hears nothing"
+    received: list[int] = []
+    on(network, late, lambda: late.subscribe(TRANSIENT_LOCAL, lambda m: received.append(m.value)))
+    assert network.until(lambda: bool(received)), "a late subscriber receives nothing"
     on(network, source, lambda: publisher.publish(Number(3)))
-    assert network.until(lambda: 3 in heard), "a late subscriber does not hear what comes after"
-    assert heard == [2, 3], f"a late subscriber should hear 2, then 3, and heard {heard}"
+    assert network.until(lambda: 3 in received), (
+        "a late subscriber does not receive what comes after"
+    )
+    assert received == [2, 3], (
+        f"a late subscriber should receive 2, then 3, and received {received}"
+    )
 
 
 def a_message_of_another_type_is_refused_by_its_publisher(network: Network) -> None:
@@ -72,7 +76,7 @@ def a_message_of_another_type_is_refused_by_its_publisher(network: Network) -> N
 def a_message_that_is_not_of_the_topics_type_is_dropped_and_the_node_lives(
     network: Network,
 ) -> None:
-    """A subscriber that expects another type than the publisher's hears nothing, and goes on.
+    """A subscriber that expects another type than the publisher's receives nothing, and goes on.
 
     It is in a node of its own: a middleware may allow one type per topic in a node.
     """
@@ -89,6 +93,6 @@ def a_message_that_is_not_of_the_topics_type_is_dropped_and_the_node_lives(
     ready(network, source, sink, misled)
     for publisher in publishers:
         on(network, source, partial(publisher.publish, Number(1)))
-    assert network.until(lambda: bool(right)), "the subscriber of the right type hears nothing"
-    assert network.until(lambda: bool(after)), "the node of the wrong type hears nothing else"
+    assert network.until(lambda: bool(right)), "the subscriber of the right type receives nothing"
+    assert network.until(lambda: bool(after)), "the node of the wrong type receives nothing else"
     assert not wrong, f"a subscriber of another type is given {wrong}"

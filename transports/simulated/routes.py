@@ -1,4 +1,4 @@
-"""Who hears what in a simulated world: subscribers, servers, and taps with their observations."""
+"""Who receives what in a simulated world: subscribers, servers, and taps with their observations."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Sent(NamedTuple):
 
 
 class Routes:
-    """The routing table of one world, and what its taps are told."""
+    """The routing table of one world, and what is reported to its taps."""
 
     def __init__(self, world: SimulatedWorld) -> None:
         self._world = world
@@ -67,7 +67,7 @@ class Routes:
         source = message.source
         order = self.number(source, "")
         if self._taps:
-            self._tell(
+            self._report(
                 channel,
                 source,
                 {
@@ -85,7 +85,7 @@ class Routes:
     def taken(self, node: str, message: Sent, channel: str) -> None:
         """Tell taps that ``node`` begins to handle a message; without a tap, nothing is recorded."""
         if self._taps:
-            self._tell(
+            self._report(
                 channel,
                 node,
                 {
@@ -120,7 +120,7 @@ class Routes:
         if not self._taps:
             return
         suffix = "_Request" if kind in _REQUESTS else "_Response"
-        self._tell(
+        self._report(
             service.name,
             source,
             {
@@ -145,7 +145,7 @@ class Routes:
         self._sequences[place] = sequence + 1
         return sequence
 
-    def _tell(
+    def _report(
         self, channel: str, source: str, fields: dict[str, Any], payload: bytes | None
     ) -> None:
         for tap in self._taps:
@@ -175,7 +175,7 @@ class Tap:
 
     @property
     def is_complete(self) -> bool:
-        """It hears everything at once."""
+        """It receives everything at once."""
         return True
 
     def ask(
@@ -228,14 +228,14 @@ class Tap:
         self._closed = True
         self._node.routes.remove(self)
 
-    def arrive(self, told: tuple[dict[str, Any], bytes | None]) -> None:
+    def arrive(self, sent: tuple[dict[str, Any], bytes | None]) -> None:
         """An observation is here."""
-        self._node.work(self._hear, told)
+        self._node.work(self._receive, sent)
 
-    def _hear(self, told: tuple[dict[str, Any], bytes | None]) -> None:
+    def _receive(self, sent: tuple[dict[str, Any], bytes | None]) -> None:
         if self._closed:
             return
-        fields, payload = told
+        fields, payload = sent
         channel, source = fields["channel"], fields["source"]
         events = _SUFFIXES.get(fields["kind"], EVENT_SUFFIX)
         self._losses.number(channel + events, source, fields["sequence"], fields["stamp_ns"])

@@ -130,7 +130,7 @@ class Server:
         self.node.world.send(link, call.client.receive, (call, payload, error))
 
     def vanish(self) -> None:
-        """The node is gone: callers whose requests wait here hear so."""
+        """The node is gone: callers whose requests wait here get an error."""
         for call in tuple(self._open):
             call.client.lose(call)
         self._open.clear()
@@ -200,7 +200,7 @@ class Client:
             waiting.set(self._unavailable)
 
     def lose(self, call: Call) -> None:
-        """The server of ``call`` is gone; that takes as long to hear as an answer."""
+        """The server of ``call`` is gone; that takes as long to receive as an answer."""
         link = (self.service.name, self.node_name)
         self.node.world.send(link, self._end_unavailable, call)
 

@@ -112,9 +112,9 @@ class Subscription:
         self._node.world.send(link, self._arrive, message)
 
     def _arrive(self, message: Sent) -> None:
-        self._node.work(self._hear, message)
+        self._node.work(self._receive, message)
 
-    def _hear(self, message: Sent) -> None:
+    def _receive(self, message: Sent) -> None:
         try:
             self._codec.require(message.type_name)
             decoded = self._codec.decode_bytes(message.payload)
@@ -263,7 +263,7 @@ class SimulatedTransport:
         return Completion(self.world)
 
     def tick_complete(self) -> None:
-        """Nothing to do: taps hear everything at once, and take no time."""
+        """Nothing to do: taps receive everything at once, and take no time."""
 
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
         """Run the world until all ``names`` are up; returns those still missing at the end."""
@@ -296,15 +296,15 @@ class SimulatedTransport:
         """Say that this node has declared everything and is ready."""
         if not self._announced:
             self._announced = True
-            self._tell_watchers(True)
+            self._report_to_watchers(True)
 
-    def _tell_watchers(self, up: bool) -> None:
+    def _report_to_watchers(self, up: bool) -> None:
         for other in tuple(self.world.nodes.values()):
             for handler in other._watching:
                 other.post(functools.partial(handler, self._node, up))
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
-        """Hear everything on channels that match one of the globs (empty: all), passively."""
+        """Receive everything on channels that match one of the globs (empty: all), passively."""
         tap = Tap(self, channels, handler)
         self._own_taps.append(tap)
         return tap
@@ -326,7 +326,7 @@ class SimulatedTransport:
         self.world.enter(lambda _: self.vanish(), None)
 
     def vanish(self) -> None:
-        """Be gone: nothing arrives here any more, and who called this node hears so."""
+        """Be gone: nothing arrives here any more, and who called this node gets an error."""
         if not self.alive:
             return
         self.alive = False
@@ -343,7 +343,7 @@ class SimulatedTransport:
         for publishers in self.routes.transient_local.values():
             publishers.pop(self._node, None)
         if self._announced:
-            self._tell_watchers(False)
+            self._report_to_watchers(False)
 
 
 _FOREVER_S = 3600.0 * 24 * 365 * 100

@@ -34,7 +34,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         delay_s: shortest and longest time a message is under way, drawn for each message. A link (a
             channel from one node to another) keeps its order; across links, order is lost.
-        tap_delay_s: the same for what a tap hears.
+        tap_delay_s: the same for what a tap receives.
         busy_s: shortest and longest time a node takes for one piece of work; others wait meanwhile.
         loss: probability that a message of a best-effort topic is lost on one link.
         tap_loss: probability that an observation is lost.
@@ -182,7 +182,7 @@ class SimulatedWorld:
         self._arrive(link, max(self._delay.draw(), least_ns), event, argument)
 
     def send_to_tap(self, link: Any, event: Event, argument: Any) -> None:
-        """The same for what a tap hears, which may be lost or doubled."""
+        """The same for what a tap receives, which may be lost or doubled."""
         for _ in range(self.copies(self.conditions.tap_loss)):
             self._arrive(link, self._tap_delay.draw(), event, argument)
 
@@ -286,7 +286,7 @@ class SimulatedWorld:
         return task
 
     def crash(self, node: str) -> None:
-        """``node`` dies without a word: what is under way to it is lost, its callers hear so."""
+        """``node`` dies without a word: what is under way to it is lost, its callers get an error."""
         if node not in self.nodes:
             known = ", ".join(sorted(self.nodes)) or "none"
             raise TransportError(f"no node `{node}` in this world (there are: {known})")
