@@ -1,4 +1,4 @@
-"""``Machine``: one deliberation component or skill, whichever spelling it was written in.
+"""``Machine``: one deliberation component or skill, whichever dialect it was written in.
 
 The readers lower every tag to three notions, so that checks, code generator and oracle know no
 tags: an :class:`Event` starts a :class:`Transition`, whose :class:`Statement` list may
@@ -18,7 +18,7 @@ from m2c.model.expressions import Expression, Location
 
 
 class Dialect(StrEnum):
-    """The three spellings of the language in use."""
+    """The three dialects of the language in use."""
 
     HL_SCXML = "hl-scxml"
     ASCXML = "ascxml"
@@ -275,7 +275,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     """A whole state machine. States are in document order; ``initial`` names one of them."""
 
     name: str
-    spelling: Dialect
+    dialect: Dialect
     position: Position
     initial: str
     states: tuple[State, ...]

@@ -77,7 +77,7 @@ def machine_of(
         )
         return None
     machine = MachineReader(root, log, library).read()
-    if machine is None or machine.spelling is not Dialect.SCXML:
+    if machine is None or machine.dialect is not Dialect.SCXML:
         return machine
     return bind_plain_events(machine, library, reference, channels or {}, log)
 
@@ -138,7 +138,7 @@ class MachineReader:
             )
         return Machine(
             name=root.get("name"),
-            spelling=_spelling(root),
+            dialect=_dialect(root),
             position=root.position,
             initial=initial,
             states=states,
@@ -190,7 +190,7 @@ class MachineReader:
         return threads
 
 
-def _spelling(root: Element) -> Dialect:
+def _dialect(root: Element) -> Dialect:
     if root.tag == "ascxml":
         return Dialect.ASCXML
     stack = [root]

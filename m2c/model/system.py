@@ -400,7 +400,7 @@ def read_machines(
             continue
         errors = DiagnosticLog()
         machine = machine_of(root, errors, library)
-        if machine is not None and machine.spelling is Dialect.SCXML:
+        if machine is not None and machine.dialect is Dialect.SCXML:
             plain.append((file, root))
             continue
         log.diagnostics += errors.diagnostics
