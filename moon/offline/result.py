@@ -97,7 +97,7 @@ class CheckResult(msgspec.Struct, frozen=True):
         recorded: whether the recording holds verdicts of its own (``moon monitor --record``).
         seconds: how long the check took.
         counted: the violations that count, in order, each with the time at which it was: those of
-            ``verdicts`` that were not taken back, and the first :data:`MAX_REPEATS` of those that are
+            ``verdicts`` that were not withdrawn, and the first :data:`MAX_REPEATS` of those that are
             not reported again; None: all of ``verdicts``.
         unmonitored: what was not checked though it was named, and why, one sentence each.
     """

@@ -48,13 +48,13 @@ class Progress:
                 self.heard = max(self.heard, self.answer[1])
             self.answer = None
 
-    def take(self, order: int, stamp: int, settled: int) -> None:
+    def take(self, order: int, stamp: int, watermark: int) -> None:
         """The node did something.
 
         Args:
             order: its number.
             stamp: when (ns).
-            settled: all that happened until then has been received or is lost (ns).
+            watermark: all that happened until then has been received or is lost (ns).
         """
         if order == self.next:
             self._go_on(stamp)
@@ -63,12 +63,12 @@ class Progress:
             ahead[order] = stamp
             if len(ahead) > KEPT_AHEAD:
                 del ahead[next(iter(ahead))]
-            self.settle(settled)
+            self.settle(watermark)
 
-    def settle(self, settled: int) -> None:
-        """What is missing before something that happened until ``settled`` (ns) does not come any more."""
+    def settle(self, watermark: int) -> None:
+        """What is missing before something that happened until ``watermark`` (ns) does not come any more."""
         ahead = self.ahead
-        passed = [number for number, when in ahead.items() if when <= settled]
+        passed = [number for number, when in ahead.items() if when <= watermark]
         if passed:
             self.next = max(passed)
             for number in [number for number in ahead if number < self.next]:

@@ -70,11 +70,11 @@ class Sources:
 
     def settle(self, now_ns: int) -> Iterator[Gap]:
         """What was not received up to now (ns) and does not come any more."""
-        settled = now_ns - self._latency_ns
+        watermark = now_ns - self._latency_ns
         for name, source in self.known.items():
             if source.progress.ahead:
                 before = source.progress.heard, source.progress.gap
-                source.progress.settle(settled)
+                source.progress.settle(watermark)
                 gap = _gap_of(name, source.progress, before)
                 if gap is not None:
                     yield gap

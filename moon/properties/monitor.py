@@ -162,7 +162,7 @@ class PropertySet:
         Whatever depends on them is inconclusive until it no longer matters. It may be reported at any time:
         what else was observed at those instants counts, before the report and after it. Best is before
         anything stamped ``from_ns`` or later: of what has passed by then no more is left than what
-        holds whatever was lost, and a verdict that rested on it is taken back, even if it was final.
+        holds whatever was lost, and a verdict that rested on it is withdrawn, even if it was final.
 
         Args:
             channel: where they were sent.
