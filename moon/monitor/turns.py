@@ -14,14 +14,14 @@ from moon.ordering.event_time_clock import NS, PERIOD_NS, USUAL_GAP_NS
 from transports.interface import Timer
 
 _SOON_NS = 20_000_000
-"""So long after something was received the time is looked at: what else belongs to it has come then."""
+"""How long after an observation the time is looked at: what else belongs to it has come by then."""
 BEHIND_NS = 15_000_000
-"""So long after the latency bound of what was received is looked at what can wait: a policy, and properties
-where more was received meanwhile. At five, ten or twenty ticks a second the bound is over when another tick
-begins, and a turn then would be within it."""
+"""How long after the latency bound of an observation what can wait is looked at: a policy, and properties of
+which more was received meanwhile. At five, ten or twenty ticks a second the default bound is over just when
+another tick begins, and a turn then would delay that tick (decision 15)."""
 MACHINES_NS = 8_000_000
-"""The same of machines whose verdicts wait for the bound, and are to come within 10 ms of it: what began a
-tick is looked at when a later one is over, which takes 5 to 7 ms with four skills, not when it begins."""
+"""The same for machines, whose verdicts wait for the bound and are to come within 10 ms of it. A tick that
+begins when the bound is over takes 5 to 7 ms with four skills: it is over by then."""
 _LOOKS = 3
 """So often at least the time is looked at while the latency bound passes."""
 

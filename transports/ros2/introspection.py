@@ -2,7 +2,7 @@
 
 The topic, type and contents are those of ``configure_introspection(…, CONTENTS)``. rcl would publish
 each event on the call's way, whether anybody listens or not, and stamp what was sent after it has
-left; that made a tapped call 1.6 times as slow. Here an event is stamped before its message leaves,
+left; that slows every tapped call (decision 15). Here an event is stamped before its message leaves,
 kept only while somebody listens, and published with the others of its node (``transports.outbox``).
 """
 

@@ -36,20 +36,20 @@ _QUIET = ("/rosout", "/parameter_events", "/clock")
 _QUIET_PACKAGES = ("rcl_interfaces/", "type_description_interfaces/", "composition_interfaces/")
 """Types of the services that every node serves; nobody asks why they have no introspection."""
 _NAMELESS_S = 0.05
-"""How long a message waits for the name of who published it, and what came after it with it: a monitor's time
-passes meanwhile, so it must be less than what things may be late."""
+"""How long a message waits for the name of its publisher; what came after it waits, too. A monitor's time
+passes meanwhile, so it must be less than observations may be late."""
 _NEVER_NAMED_S = 1.0
-"""Who has no name so long after it was first received from gets none: nothing of it waits any more."""
+"""A publisher without a name so long after its first message has none: its messages wait no more."""
 _RETRY_S = 0.02
 _QUIET_S = 0.05
-"""How long after a look at the graph there is none."""
+"""The least time from one look at the graph to the next."""
 _CLOSELY_S = 0.3
-"""How long after the last look there is a close one: whether who publishes is still as it was. Counting
-them, as the others do, takes a fifth of the time, and takes one that was replaced for the same."""
+"""How long after the last look at the graph a close one follows, at each publisher's QoS and type. The others
+only count publishers: that is faster, but does not notice that one was replaced."""
 _TURN_S = 0.01
 """How long the tap subscribes before what else is to be done has its turn."""
 _SILENT_S = 1.0
-"""A service that has had no events for so long has none: its endpoints come and go one by one."""
+"""A service whose events nobody publishes for so long has none; not at once, as endpoints come one by one."""
 MOST_TURN_BYTES = 16 * 1024 * 1024
 """What is taken in one turn at most before it is handed on; as plain values it is up to ten times as much."""
 MOST_KEPT_BYTES = 64 * 1024 * 1024
@@ -58,7 +58,7 @@ keeps fewer of a topic where large ones come."""
 _LEAST_DEPTH = 4
 _UNKNOWN = -1
 _ALONE_S = 1.0
-"""Nobody is there who is not known by then: DDS announces participants five times in half a second."""
+"""All participants that are there are known by then: DDS announces each five times in half a second."""
 _DISCOVERY_S = 3.5
 """What others publish is known by then: what was lost of that is sent again at heartbeats, each 3 s."""
 _MATCHED_S = 0.5
