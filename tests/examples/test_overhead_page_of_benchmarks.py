@@ -29,7 +29,8 @@ def page(tmp_path: Path, monkeypatch):
     module = importlib.import_module("benchmarks.__main__")
     folder = tmp_path / "benchmarks"
     folder.mkdir()
-    (folder / "page.py").write_bytes((ROOT / "benchmarks/page.py").read_bytes())
+    for part in ("page", "sampling"):
+        (folder / f"{part}.py").write_bytes((ROOT / f"benchmarks/{part}.py").read_bytes())
     (folder / "one.py").write_text(SCRIPT, encoding="utf-8")
     (tmp_path / "page.md").write_text(
         "# Page\n<!-- begin one -->\nold\n<!-- end one -->\nthe end\n", encoding="utf-8"

@@ -27,7 +27,7 @@ def test_a_tap_hears_the_four_events_of_a_call_and_only_since_it_listens(network
         client.call_and_wait(peer.AddRequest())
     heard = Inbox()
     tap = tapper.tap([], heard)
-    eventually(lambda: client.events.heard and adder._events[peer.ADD.name].heard)
+    eventually(lambda: client.events.is_tapped and adder._events[peer.ADD.name].is_tapped)
     client.call_and_wait(peer.AddRequest(1, 2))
     events = sorted(heard.wait(4), key=lambda observation: observation.stamp_ns)
     assert [(event.kind, event.source, event.type_name) for event in events] == [
@@ -48,7 +48,7 @@ def test_a_tap_hears_the_four_events_of_a_call_and_only_since_it_listens(network
         ("adder", 1),
     }
     tap.close()
-    eventually(lambda: not client.events.heard)
+    eventually(lambda: not client.events.is_tapped)
     client.call_and_wait(peer.AddRequest(1, 2))
     assert client.events.published == 2
 
@@ -61,7 +61,7 @@ def test_a_tap_hears_of_a_call_that_is_never_answered(network):
     client = caller.client(peer.ADD)
     heard = Inbox()
     tapper.tap(["/adder/*"], heard)
-    eventually(lambda: client.events.heard and adder._events[peer.ADD.name].heard)
+    eventually(lambda: client.events.is_tapped and adder._events[peer.ADD.name].is_tapped)
     client.call(peer.AddRequest(1, 2), lambda result: None, timeout_s=0.5)
     events = sorted(heard.wait(3), key=lambda observation: observation.stamp_ns)
     sent, ended = (event for event in events if event.source == "caller")
@@ -83,7 +83,7 @@ def test_all_nodes_tell_what_they_keep_when_a_round_is_over(network, monkeypatch
         node._outbox._delay_s = 10 * WAIT_S
     heard = Inbox()
     tapper.tap([], heard)
-    eventually(lambda: client.events.heard and adder._events[peer.ADD.name].heard)
+    eventually(lambda: client.events.is_tapped and adder._events[peer.ADD.name].is_tapped)
     client.call_and_wait(peer.AddRequest(1, 2))
     eventually(lambda: adder._outbox._scheduled)
     caller.tick_complete()
@@ -103,8 +103,8 @@ def test_what_a_node_tells_of_several_services_comes_in_the_order_in_which_it_ha
     clients = [caller.client(peer.ADD), caller.client(more)]
     heard = Inbox()
     tapper.tap(["/adder/*"], heard)
-    eventually(lambda: all(client.events.heard for client in clients))
-    eventually(lambda: all(adder._events[name].heard for name in (peer.ADD.name, more.name)))
+    eventually(lambda: all(client.events.is_tapped for client in clients))
+    eventually(lambda: all(adder._events[name].is_tapped for name in (peer.ADD.name, more.name)))
     for number in range(20):
         clients[number % 2].call_and_wait(peer.AddRequest(number, 0))
     events = heard.wait(80)

@@ -118,11 +118,11 @@ def test_an_ordinary_action_server_serves_goals_and_cancels(
         return sent
 
     done, rejected, waits = send(Number(1)), send(Number(-1)), send(Number(1, "wait"))
-    assert network.until(lambda: len(done.heard) == 3)
-    assert done.heard[0] == ("accepted",)
-    assert sorted(done.heard[1:], key=str) == [("feedback", 7), (GoalStatus.SUCCEEDED, "done")]
-    assert network.until(lambda: rejected.heard == [("rejected",)])
-    assert network.until(lambda: ("feedback", 7) in waits.heard)
+    assert network.until(lambda: len(done.received) == 3)
+    assert done.received[0] == ("accepted",)
+    assert sorted(done.received[1:], key=str) == [("feedback", 7), (GoalStatus.SUCCEEDED, "done")]
+    assert network.until(lambda: rejected.received == [("rejected",)])
+    assert network.until(lambda: ("feedback", 7) in waits.received)
     on(network, node, lambda: client.cancel(waits.id))
-    assert network.until(lambda: (GoalStatus.CANCELED, "stopped") in waits.heard)
+    assert network.until(lambda: (GoalStatus.CANCELED, "stopped") in waits.received)
     served.destroy()
