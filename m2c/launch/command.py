@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import shlex
-import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -24,7 +23,8 @@ FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
 _MONITOR_OPTIONS = "--monitor-options"
 CLOSE_TIMEOUT_S = 10.0
-"""How long the launcher's own connection may take to close, when all nodes have ended."""
+"""How long the launcher's own connection may take to close, when all nodes have ended. Fast DDS waits for
+ever where a node that was killed has left a lock in shared memory."""
 
 
 def _finite(_: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
@@ -129,6 +129,7 @@ def run(
     from transports.open_files import FOR_A_CONNECTION, allow_open_files
     from transports.registry import connect
     from transports.stop_signals import StopSignals
+    from transports.watchdog import ended_after
 
     if not os.path.exists(system):
         from m2c.model.paths import meant
@@ -176,22 +177,11 @@ def run(
                     system_run = RunningSystem(description, folder, connection, settings, screen)
                     code = system_run.run(signals)
             finally:
-                _end_by_alarm(CLOSE_TIMEOUT_S)
-                connection.close()
-                _end_by_alarm(0)
+                with ended_after(CLOSE_TIMEOUT_S, "closing the connection"):
+                    connection.close()
         except (LaunchError, TransportError) as error:
             fail(str(error))
     sys.exit(code)
-
-
-def _end_by_alarm(delay_s: float) -> None:
-    """End this process by SIGALRM in ``delay_s`` seconds, whatever it does then; 0: no longer.
-
-    A middleware that waits for ever as it closes holds Python's lock, so that nothing in Python can
-    end it: Fast DDS does, where a node that was killed has left a lock in shared memory.
-    """
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, delay_s)
 
 
 _NODE_OPTIONS = {

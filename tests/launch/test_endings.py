@@ -6,12 +6,14 @@ import os
 import re
 import select
 import signal
+import sys
 from pathlib import Path
 
 import pytest
 
 from tests.launch.system import LIMIT_S, Run, System
 from transports.stop_signals import AGAIN_S
+from transports.watchdog import EXIT_CODE
 
 pytestmark = [pytest.mark.zenoh]
 
@@ -97,6 +99,30 @@ def test_a_second_signal_kills_who_has_not_ended(system: System) -> None:
     assert run.end() == 0, run.output
     assert run.lines[-1] == (
         "stopped before all nodes were up; nodes that had not ended yet were killed"
+    )
+
+
+HELD_AS_IT_CLOSES = """
+import ctypes, runpy, sys
+from m2c.launch import command
+from transports.zenoh.transport import ZenohTransport
+close = ZenohTransport.close
+def close_and_hold(transport):
+    close(transport)
+    ctypes.PyDLL(None).pause()  # called with the interpreter's lock in hand, and never returns
+ZenohTransport.close = close_and_hold
+command.CLOSE_TIMEOUT_S = 0.5
+del sys.argv[0]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+def test_a_launcher_whose_middleware_does_not_return_says_so_and_ends(system: System) -> None:
+    run = Run(system.path, "--ticks", 3, inside=[sys.executable, "-c", HELD_AS_IT_CLOSES])
+    assert run.end() == EXIT_CODE, run.output
+    assert run.lines[-2] == "stopped after 3 ticks; all nodes have ended"
+    assert run.lines[-1].endswith(
+        ": closing the connection takes longer than 0.5 s; the process is ended"
     )
 
 

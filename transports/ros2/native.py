@@ -159,7 +159,7 @@ class Libraries:
 
     def __init__(self) -> None:
         rcl = _library("librcl.so")
-        self.rmw = rmw = _library(f"lib{get_rmw_implementation_identifier()}.so")
+        rmw = _library(f"lib{get_rmw_implementation_identifier()}.so")
         utils = _library("librcutils.so")
         pointer, size = ctypes.c_void_p, ctypes.c_size_t
         self.graph_guard = self._declare(rcl, "rcl_node_get_graph_guard_condition", pointer)
@@ -192,8 +192,6 @@ class Libraries:
         self.take_request.argtypes = [pointer, pointer, pointer]
         self.send_response = self._declare(rcl, "rcl_send_response")
         self.send_response.argtypes = [pointer, pointer, pointer]
-        self.node_handle = self._declare(rcl, "rcl_node_get_rmw_handle", pointer)
-        self.node_handle.argtypes = [pointer]
         self.graph_guard.argtypes = [pointer]
         self.add_guard.argtypes = [pointer, pointer, pointer]
         self.take.argtypes = [pointer, pointer, pointer, pointer]

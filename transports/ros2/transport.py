@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.duration import Duration
 
-from transports import ros_forms, ros_names
+from transports import ros_forms, ros_names, watchdog
 from transports.interface import (
     Observation,
     Service,
@@ -18,7 +18,7 @@ from transports.interface import (
 )
 from transports.on_executor import OnExecutor
 from transports.refusals import Refusals
-from transports.ros2 import fast_dds, qos, topics
+from transports.ros2 import qos, topics
 from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import LOG, Executor
 from transports.ros2.faults import Declared, Faults
@@ -38,6 +38,10 @@ _FAULTS_DELAY_S = 0.5
 
 _LAST_WORDS_S = 0.5
 """How long a node that closes waits for what it sent last to arrive, where a subscriber stands still."""
+
+_DESTROY_S = 8.0
+"""How long ROS 2 may take to destroy a node, which takes it milliseconds: some builds of Fast DDS never
+return (decision 31). Less than the 10 s that ``m2c run`` gives a node, so that the node says why it ended."""
 
 
 def connect(node: str, options: Mapping[str, str]) -> Ros2Transport:
@@ -213,11 +217,11 @@ class Ros2Transport(OnExecutor):
         self._graph.stop()
         self._announcements.release()
         context = self._ros.context
-        self._executor.destroy()
-        self._subscriber.close()
-        fast_dds.end_discovery(self._ros)
-        self._ros.destroy_node()
-        context.try_shutdown()
+        with watchdog.ended_after(_DESTROY_S, f"{self.node}: destroying the ROS 2 node"):
+            self._executor.destroy()
+            self._subscriber.close()
+            self._ros.destroy_node()
+            context.try_shutdown()
 
     def _wait_for_last_words(self) -> None:
         """A message is dropped where its publisher is known to be gone before it arrives."""
