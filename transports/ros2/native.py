@@ -2,7 +2,8 @@
 subscriptions that are made while the interpreter goes on, and what has arrived.
 
 rclpy gives the address of each rcl object (``handle.pointer``); the C functions called here are
-part of rcl's and rmw's public API. Those that may be missing are asked for by ``tells_of_arrivals``.
+part of rcl's and rmw's public API. Being told of arrivals is what may be missing: ``tells_of_arrivals``
+asks for it, and wait sets are the other way. For GIDs and graph events rclpy has none.
 The structs are those of Jazzy's ``rmw/types.h``, ``rcl/subscription.h`` and
 ``rcutils/types/uint8_array.h``.
 """
@@ -210,7 +211,11 @@ class Libraries:
 
     @staticmethod
     def _declare(library: Any, name: str, result: Any = ctypes.c_int) -> Any:
-        function = getattr(library, name)
+        function = getattr(library, name, None)
+        if function is None:
+            raise TransportError(
+                f"this ROS 2 has no {name}; the transport needs the C API of Jazzy"
+            )
         function.restype = result
         return function
 
