@@ -12,7 +12,7 @@ makes one up. ``docs/oracle.md`` says the same at length.
 
 The search, by composition; a module uses only those above it:
 
-* ``trace_events``, ``channels``: what an observation is to the machine, an input or an output;
+* ``trace_events``: what an observation is to the machine, an input or an output; source streams;
 * ``unknowns``: values of which only a range is known, and when a value is what was expected;
 * ``step``, ``expressions``, ``compiling``, ``program``: the machine ready to be stepped, and one step;
 * ``state``, ``goals``: hypotheses, which are values, and the goals in them;
@@ -25,7 +25,6 @@ The search, by composition; a module uses only those above it:
 
 What is concluded from it:
 
-* ``source_streams``: what is received of one source on one channel, and its numbers;
 * ``expected``, ``request_tracking``, ``taken_messages``: what others sent, until the machine's node has it;
 * ``unconfirmed``, ``confirmation``: violations until no lost observation can be the reason;
 * ``conclusion``: the verdict as it stands.

@@ -13,10 +13,9 @@ from moon.oracle.clock import Clock
 from moon.oracle.conclusion import Conclusion
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.request_tracking import RequestTracking
-from moon.oracle.source_streams import SourceStreams
 from moon.oracle.state import Hypothesis
 from moon.oracle.taken_messages import TakenMessages
-from moon.oracle.trace_events import TraceEvent
+from moon.oracle.trace_events import SourceStreams, TraceEvent
 from moon.ordering.held import Held
 from moon.ordering.judge import Gap
 from moon.ordering.progress import Progress

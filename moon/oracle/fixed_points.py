@@ -12,7 +12,6 @@ from typing import Any
 from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.bounds import Bounds
-from moon.oracle.channels import Channels
 from moon.oracle.goals import adopt, changed, goal_called
 from moon.oracle.program import Program
 from moon.oracle.state import (
@@ -25,7 +24,7 @@ from moon.oracle.state import (
     distinct,
 )
 from moon.oracle.successors import Successors
-from moon.oracle.trace_events import TraceEvent, identifier
+from moon.oracle.trace_events import Channels, TraceEvent, identifier
 from moon.oracle.unknowns import Unknown, agree, is_unknown, learned
 
 _ENDS = (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL)

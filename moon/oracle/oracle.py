@@ -16,7 +16,6 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.channels import Channels
 from moon.oracle.clock import Clock
 from moon.oracle.conclusion import Conclusion
 from moon.oracle.confirmation import Confirmation
@@ -24,11 +23,10 @@ from moon.oracle.delivery import Delivery
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.request_tracking import RequestTracking
 from moon.oracle.search import Search
-from moon.oracle.source_streams import SourceStreams
 from moon.oracle.state import Hypothesis
 from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.topics import Topics
-from moon.oracle.trace_events import Role, TraceEvent
+from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
 from moon.oracle.unconfirmed import Losses, OtherEnds, Publishers
 from moon.ordering.held import Held
 from moon.ordering.numbers import Count, Numbers

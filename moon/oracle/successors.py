@@ -12,7 +12,6 @@ from typing import Any
 
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.channels import Channels
 from moon.oracle.goals import (
     adopt,
     adopt_in_place,
@@ -34,7 +33,7 @@ from moon.oracle.state import (
     TimerKey,
 )
 from moon.oracle.step import Delayed, Output, Step
-from moon.oracle.trace_events import TraceEvent
+from moon.oracle.trace_events import Channels, TraceEvent
 from moon.oracle.unknowns import Unknown
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from m2c.model.machine import EventKind
-from moon.oracle.channels import Channels
 from moon.oracle.program import Program
-from moon.oracle.source_streams import SourceStreams
 from moon.oracle.taken_messages import TakenMessages, reference_of
-from moon.oracle.trace_events import Role, TraceEvent
+from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
 from moon.oracle.unconfirmed import Publishers
 from moon.ordering.held import Held
 

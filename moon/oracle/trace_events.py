@@ -1,17 +1,25 @@
 """What an observation is to a machine: an input, an output, or nothing; and who makes that of it.
 
-``Channels`` chooses the reader of each observation by its source, channel and kind.
+Where both ends of a call are observed, the machine's own end counts (design, section 6): requests it
+received and responses it sent for what it serves, requests it sent and responses it received for what
+it calls. Those and what it publishes come from one process and are totally ordered by their stamps.
+Messages of others on its topics are not ordered against them.
+
+``Channels`` chooses what reads the observations of one source, channel and kind, and ``SourceStreams`` keeps
+that, with the numbers of what was received.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import IntEnum
 from typing import Any
 
-from m2c.model.datatypes import Structure
-from m2c.model.machine import EventKind, InterfaceKind, OutputKind
+from m2c.model.datatypes import DataType, Structure
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.values import zero
+from moon.ordering.numbers import Count, Numbers, Place
 from transports.interface import CallOutcome, Observation, ObservationKind
 
 EventKey = tuple[EventKind, str]
@@ -31,15 +39,15 @@ class Role(IntEnum):
     RESULT = 4
     """The result of a goal, sent to who asked for it."""
     ASKED = 5
-    """A request that another node sent to the machine, as that node tells it."""
+    """A request that another node sent to the machine, as that node reports it."""
     ANSWERED = 6
-    """The machine's answer to such a request, as that node tells it: the request was taken up."""
+    """The machine's answer to such a request, as that node reports it: the request was taken up."""
     UNDECLARED = 7
     """Something the machine sent where its model says nothing."""
     UNANSWERED = 8
-    """Who sent such a request has waited for the answer in vain, as it tells."""
+    """Who sent such a request has waited for the answer in vain, as it reports."""
     OTHER_END = 9
-    """What the server of a call that the machine made tells of it."""
+    """What the server of a call that the machine made reports of it."""
     TAKEN = 10
     """The machine's node took a message of a topic, as it reports; it becomes an INPUT."""
 
@@ -56,7 +64,7 @@ class TraceEvent:
         data: the message.
         call: (client, number) of a call.
         goal: a goal's id (32 hex digits).
-        stream: source and channel: facts of one stream keep their order.
+        stream: source and channel: the events of one stream keep their order.
         may_be_lost: whether the machine may never have got it (set by the oracle).
         observation: what was observed.
     """
@@ -108,11 +116,11 @@ class TraceEvent:
 
     @property
     def base(self) -> TraceEvent:
-        """The fact itself, where this is one that was perhaps taken already."""
+        """The event itself, where this is one that was perhaps taken already."""
         return self._base or self  # not kept as a reference to itself: that would be a cycle
 
     def as_may_be_lost(self) -> TraceEvent:
-        """The same fact for a hypothesis in which it may have been taken already."""
+        """The same event for a hypothesis in which it may have been taken already."""
         if self.may_be_lost:
             return self
         if self._twin is None:
@@ -133,7 +141,7 @@ class TraceEvent:
 # --- readers --------------------------------------------------------------------------------------
 
 Reader = Callable[[Observation], TraceEvent | None]
-"""Makes a fact of an observation, if it is one."""
+"""Makes a trace event of an observation, if it is one."""
 
 
 class Port:
@@ -151,13 +159,13 @@ class Port:
         self.template = None if data is None else zero(data)
 
 
-def strange(seen: Observation) -> TraceEvent:
+def _undeclared(seen: Observation) -> TraceEvent:
     """Something for which the model has no words."""
     return TraceEvent(seen, Role.UNDECLARED)
 
 
-def asking(name: str) -> Reader:
-    """Requests to the machine, as who sends them tells it."""
+def _asking(name: str) -> Reader:
+    """Requests to the machine, as who sends them reports it."""
     return lambda seen: TraceEvent(seen, Role.ASKED, name)
 
 
@@ -165,8 +173,8 @@ _TIMED_OUT = f"{CallOutcome.TIMEOUT}:"
 _REFUSED = f"{CallOutcome.REMOTE_ERROR}:"
 
 
-def answered(name: str) -> Reader:
-    """What the machine answered to them, as who got it tells it, or that no answer came in time.
+def _answered(name: str) -> Reader:
+    """What the machine answered to them, as who got it reports it, or that no answer came in time.
 
     An answer may be a refusal: the request was received then. A call that failed otherwise shows nothing.
     """
@@ -181,45 +189,45 @@ def answered(name: str) -> Reader:
     return answer
 
 
-def at_the_server(name: str, node: str) -> Reader:
-    """What the server of a call tells of it, where ``node`` is its client."""
+def _at_the_server(name: str, node: str) -> Reader:
+    """What the server of a call reports of it, where ``node`` is its client."""
     return lambda seen: TraceEvent(seen, Role.OTHER_END, name) if seen.client == node else None
 
 
-def taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
+def _taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
     """Inputs; ``template``: zero values of all fields."""
     event = (kind, name)
     return lambda seen: TraceEvent(seen, role, name, event, None, complete(seen.data, template))
 
 
-def took(name: str) -> Reader:
+def _took(name: str) -> Reader:
     """Reports of the machine's node that it took a message of a topic; who published it has the contents."""
     event = (EventKind.MESSAGE, name)
     return lambda seen: TraceEvent(seen, Role.TAKEN, name, event)
 
 
-def giving(name: str, kind: OutputKind, template: Any) -> Reader:
+def _giving(name: str, kind: OutputKind, template: Any) -> Reader:
     """Outputs; ``template``: zero values of all fields."""
     return lambda seen: TraceEvent(
         seen, Role.OUTPUT, name, None, kind, complete(seen.data, template)
     )
 
 
-def served(name: str, kind: ObservationKind, own: bool, template: Any) -> Reader | None:
-    """Events of one kind of a service that the machine serves; ``own``: told by its own node."""
+def _served(name: str, kind: ObservationKind, own: bool, template: Any) -> Reader | None:
+    """Events of one kind of a service that the machine serves; ``own``: reported by its own node."""
     match kind:
         case ObservationKind.REQUEST_RECEIVED if own:
-            return taking(Role.INPUT, name, EventKind.REQUEST, template)
+            return _taking(Role.INPUT, name, EventKind.REQUEST, template)
         case ObservationKind.RESPONSE_SENT if own:
-            return _answering(name)
+            return _answer_sent(name)
         case ObservationKind.REQUEST_SENT if not own:
-            return asking(name)
+            return _asking(name)
         case ObservationKind.RESPONSE_RECEIVED if not own:
-            return answered(name)
+            return _answered(name)
     return None
 
 
-def _answering(name: str) -> Reader:
+def _answer_sent(name: str) -> Reader:
     def answer(seen: Observation) -> TraceEvent | None:
         if seen.error:
             return None  # the transport refuses a request that is none
@@ -233,8 +241,8 @@ _ENDS = {4: OutputKind.SUCCEED, 5: OutputKind.CANCEL, 6: OutputKind.ABORT}
 _ENDED = {4: EventKind.SUCCEEDED, 5: EventKind.CANCELED, 6: EventKind.ABORTED}
 
 
-def of_action_server(port: Port, observation: Observation) -> TraceEvent | None:
-    """What the node of an action server tells of one part of the action."""
+def _of_action_server(port: Port, observation: Observation) -> TraceEvent | None:
+    """What the node of an action server reports of one part of the action."""
     data, name = observation.data, port.interface
     match port.part, observation.kind:
         case "send_goal", ObservationKind.REQUEST_RECEIVED:
@@ -267,8 +275,8 @@ def of_action_server(port: Port, observation: Observation) -> TraceEvent | None:
     return None
 
 
-def of_action_client(port: Port, observation: Observation) -> TraceEvent | None:
-    """What the node of an action client tells of one part of the action; feedback is told by the server's."""
+def _of_action_client(port: Port, observation: Observation) -> TraceEvent | None:
+    """What the node of an action client reports of one part of it; feedback is reported by the server's."""
     data, name = observation.data, port.interface
     if port.part == "feedback" and observation.kind is ObservationKind.MESSAGE:
         feedback = complete(data["feedback"], port.template)
@@ -321,3 +329,313 @@ def complete(data: Any, template: Any) -> Any:
     if len(data) == len(template):
         return data
     return {**template, **data}
+
+
+# --- channels -------------------------------------------------------------------------------------
+
+MIDDLEWARE_CHANNELS = ("/rosout", "/parameter_events", "/policy/ticks", "/moon/")
+"""Beginnings of channels that nodes use without their models saying so."""
+
+MIDDLEWARE_ENDINGS = (
+    "/describe_parameters",
+    "/get_parameter_types",
+    "/get_parameters",
+    "/list_parameters",
+    "/set_parameters",
+    "/set_parameters_atomically",
+    "/get_type_description",
+)
+"""Ends of services that every ROS 2 node has."""
+
+
+_KEPT_CALLS = 512
+"""Calls of an action's services of which the goal is remembered."""
+
+
+_SENDINGS = (
+    ObservationKind.MESSAGE,
+    ObservationKind.REQUEST_SENT,
+    ObservationKind.RESPONSE_SENT,
+)
+
+_AT_THE_SERVER = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)
+
+
+class Channels:
+    """The channels of one machine and what observations on them mean.
+
+    Args:
+        machine: the model.
+        library: its message types.
+        node: name of the node that runs it.
+    """
+
+    def __init__(self, machine: Machine, library: InterfaceLibrary, node: str) -> None:
+        self.node = node
+        self.ports: dict[str, list[Port]] = {}
+        self.types: dict[tuple[OutputKind, str], DataType | None] = {}
+        """Type of the message of each output."""
+        self.aliases: dict[tuple[InterfaceKind, str], str] = {}
+        self._goals: dict[tuple[str, str, int], str] = {}
+        self._sent: dict[str, None] = {}
+        for interface in machine.interfaces:
+            channel, name, kind = interface.channel, interface.name, interface.kind
+            if channel is None:
+                continue
+            match kind:
+                case InterfaceKind.PUBLISHER | InterfaceKind.SUBSCRIBER:
+                    message = library.message(interface.type_name)
+                    self._add(channel, Port(kind, name, "", message))
+                    self.types[OutputKind.PUBLISH, name] = message
+                case InterfaceKind.SERVER | InterfaceKind.CLIENT:
+                    service = library.service(interface.type_name)
+                    serves = kind is InterfaceKind.SERVER
+                    self._add(
+                        channel,
+                        Port(kind, name, "", service.request if serves else service.response),
+                    )
+                    self.types[OutputKind.RESPONSE, name] = service.response
+                    self.types[OutputKind.REQUEST, name] = service.request
+                case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
+                    action = library.action(interface.type_name)
+                    for part in ("send_goal", "cancel_goal", "get_result", "feedback", "status"):
+                        inner = {
+                            "send_goal": action.goal,
+                            "get_result": action.result,
+                            "feedback": action.feedback,
+                        }.get(part)
+                        self._add(f"{channel}/_action/{part}", Port(kind, name, part, inner))
+                    self.types[OutputKind.SEND_GOAL, name] = action.goal
+                    self.types[OutputKind.FEEDBACK, name] = action.feedback
+                    for output in (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL):
+                        self.types[output, name] = action.result
+
+    def _add(self, channel: str, port: Port) -> None:
+        ports = self.ports.setdefault(channel, [])
+        for known in ports:
+            if known.kind is port.kind and port.kind is not InterfaceKind.SUBSCRIBER:
+                self.aliases[port.kind, port.interface] = known.interface
+                return
+        ports.append(port)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether each topic that the machine takes is one interface: a message is one input then."""
+        counts = (
+            sum(port.kind is InterfaceKind.SUBSCRIBER for port in ports)
+            for ports in self.ports.values()
+        )
+        return max(counts, default=0) <= 1
+
+    def name_of(self, kind: InterfaceKind, interface: str) -> str:
+        """The name under which the channel of ``interface`` is known: one per channel and kind."""
+        return self.aliases.get((kind, interface), interface)
+
+    def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
+        """Whether observations like this can mean anything to the machine."""
+        return source == self.node or bool(self.readers(channel, source, kind))
+
+    def readers(self, channel: str, source: str, kind: ObservationKind) -> tuple[Reader, ...]:
+        """What makes trace events of the observations of one source, channel and kind."""
+        ports = self.ports.get(channel)
+        own = source == self.node
+        if own and kind in _SENDINGS and self._is_undeclared(channel, ports, kind):
+            return (_undeclared,)
+        made = (self._reader(port, kind, own) for port in ports or ())
+        return tuple(reader for reader in made if reader is not None)
+
+    def _is_undeclared(self, channel: str, ports: list[Port] | None, kind: ObservationKind) -> bool:
+        """Whether the machine's model has no words for its sending this."""
+        if ports is None:
+            return not channel.startswith(MIDDLEWARE_CHANNELS) and not channel.endswith(
+                MIDDLEWARE_ENDINGS
+            )
+        serves_only = all(port.kind is InterfaceKind.SERVER for port in ports)
+        return serves_only and kind is ObservationKind.REQUEST_SENT
+
+    def _reader(self, port: Port, kind: ObservationKind, own: bool) -> Reader | None:
+        name, template = port.interface, port.template
+        match port.kind:
+            case InterfaceKind.SUBSCRIBER if kind is ObservationKind.MESSAGE:
+                return _taking(Role.MESSAGE, name, EventKind.MESSAGE, template)
+            case InterfaceKind.SUBSCRIBER if own and kind is ObservationKind.MESSAGE_TAKEN:
+                return _took(name)
+            case InterfaceKind.PUBLISHER if own and kind is ObservationKind.MESSAGE:
+                return _giving(name, OutputKind.PUBLISH, template)
+            case InterfaceKind.SERVER:
+                return _served(name, kind, own, template)
+            case InterfaceKind.CLIENT if own:
+                return self._called(name, kind, template)
+            case InterfaceKind.ACTION_SERVER if own:
+                return self._of_action(port, kind, _of_action_server)
+            case InterfaceKind.CLIENT if kind in _AT_THE_SERVER:
+                return _at_the_server(name, self.node)
+            case InterfaceKind.ACTION_SERVER if port.part == "send_goal":
+                return _served(name, kind, own, template)
+            case InterfaceKind.ACTION_SERVER if kind is ObservationKind.RESPONSE_RECEIVED:
+                return _answered(name)
+            case InterfaceKind.ACTION_CLIENT if own or (
+                port.part == "feedback" and kind is ObservationKind.MESSAGE
+            ):
+                return self._of_action(port, kind, _of_action_client)
+            case InterfaceKind.ACTION_CLIENT if kind in _AT_THE_SERVER:
+                return _at_the_server(name, self.node)
+        return None
+
+    def _called(self, name: str, kind: ObservationKind, template: Any) -> Reader | None:
+        node = self.node
+        if kind is ObservationKind.REQUEST_SENT:
+
+            def sent(seen: Observation) -> TraceEvent | None:
+                if seen.client != node:
+                    return None
+                return TraceEvent(seen, Role.OUTPUT, name, None, OutputKind.REQUEST, seen.data)
+
+            return sent
+        if kind is not ObservationKind.RESPONSE_RECEIVED:
+            return None
+        answer, failure = (EventKind.RESPONSE, name), (EventKind.CALL_ERROR, name)
+
+        def received(seen: Observation) -> TraceEvent | None:
+            if seen.client != node:
+                return None
+            if seen.error:
+                return TraceEvent(seen, Role.INPUT, name, failure)
+            return TraceEvent(seen, Role.INPUT, name, answer, None, complete(seen.data, template))
+
+        return received
+
+    def _of_action(
+        self,
+        port: Port,
+        kind: ObservationKind,
+        read: Callable[[Port, Observation], TraceEvent | None],
+    ) -> Reader:
+        if kind is ObservationKind.MESSAGE:
+            return lambda seen: read(port, seen)
+
+        def remembering(seen: Observation) -> TraceEvent | None:
+            event = read(port, seen)
+            if event is not None:
+                self._remember_goal(event)
+            return event
+
+        return remembering
+
+    def _remember_goal(self, event: TraceEvent) -> None:
+        """Responses of an action's services do not name their goal; their requests do."""
+        place = (event.observation.channel, *event.call)
+        if event.goal:
+            self._goals[place] = event.goal
+            if event.output is OutputKind.SEND_GOAL:
+                self._sent[event.goal] = None
+                if len(self._sent) > _KEPT_CALLS:
+                    del self._sent[next(iter(self._sent))]
+            if len(self._goals) > _KEPT_CALLS:
+                del self._goals[next(iter(self._goals))]
+        else:
+            event.goal = self._goals.get(place, "")
+
+    def forget_goals(self) -> None:
+        """From here on, goals that were sent before may or may not be under way."""
+        self._sent.clear()
+
+    def was_sent(self, goal: str) -> bool:
+        """Whether the machine has sent this goal since its past is known."""
+        return goal in self._sent
+
+
+# --- source streams -------------------------------------------------------------------------------
+
+KEPT_STREAMS = 4096
+"""Source streams that are remembered; their names come from the wire."""
+
+
+class SourceStream:
+    """Observations of one source, channel and kind.
+
+    Attributes:
+        read: what makes trace events of them; None if nothing does.
+        more: what makes further events of them, where they are part of several interfaces.
+        own: whether the machine's own node is their source.
+        other_end: whether they are what a server reports of the machine's calls.
+        count: their numbers; None for what others report of their calls, which only adds to what is
+            known.
+    """
+
+    __slots__ = ("count", "more", "other_end", "own", "read")
+
+    def __init__(
+        self, readers: tuple[Reader, ...], own: bool, other_end: bool, count: Count | None
+    ) -> None:
+        self.read = readers[0] if readers else None
+        self.more = readers[1:]
+        self.own = own
+        self.other_end = other_end
+        self.count = count
+
+
+class SourceStreams:
+    """The streams of one machine.
+
+    Args:
+        channels: the machine's.
+        node: the node that runs it.
+        numbers: those of all sources, if somebody else follows them; else it has its own.
+    """
+
+    def __init__(self, channels: Channels, node: str, numbers: Numbers | None = None) -> None:
+        self._are_followed = numbers is not None
+        self._numbers = numbers or Numbers(most=KEPT_STREAMS)
+        self._channels = channels
+        self._node = node
+        self.opened: dict[tuple[str, str, ObservationKind], SourceStream] = {}
+        """By source, channel and kind."""
+        self.counts: dict[Place, Count] = {}
+        self.heard_since: int | None = None
+        """From when on (ns) silence means that the machine did nothing, once it is heard at all; FOREVER: its
+        node is not known to be there."""
+
+    def of(self, observation: Observation) -> SourceStream:
+        """The stream that ``observation`` is in."""
+        key = (observation.source, observation.channel, observation.kind)
+        return self.opened.get(key) or self._open(*key)
+
+    def _open(self, source: str, channel: str, kind: ObservationKind) -> SourceStream:
+        if len(self.opened) >= KEPT_STREAMS:
+            # those that are in use come back; a first number says nothing about losses
+            self.opened.clear()
+            self.counts.clear()
+        message = kind is ObservationKind.MESSAGE
+        own = source == self._node
+        readers = self._channels.readers(channel, source, kind)
+        count = None
+        if own or (message and readers):
+            place = (source, channel, message)
+            count = self.counts[place] = self._numbers.add(place)
+        stream = self.opened[source, channel, kind] = SourceStream(
+            readers, own, not own and kind in _AT_THE_SERVER, count
+        )
+        return stream
+
+    def is_heard(self, channel: str) -> bool:
+        """Whether the machine's node was heard on ``channel``, or on one that is part of that action."""
+        part = f"{channel}/_action/"
+        return any(
+            source == self._node and (heard == channel or heard.startswith(part))
+            for source, heard, _ in self.opened
+        )
+
+    def may_be_unheard(self, channels: Iterable[str], by_ns: int) -> bool:
+        """Whether the node was found after ``by_ns``, and was not heard on all of ``channels`` yet."""
+        if self.heard_since is None or by_ns >= self.heard_since:
+            return False
+        return not all(self.is_heard(channel) for channel in channels)
+
+    def restart(self) -> None:
+        """The machine's node numbers anew, and was not heard yet."""
+        self.heard_since = None
+        for key in [key for key in self.opened if key[0] == self._node]:
+            del self.opened[key]
+        if not self._are_followed:
+            self._numbers.forget(self._node)

@@ -13,7 +13,7 @@ import msgspec
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.runtime.messages import message_class
-from moon.oracle.channels import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
+from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from moon.ordering.counts import Counts, Rejected
 from transports.actions import parts_of
 from transports.interface import Action, Observation, ObservationKind, Service
