@@ -9,10 +9,10 @@ from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import interface_kind_of
+from moon.oracle.compiling import Step
 from moon.oracle.fixed_points import Outputs
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis, Obligation
-from moon.oracle.step import Step
 from moon.oracle.successors import Successors
 from moon.oracle.trace_events import Channels, Role, TraceEvent
 

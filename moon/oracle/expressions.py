@@ -40,7 +40,7 @@ from moon.oracle import unknowns
 from moon.oracle.unknowns import Unknown
 
 if TYPE_CHECKING:
-    from moon.oracle.step import Step
+    from moon.oracle.compiling import Step
 
 Evaluate = Callable[["Step"], Any]
 
@@ -223,7 +223,7 @@ class Closures:
             return lambda step: exact(left(step), right(step))
         if operator in _SYMBOLIC:
             operate = _SYMBOLIC[operator]
-            return lambda step: operate(step.settled(left(step)), step.settled(right(step)))
+            return lambda step: operate(step.enumerated(left(step)), step.enumerated(right(step)))
 
         def related(step: Step) -> bool:
             first, second = left(step), right(step)

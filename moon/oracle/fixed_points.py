@@ -16,7 +16,6 @@ from moon.oracle.goals import adopt, changed, goal_called
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
-    EventKey,
     Goal,
     Hypothesis,
     Obligation,
@@ -24,7 +23,7 @@ from moon.oracle.state import (
     distinct,
 )
 from moon.oracle.successors import Successors
-from moon.oracle.trace_events import Channels, TraceEvent, identifier
+from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier
 from moon.oracle.unknowns import Unknown, agree, is_unknown, learned
 
 _ENDS = (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL)

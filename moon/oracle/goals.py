@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from m2c.model.machine import OutputKind
+from moon.oracle.compiling import Output
 from moon.oracle.state import Goal, Hypothesis
-from moon.oracle.step import Output
 from moon.oracle.unknowns import Unknown
 
 KEPT_GOALS = 8

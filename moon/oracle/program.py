@@ -18,9 +18,17 @@ from m2c.model.scopes import event_parts, interface_kind_of
 from m2c.model.typing import Scope
 from m2c.model.values import zero
 from m2c.model.walk import root_of, statements_of
-from moon.oracle.compiling import Compiler, live_variables
+from moon.oracle.compiling import (
+    Compiler,
+    Delayed,
+    StateProgram,
+    Step,
+    TransitionProgram,
+    holds,
+    live_variables,
+)
 from moon.oracle.expressions import Closures
-from moon.oracle.step import Delayed, EventKey, StateProgram, Step, TransitionProgram, holds
+from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import anything
 
 MAX_STEPS = 1000
@@ -171,7 +179,7 @@ class MachineProgram:
             if event is None:
                 taken = True
                 self._enter(step, states, state)
-                self._settle(step, states)
+                self._complete_macrostep(step, states)
             else:
                 taken = self._deliver(step, states, event)
             yield taken, step
@@ -194,10 +202,10 @@ class MachineProgram:
         for transition in found:
             if transition.condition is None or holds(step, transition.condition):
                 self._follow(step, states, transition)
-                self._settle(step, states)
+                self._complete_macrostep(step, states)
                 return True
         if step.internal:  # a condition failed
-            self._settle(step, states)
+            self._complete_macrostep(step, states)
         return False
 
     def _follow(
@@ -228,7 +236,7 @@ class MachineProgram:
         if program.enter is not None:
             program.enter(step)
 
-    def _settle(self, step: Step, states: list[StateProgram]) -> None:
+    def _complete_macrostep(self, step: Step, states: list[StateProgram]) -> None:
         for _ in range(MAX_STEPS):
             program = states[step.state]
             for transition in program.eventless:

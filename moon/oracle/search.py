@@ -21,11 +21,11 @@ from moon.oracle.bounds import (
     Bounds,
     TooManyError,
 )
+from moon.oracle.compiling import StateProgram
 from moon.oracle.deterministic_successor import DeterministicSuccessor
 from moon.oracle.fixed_points import Inputs, Outputs
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis, PendingTimer, distinct
-from moon.oracle.step import StateProgram
 from moon.oracle.successors import Successors
 from moon.oracle.trace_events import Channels, Role, TraceEvent
 from moon.wording import Wording

@@ -9,11 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 from m2c.model.diagnostics import Position
-from m2c.model.machine import EventKind, OutputKind
-from moon.oracle.trace_events import TraceEvent
+from m2c.model.machine import OutputKind
+from moon.oracle.trace_events import EventKey, TraceEvent
 from moon.oracle.unknowns import SCALARS, frozen
-
-EventKey = tuple[EventKind, str]
 
 ANY_CALL = ("", -1)
 """Whose response is owed when the request came before the oracle looked."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.compiling import Delayed, Output, Step
 from moon.oracle.goals import (
     adopt,
     adopt_in_place,
@@ -24,7 +25,6 @@ from moon.oracle.goals import (
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
-    EventKey,
     Hypothesis,
     Instances,
     Obligation,
@@ -32,8 +32,7 @@ from moon.oracle.state import (
     QueuedEvent,
     TimerKey,
 )
-from moon.oracle.step import Delayed, Output, Step
-from moon.oracle.trace_events import Channels, TraceEvent
+from moon.oracle.trace_events import Channels, EventKey, TraceEvent
 from moon.oracle.unknowns import Unknown
 
 
