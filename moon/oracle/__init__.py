@@ -15,7 +15,7 @@ The search, by composition; a module uses only those above it:
 * ``trace_events``: what an observation is to the machine, an input or an output; source streams;
 * ``unknowns``: values of which only a range is known, and when a value is what was expected;
 * ``expressions``, ``compiling``, ``program``: the machine ready to be stepped, and one step;
-* ``state``, ``goals``: hypotheses, which are values, and the goals in them;
+* ``state``: hypotheses, which are values, and the goals in them;
 * ``bounds``: what is assumed of the middleware, and how many hypotheses are followed;
 * ``successors``: a hypothesis after one step, and the steps that nobody sees;
 * ``fixed_points``: a hypothesis after an input or output that is stamped where it happened;

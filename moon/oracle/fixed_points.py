@@ -12,7 +12,6 @@ from typing import Any
 from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.bounds import Bounds
-from moon.oracle.goals import adopt, changed, goal_called
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
@@ -20,7 +19,10 @@ from moon.oracle.state import (
     Hypothesis,
     Obligation,
     TimerKey,
+    adopt,
+    changed,
     distinct,
+    goal_called,
 )
 from moon.oracle.successors import Successors
 from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier

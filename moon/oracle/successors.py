@@ -13,15 +13,6 @@ from typing import Any
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.compiling import Delayed, Output, Step
-from moon.oracle.goals import (
-    adopt,
-    adopt_in_place,
-    allowed,
-    change,
-    goal_called,
-    goal_to_cancel,
-    served_goal,
-)
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
@@ -31,6 +22,13 @@ from moon.oracle.state import (
     PendingTimer,
     QueuedEvent,
     TimerKey,
+    adopt,
+    adopt_in_place,
+    allowed,
+    change,
+    goal_called,
+    goal_to_cancel,
+    served_goal,
 )
 from moon.oracle.trace_events import Channels, EventKey, TraceEvent
 from moon.oracle.unknowns import Unknown
