@@ -17,10 +17,9 @@ The search, by composition; a module uses only those above it:
 * ``expressions``, ``compiling``, ``program``: the machine ready to be stepped, and one step;
 * ``state``: hypotheses, which are values, and the goals in them;
 * ``bounds``: what is assumed of the middleware, and how many hypotheses are followed;
-* ``successors``: a hypothesis after one step, and the steps that nobody sees;
-* ``fixed_points``: a hypothesis after an input or output that is stamped where it happened;
-* ``deterministic_successor``: the same without a search, where only one thing can have happened;
-* ``search``: the set of hypotheses, from one fixed point to the next;
+* ``successors``: the first hypotheses, and a hypothesis after one step, whether it is seen or not;
+* ``search``: the set of hypotheses, from one fixed point to the next; which of them an output leaves; the
+  same without a search, where only one thing can have happened;
 * ``explain``: why none is left.
 
 What is concluded from it:

@@ -105,7 +105,7 @@ class ModelOracle:
         self._linked_ns = linked_ns
         self.since_start = True
         self.gave_up_ns = None
-        self.hypotheses = self.search.started(stamp_ns, whole)
+        self.hypotheses = self.search.successors.started(stamp_ns, whole)
         self.search.last = 0
         self._note_due()
 
@@ -125,7 +125,7 @@ class ModelOracle:
             return _NOTHING
         search = self.search
         if len(known) == 1:
-            only = search.deterministic_successor(known[0], event)
+            only = search.deterministic_successor.of(known[0], event)
             if only is not None:
                 search.last = event.stamp
                 self.hypotheses = [only]
@@ -224,7 +224,11 @@ class ModelOracle:
             alive = [h for h in known if not self._owes_since(h, until)]
             grown = search.passed(alive, until)
             owing = [*(h for h in known if h.owed), *(h for h in grown if h.owed)]
-            grown = [search.normalised(h, until) for h in grown if not self._owes_since(h, until)]
+            grown = [
+                search.successors.normalised(h, until)
+                for h in grown
+                if not self._owes_since(h, until)
+            ]
         except (TooManyError, TooOpenError) as error:
             return self._give_up(until, error)
         if not grown and known:
@@ -304,9 +308,9 @@ class ModelOracle:
                 found = before
             elif event is None or event.role is Role.INPUT:
                 settled = [h.with_owed(()) for h in search.reachable(before, stamp, stamp)]
-                found = settled if event is None else search.take_input(settled, event)
+                found = settled if event is None else search.inputs.take(settled, event)
             if not found:
-                found = search.unconstrained_states(stamp, self._unsettled(stamp))
+                found = search.successors.unconstrained_states(stamp, self._unsettled(stamp))
         except (TooManyError, TooOpenError):
             self._forget(stamp)
             return
@@ -346,7 +350,7 @@ class ModelOracle:
         try:
             if pending:
                 self.search.check_pending(len(pending), pending[-1])
-            self.hypotheses = self.search.unconstrained_states(anchor, pending)
+            self.hypotheses = self.search.successors.unconstrained_states(anchor, pending)
         except TooManyError:
             return _NOTHING
         self.resynchronisation.found()

@@ -3,16 +3,19 @@
 The rules are those of design section 6. An input or output stamped where the machine took or made it
 is a fixed point; a message of a topic was taken at some time between its stamp and the latency bound
 after it; timers are inputs that nobody publishes. Between two fixed points, every possible order of
-what may have been taken is followed; equal hypotheses are merged.
+what may have been taken is followed; equal hypotheses are merged. An output was owed next by some hypotheses;
+the others are dropped (``Outputs``). Mostly only one thing can have happened, and nothing has to be searched
+(``DeterministicSuccessor``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Machine
+from m2c.model.machine import EventKind, Machine, OutputKind
+from m2c.model.scopes import interface_kind_of
 from moon.oracle.bounds import (
     FEW_HYPOTHESES,
     FOREVER,
@@ -21,14 +24,31 @@ from moon.oracle.bounds import (
     Bounds,
     TooManyError,
 )
-from moon.oracle.compiling import StateProgram
-from moon.oracle.deterministic_successor import DeterministicSuccessor
-from moon.oracle.fixed_points import Inputs, Outputs
+from moon.oracle.compiling import Step
 from moon.oracle.program import Program
-from moon.oracle.state import Hypothesis, PendingTimer, distinct
-from moon.oracle.successors import Successors
+from moon.oracle.state import (
+    ANY_CALL,
+    Hypothesis,
+    Obligation,
+    TimerKey,
+    adopt,
+    distinct,
+    goal_called,
+)
+from moon.oracle.successors import Inputs, Successors
 from moon.oracle.trace_events import Channels, Role, TraceEvent
+from moon.oracle.unknowns import Unknown, agree, is_unknown, learned
 from moon.wording import Wording
+
+_ENDS = (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL)
+_INPUTS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR, EventKind.MESSAGE)
+_PLAIN = (OutputKind.PUBLISH, OutputKind.REQUEST, OutputKind.RESPONSE)
+_OUTPUT, _INPUT, _REQUEST, _RESPONSE = (  # looked up for every observation
+    Role.OUTPUT,
+    Role.INPUT,
+    EventKind.REQUEST,
+    OutputKind.RESPONSE,
+)
 
 
 class Search:
@@ -44,6 +64,9 @@ class Search:
         program: the machine, ready to be stepped.
         wording: how its values are shown to people.
         last: stamp of the last fixed point (ns); who judges sets it.
+        successors: what a hypothesis is after one step of the machine.
+        inputs: what hypotheses are after an input that is stamped where it was taken.
+        deterministic_successor: the same as the search without one, where only one thing can have happened.
     """
 
     def __init__(
@@ -53,88 +76,14 @@ class Search:
         self.wording = Wording(library)
         self.program = Program(machine, library)
         self.last = 0
-        self._channels = channels
-        self._successors = Successors(self.program, channels, bounds)
-        self._inputs = Inputs(self._successors, self.program, channels)
+        self.successors = successors = Successors(self.program, channels, bounds)
+        self.inputs = Inputs(successors, self.program, channels)
         self._outputs = Outputs(self.program, channels, bounds)
-        self._deterministic = DeterministicSuccessor(
-            self._successors, self._outputs, self.program, channels
+        self.deterministic_successor = DeterministicSuccessor(
+            successors, self._outputs, self.program, channels
         )
 
-    # --- beginnings --------------------------------------------------------------------------------
-
-    def started(self, start: int, whole: bool = False) -> list[Hypothesis]:
-        """The machine has just started, at ``start`` (ns); see ``Oracle.start`` for ``whole``."""
-        slack = 0 if whole else self.bounds.latency
-        timers = tuple(
-            PendingTimer(
-                instance,
-                event,
-                start + (period - self.bounds.slack(period) if whole else 0),
-                start + period + slack + self.bounds.slack(period),
-                period,
-            )
-            for instance, event, period in self.program.periodic
-        )
-        blank = tuple((program.initial, program.initial_data()) for program in self.program.parts)
-        found = [Hypothesis(blank, timers=timers)]
-        for instance in (*range(1, len(self.program.parts)), 0):
-            grown: list[Hypothesis] = []
-            for hypothesis in found:
-                _, data = hypothesis.instances[instance]
-                grown += [
-                    self._successors.absorb(hypothesis, instance, step, start, start + slack)
-                    for _, step in self.program.parts[instance].start(data)
-                ]
-            found = grown
-        if whole:
-            return found
-        made: dict[Any, Hypothesis] = {}
-        for hypothesis in found:
-            for first in range(len(hypothesis.owed) + 1):
-                rest = hypothesis.with_owed(hypothesis.owed[first:])
-                made[rest.key()] = rest
-        return list(made.values())
-
-    def unconstrained_states(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
-        """The machine is between two steps at ``now``, and nothing more is known of it."""
-        self._channels.forget_goals()
-        timers = tuple(
-            PendingTimer(instance, event, now - self.bounds.latency, now + period, period)
-            for instance, event, period in self.program.periodic
-        )
-        combinations: list[tuple[tuple[int, tuple[Any, ...]], ...]] = [()]
-        for program in self.program.parts:
-            data = program.unknown_data()
-            combinations = [
-                (*known, (index, data))
-                for known in combinations
-                for index, state in enumerate(program.states)
-                if _can_rest(state)
-            ]
-            if len(combinations) > self.bounds.hypotheses:
-                raise TooManyError
-        found = []
-        for instances in combinations:
-            delays = tuple(
-                PendingTimer(
-                    instance,
-                    event,
-                    now - self.bounds.latency,
-                    now + round(delay * 1e9),
-                    0,
-                    None,
-                    event[1],
-                )
-                for instance, (state, _) in enumerate(instances)
-                for event, delay in self.program.parts[instance].states[state].delays
-            )
-            found.append(
-                Hypothesis(instances, pending=pending, timers=(*timers, *delays), free=True)
-            )
-        return found
-
-    # --- from one fact to the next -----------------------------------------------------------------
+    # --- from one event to the next -----------------------------------------------------------------
 
     def after(self, before: list[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
         """What can be so after ``fact``; empty if it cannot be."""
@@ -154,7 +103,7 @@ class Search:
                 for h in self.reachable(before, stamp, stamp)
                 if all(owed.optional for owed in h.owed)
             ]
-            found = self.take_input(candidates, fact)
+            found = self.inputs.take(candidates, fact)
         else:
             candidates = None
             if fact.role is Role.OUTPUT and len(before) == 1:
@@ -180,23 +129,6 @@ class Search:
                 f"more than {most} messages within {within}, on {channel} from {source} too"
             )
 
-    def deterministic_successor(
-        self, hypothesis: Hypothesis, fact: TraceEvent
-    ) -> Hypothesis | None:
-        """What ``hypothesis``, the only one, is after ``fact``, where that is plain to see; else None.
-
-        ``hypothesis`` itself is changed, as a rule: nobody else may hold it.
-        """
-        return self._deterministic.of(hypothesis, fact)
-
-    def take_input(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
-        """The machine took ``fact`` at its stamp; none of ``candidates`` owes anything for sure."""
-        return self._inputs.take(candidates, fact)
-
-    def normalised(self, hypothesis: Hypothesis, now: int) -> Hypothesis:
-        """``hypothesis`` with the timers that nothing waits for brought up to ``now`` (ns)."""
-        return self._successors.normalised(hypothesis, now)
-
     # --- between fixed points ----------------------------------------------------------------------
 
     def timer_successors(self, hypothesis: Hypothesis, now: int) -> list[Hypothesis] | None:
@@ -207,7 +139,7 @@ class Search:
         """
         if hypothesis.owed or hypothesis.pending or hypothesis.queue:
             return None
-        made = list(self._successors.unobserved(hypothesis, now, self.last))
+        made = list(self.successors.unobserved(hypothesis, now, self.last))
         if all(after.owed and not after.owed[0].optional for after in made):
             return made
         return None
@@ -220,7 +152,7 @@ class Search:
             now: stamp of the next fixed point.
             due: what had to be taken by then has been taken.
         """
-        if all(self._successors.is_still(hypothesis, now) for hypothesis in hypotheses):
+        if all(self.successors.is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
         found = self._explore(hypotheses, now)
         if found is None:
@@ -259,7 +191,7 @@ class Search:
             if hypothesis.owed or self._has_taken(hypothesis, now):
                 found.append(hypothesis)
             else:
-                todo.extend(self._successors.unobserved(hypothesis, now, self.last))
+                todo.extend(self.successors.unobserved(hypothesis, now, self.last))
         return distinct(found)
 
     def _reduced(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis]:
@@ -272,7 +204,7 @@ class Search:
                 continue
             todo = [hypothesis]
             while todo and len(seen) <= self.bounds.hypotheses:
-                for made in self._successors.unobserved(todo.pop(), now, self.last):
+                for made in self.successors.unobserved(todo.pop(), now, self.last):
                     key = made.key()
                     if key in seen or key == first or made.owed:
                         continue
@@ -350,12 +282,12 @@ class Search:
                 return (hypothesis.with_owed(()),)
             return ()
         if hypothesis.pending or hypothesis.queue or hypothesis.timers:
-            return self._successors.unobserved(hypothesis, now, self.last)
+            return self.successors.unobserved(hypothesis, now, self.last)
         return ()
 
     def _has_taken(self, hypothesis: Hypothesis, due: int) -> bool:
         """Whether everything is taken that had to be by ``due``."""
-        return self._successors.latest(hypothesis) > due
+        return self.successors.latest(hypothesis) > due
 
     def next_due(self, hypothesis: Hypothesis) -> int:
         """When time alone will say something about ``hypothesis``."""
@@ -363,7 +295,7 @@ class Search:
             return hypothesis.owed[0].high + self.bounds.deadline
         if not (hypothesis.pending or hypothesis.queue or hypothesis.timers):
             return FOREVER
-        return self._successors.latest(hypothesis)
+        return self.successors.latest(hypothesis)
 
 
 def _news(known: dict[Any, Hypothesis], made: Hypothesis) -> Hypothesis | None:
@@ -389,6 +321,316 @@ def _crowd(hypotheses: list[Hypothesis]) -> str:
     return f"too many possibilities to follow: {count} messages at once on {channel} from {source}"
 
 
-def _can_rest(state: StateProgram) -> bool:
-    """Whether a step can end in ``state``: no eventless transition leaves it for sure."""
-    return all(transition.condition is not None for transition in state.eventless)
+# --- outputs --------------------------------------------------------------------------------------
+
+
+class Outputs:
+    """What a machine that sent something may be doing then.
+
+    Args:
+        program: the machine.
+        channels: its channels.
+        bounds: what is assumed.
+    """
+
+    def __init__(self, program: Program, channels: Channels, bounds: Bounds) -> None:
+        self._draws = program.draws
+        self._types = channels.types
+        self._bounds = bounds
+        self._early, self._late = bounds.skew, bounds.skew + bounds.deadline
+        """An output is stamped by this much before and after the step that owes it (ns)."""
+
+    def take(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
+        """The machine sent ``fact``: those of ``candidates`` that owe it next."""
+        made: list[Hypothesis] = []
+        for hypothesis in candidates:
+            for place, expected in enumerate(hypothesis.owed):
+                if self.is_owed(hypothesis, expected, fact):
+                    made.append(self.fulfilled(hypothesis, place, fact))
+                if not expected.optional:
+                    break
+        return distinct(made)
+
+    def is_owed(self, hypothesis: Hypothesis, owed: Obligation, fact: TraceEvent) -> bool:
+        """Whether ``fact`` can be what ``hypothesis`` owes by ``owed``."""
+        if owed.kind is not fact.output or owed.interface != fact.interface:
+            return False
+        if not owed.low - self._early <= fact.stamp <= owed.high + self._late:
+            return False
+        call, goal = owed.call, owed.goal
+        if call is not None and call not in (fact.call, ANY_CALL):
+            return False
+        if goal is not None and not _is_goal(hypothesis, goal, fact):
+            return False
+        if fact.data is None and fact.output in _ENDS:
+            return True  # a status tells that a goal has ended, not with what
+        kind = self._types.get((owed.kind, owed.interface))
+        return kind is None or agree(owed.data, fact.data, kind)
+
+    def fulfilled(self, hypothesis: Hypothesis, place: int, fact: TraceEvent) -> Hypothesis:
+        """``hypothesis`` once what it owed at ``place`` was seen."""
+        owed = hypothesis.owed[place]
+        rest = hypothesis.with_owed(hypothesis.owed[place + 1 :])
+        if owed.timer is not None:
+            rest = self._phase_seen(rest, owed.timer, fact.stamp)
+        if owed.kind is OutputKind.SEND_GOAL:
+            goals = tuple(
+                goal.but(identifier=fact.goal)
+                if not goal.served and goal.number == owed.goal and goal.interface == owed.interface
+                else goal
+                for goal in rest.goals
+            )
+            rest = rest.but(goals=goals)
+        elif owed.kind in _ENDS:
+            rest = self._end_seen(rest, owed, fact)
+        found: dict[int, tuple[Unknown, Any]] = {}
+        if (self._draws or rest.free) and is_unknown(owed.data):
+            learned(owed.data, fact.data, found)
+        if isinstance(owed.goal, Unknown) and fact.goal:
+            known = goal_called(rest, fact.goal, served=True)
+            if known is None:
+                rest, known = adopt(rest, owed.interface, fact.goal, True, "running")
+            found[id(owed.goal)] = (owed.goal, known.number)
+        return _substituted(rest, found) if found else rest
+
+    def _phase_seen(self, hypothesis: Hypothesis, key: TimerKey, stamp: int) -> Hypothesis:
+        """A timer rang at ``stamp`` at the latest: its next time is within a period of that."""
+        made = []
+        for timer in hypothesis.timers:
+            if (timer.instance, timer.event) == key:
+                low = max(timer.low, stamp - self._bounds.latency)
+                high = max(
+                    low, min(timer.high, stamp + timer.period + self._bounds.slack(timer.period))
+                )
+                made.append(timer.due(low, high))
+            else:
+                made.append(timer)
+        return hypothesis.with_timers(tuple(made))
+
+    def _end_seen(self, hypothesis: Hypothesis, owed: Obligation, fact: TraceEvent) -> Hypothesis:
+        goals = []
+        for goal in hypothesis.goals:
+            same = goal.served and goal.id == fact.goal and goal.interface == owed.interface
+            goals.append(goal.but(seen=True, result=(owed.kind, owed.data)) if same else goal)
+        return hypothesis.but(goals=tuple(goals))
+
+    def take_status(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
+        """The status of all goals: those that have ended since are outputs."""
+        found: list[Hypothesis] = []
+        for hypothesis in candidates:
+            current = [hypothesis]
+            for goal_id, kind in fact.data:
+                current = [
+                    made
+                    for before in current
+                    for made in self._goal_ended(before, fact, goal_id, kind)
+                ]
+            found += current
+        return distinct(found)
+
+    def _goal_ended(
+        self, hypothesis: Hypothesis, fact: TraceEvent, goal_id: str, kind: OutputKind
+    ) -> list[Hypothesis]:
+        goal = goal_called(hypothesis, goal_id, served=True)
+        if goal is None:
+            # ended before the oracle looked, or just now by a machine of which little is known
+            if not hypothesis.free or not hypothesis.owed:
+                return [hypothesis]
+        elif goal.seen:
+            return [hypothesis] if goal.result is None or goal.result[0] is kind else []
+        end = TraceEvent(fact.observation, fact.role, fact.interface, None, kind, None, goal_id)
+        paid = self.take([hypothesis], end)
+        return paid or ([hypothesis] if goal is None else [])
+
+    def take_result(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
+        """A goal's result leaves: as the end itself, or long after it."""
+        found: list[Hypothesis] = []
+        kind = self._types.get((OutputKind.SUCCEED, fact.interface))
+        for hypothesis in candidates:
+            goal = goal_called(hypothesis, fact.goal, served=True)
+            if goal is None and hypothesis.free:
+                found += self.take([hypothesis], fact) or [hypothesis]
+            elif goal is not None and goal.seen and goal.result is not None:
+                if goal.result[0] is fact.output and agree(goal.result[1], fact.data, kind):
+                    found.append(hypothesis)
+            elif goal is not None:
+                found += self.take([hypothesis], fact)
+        return distinct(found)
+
+
+def _is_goal(hypothesis: Hypothesis, goal: Any, fact: TraceEvent) -> bool:
+    """Whether ``fact`` can be about ``goal``, as ``Obligation.goal`` names it."""
+    if isinstance(goal, Unknown):
+        known = goal_called(hypothesis, fact.goal, served=True)
+        return known is None or goal.allows(known.number)
+    return not isinstance(goal, str) or goal == fact.goal
+
+
+def _substituted(hypothesis: Hypothesis, found: Mapping[int, tuple[Unknown, Any]]) -> Hypothesis:
+    """``hypothesis`` with what was learnt of unknown values put in their place."""
+
+    def put(value: Any) -> Any:
+        if isinstance(value, Unknown):
+            return found[id(value)][1] if id(value) in found else value
+        if isinstance(value, dict):
+            return {name: put(item) for name, item in value.items()}
+        if isinstance(value, list):
+            return [put(item) for item in value]
+        return value
+
+    made = hypothesis.copy()
+    made.instances = tuple(
+        (state, tuple(put(value) for value in data)) for state, data in hypothesis.instances
+    )
+    made.owed = tuple(_owed_with(owed, put) for owed in hypothesis.owed)
+    return made
+
+
+def _owed_with(owed: Obligation, put: Any) -> Obligation:
+    if not is_unknown(owed.data) and not isinstance(owed.goal, Unknown):
+        return owed
+    made = owed.due(owed.low, owed.high)
+    made.data, made.goal = put(owed.data), put(owed.goal)
+    return made
+
+
+# --- without a search -----------------------------------------------------------------------------
+
+
+class Effect:
+    """What a step comes to, wherever it is taken.
+
+    Attributes:
+        data: the datamodel after it.
+        owed: for each output ``(kind, interface, fields, position, transition)``.
+        answers: the interface of the one response among them; "" if there is none.
+    """
+
+    __slots__ = ("answers", "data", "owed")
+
+    def __init__(self, data: tuple[Any, ...], owed: tuple[Any, ...], answers: str) -> None:
+        self.data = data
+        self.owed = owed
+        self.answers = answers
+
+
+class DeterministicSuccessor:
+    """The one successor of a hypothesis, where there is one; it comes to the same as the search.
+
+    Args:
+        successors: the machine's steps.
+        outputs: what it sent.
+        program: the machine.
+        channels: its channels.
+    """
+
+    def __init__(
+        self, successors: Successors, outputs: Outputs, program: Program, channels: Channels
+    ) -> None:
+        self._successors = successors
+        self._outputs = outputs
+        self._program = program
+        self._main = program.parts[0]
+        self._certain = program.certain
+        self._channels = channels
+
+    def of(self, hypothesis: Hypothesis, fact: TraceEvent) -> Hypothesis | None:
+        """What ``hypothesis`` is after ``fact``, where that is one thing and plain to see.
+
+        That is so for an input or an output stamped where it was taken or made, while nothing else can
+        have been taken since. ``hypothesis`` itself is changed, as a rule: nobody else may hold it.
+
+        Returns:
+            None where the search has to be asked.
+        """
+        owed = hypothesis.owed
+        if (
+            hypothesis.pending
+            or hypothesis.queue
+            or hypothesis.goals
+            or hypothesis.free
+            or not self._certain
+        ):
+            return None
+        if fact.role is _OUTPUT:
+            if not owed or owed[0].optional or not self._outputs.is_owed(hypothesis, owed[0], fact):
+                return None
+            if owed[0].timer is not None or fact.output not in _PLAIN:
+                return self._outputs.fulfilled(hypothesis, 0, fact)
+            hypothesis.owed = owed[1:]
+            hypothesis.forget_key()
+            return hypothesis
+        event = fact.event
+        if owed or fact.role is not _INPUT or event is None or event[0] not in _INPUTS:
+            return None
+        stamp = fact.stamp
+        if hypothesis.timers:
+            if not self._successors.is_still(hypothesis, stamp):
+                return None
+            hypothesis = self._successors.normalised(hypothesis, stamp)
+        state, data = hypothesis.instances[0]
+        ((taken, step),) = self._main.take(state, data, event, fact.data, {}, False)
+        asked = event[0] is _REQUEST
+        if not taken and (asked or not (step.outputs or step.scheduled)):
+            return hypothesis  # a request that the state discards is never answered
+        return self._affected(hypothesis, step, fact, fact.call if asked else None)
+
+    def _affected(
+        self, hypothesis: Hypothesis, step: Step, fact: TraceEvent, call: tuple[str, int] | None
+    ) -> Hypothesis:
+        """``hypothesis`` after ``step``, which ``fact`` caused; ``call``: if it is a request."""
+        stamp, waiting = fact.stamp, hypothesis.waiting
+        if call is not None:
+            waiting = (*waiting, (fact.interface, call))
+        effect = step.effect
+        if effect is None:
+            effect = step.effect = self._effect(step)
+        answered = None
+        if effect is not False and effect.answers and call is None:
+            answered = next((item for item in waiting if item[0] == effect.answers), None)
+        elif effect is not False and effect.answers == fact.interface and call is not None:
+            answered = waiting[-1]
+        if (
+            effect is False
+            or hypothesis.timers
+            or len(hypothesis.instances) > 1
+            or (effect.answers and answered is None)
+        ):
+            return self._successors.absorb(hypothesis, 0, step, stamp, stamp, None, call, waiting)
+        if answered is not None:
+            place = waiting.index(answered)
+            waiting = waiting[:place] + waiting[place + 1 :]
+        made = []
+        for kind, interface, fields, position, transition in effect.owed:
+            answers = answered[1] if answered and kind is _RESPONSE else None
+            owed = Obligation(kind, interface, fields, stamp, stamp, position, transition, answers)
+            owed.before = (hypothesis.instances,)
+            made.append(owed)
+        hypothesis.instances = ((step.state, effect.data),)
+        hypothesis.owed = tuple(made)
+        hypothesis.waiting = waiting
+        if stamp > hypothesis.moment:
+            hypothesis.moment = stamp
+        hypothesis.forget_key()
+        return hypothesis
+
+    def _effect(self, step: Step) -> Effect | bool:
+        """What ``step`` comes to; False where that depends on more than requests that wait."""
+        kinds = [output.kind for output in step.outputs]
+        if step.scheduled or any(kind not in _PLAIN for kind in kinds):
+            return False
+        if kinds.count(OutputKind.RESPONSE) > 1:
+            return False
+        owed = []
+        answers = ""
+        for output in step.outputs:
+            kind, interface = output.kind, output.interface
+            side = interface_kind_of(kind)
+            if self._program.declared_channel(kind, interface) is None:
+                return False
+            if kind is OutputKind.RESPONSE:
+                answers = interface
+            elif side is not None:
+                interface = self._channels.name_of(side, interface)
+            owed.append((kind, interface, output.fields, output.position, output.transition))
+        return Effect(tuple(step.data), tuple(owed), answers)

@@ -1,8 +1,9 @@
-"""Successors: what a hypothesis is after one step of the machine.
+"""Successors: with which hypotheses a machine begins, and what each is after one step of the machine.
 
-A step is the taking of one input. Inputs that nobody sees being taken are found here: a message of a topic,
-taken at some time between its stamp and the latency bound after it; a timer, which nobody publishes; an event
-that the machine sent itself. Those that are stamped where they are taken: see ``fixed_points``.
+A step is the taking of one input. ``Successors`` finds those that nobody sees being taken: a message of a
+topic, taken at some time between its stamp and the latency bound after it; a timer, which nobody publishes;
+an event that the machine sent itself. ``Inputs`` are stamped where they are taken: requests, goals, what
+becomes of calls, and messages that the node reports to have taken.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
-from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.compiling import Delayed, Output, Step
+from moon.oracle.bounds import FOREVER, Bounds, TooManyError
+from moon.oracle.compiling import Delayed, Output, StateProgram, Step
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
+    Goal,
     Hypothesis,
     Instances,
     Obligation,
@@ -26,11 +29,13 @@ from moon.oracle.state import (
     adopt_in_place,
     allowed,
     change,
+    changed,
+    distinct,
     goal_called,
     goal_to_cancel,
     served_goal,
 )
-from moon.oracle.trace_events import Channels, EventKey, TraceEvent
+from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier
 from moon.oracle.unknowns import Unknown
 
 
@@ -49,6 +54,79 @@ class Successors:
         self._draws = program.draws
         self._channels = channels
         self._bounds = bounds
+
+    # --- beginnings --------------------------------------------------------------------------------
+
+    def started(self, start: int, whole: bool = False) -> list[Hypothesis]:
+        """The machine has just started, at ``start`` (ns); see ``Oracle.start`` for ``whole``."""
+        slack = 0 if whole else self._bounds.latency
+        timers = tuple(
+            PendingTimer(
+                instance,
+                event,
+                start + (period - self._bounds.slack(period) if whole else 0),
+                start + period + slack + self._bounds.slack(period),
+                period,
+            )
+            for instance, event, period in self._program.periodic
+        )
+        blank = tuple((program.initial, program.initial_data()) for program in self._parts)
+        found = [Hypothesis(blank, timers=timers)]
+        for instance in (*range(1, len(self._parts)), 0):
+            grown: list[Hypothesis] = []
+            for hypothesis in found:
+                _, data = hypothesis.instances[instance]
+                grown += [
+                    self.absorb(hypothesis, instance, step, start, start + slack)
+                    for _, step in self._parts[instance].start(data)
+                ]
+            found = grown
+        if whole:
+            return found
+        made: dict[Any, Hypothesis] = {}
+        for hypothesis in found:
+            for first in range(len(hypothesis.owed) + 1):
+                rest = hypothesis.with_owed(hypothesis.owed[first:])
+                made[rest.key()] = rest
+        return list(made.values())
+
+    def unconstrained_states(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
+        """The machine is between two steps at ``now``, and nothing more is known of it."""
+        self._channels.forget_goals()
+        timers = tuple(
+            PendingTimer(instance, event, now - self._bounds.latency, now + period, period)
+            for instance, event, period in self._program.periodic
+        )
+        combinations: list[tuple[tuple[int, tuple[Any, ...]], ...]] = [()]
+        for program in self._parts:
+            data = program.unknown_data()
+            combinations = [
+                (*known, (index, data))
+                for known in combinations
+                for index, state in enumerate(program.states)
+                if _can_rest(state)
+            ]
+            if len(combinations) > self._bounds.hypotheses:
+                raise TooManyError
+        found = []
+        for instances in combinations:
+            delays = tuple(
+                PendingTimer(
+                    instance,
+                    event,
+                    now - self._bounds.latency,
+                    now + round(delay * 1e9),
+                    0,
+                    None,
+                    event[1],
+                )
+                for instance, (state, _) in enumerate(instances)
+                for event, delay in self._parts[instance].states[state].delays
+            )
+            found.append(
+                Hypothesis(instances, pending=pending, timers=(*timers, *delays), free=True)
+            )
+        return found
 
     # --- steps that nobody sees -------------------------------------------------------------------
 
@@ -432,3 +510,156 @@ def _answered(
     place = waiting.index(found)
     made.waiting = waiting[:place] + waiting[place + 1 :]
     return found[1]
+
+
+def _can_rest(state: StateProgram) -> bool:
+    """Whether a step can end in ``state``: no eventless transition leaves it for sure."""
+    return all(transition.condition is not None for transition in state.eventless)
+
+
+# --- inputs that are stamped where they are taken -------------------------------------------------
+
+
+class Inputs:
+    """What a machine that took an input may be doing then.
+
+    Args:
+        successors: its steps.
+        program: the machine.
+        channels: its channels.
+    """
+
+    def __init__(self, successors: Successors, program: Program, channels: Channels) -> None:
+        self._successors = successors
+        self._instances = len(program.parts)
+        self._place: Position = program.machine.position
+        self._channels = channels
+
+    def take(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
+        """The machine took ``fact`` at its stamp; none of ``candidates`` owes anything for sure."""
+        made: list[Hypothesis] = []
+        for hypothesis in candidates:
+            rest = hypothesis.with_owed(()) if hypothesis.owed else hypothesis
+            made += self._after(self._successors.normalised(rest, fact.stamp), fact)
+        return distinct(made)
+
+    def _after(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
+        event, stamp = fact.event, fact.stamp
+        assert event is not None
+        kind = event[0]
+        match kind:
+            case EventKind.REQUEST:
+                waiting = (*hypothesis.waiting, (fact.interface, fact.call))
+                asked = hypothesis.but(waiting=waiting)
+                yield from self._successors.run(
+                    asked, 0, event, fact.data, {}, stamp, stamp, call=fact.call
+                )
+            case EventKind.GOAL:
+                yield from self._goal_input(hypothesis, fact)
+            case EventKind.CANCEL:
+                yield from self._cancel_input(hypothesis, fact)
+            case EventKind.RESPONSE | EventKind.CALL_ERROR | EventKind.MESSAGE:
+                yield from self._successors.run(hypothesis, 0, event, fact.data, {}, stamp, stamp)
+            case _:
+                yield from self._goal_event(hypothesis, fact)
+
+    def _goal_input(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
+        if goal_called(hypothesis, fact.goal, served=True) is not None:
+            yield hypothesis  # a second goal of the same id: rejected before the machine hears it
+            return
+        grown, goal = adopt(hypothesis, fact.interface, fact.goal, True, "new")
+        assert fact.event is not None
+        parts = {"goal_id": goal.number}
+        for taken, step in self._successors.take(grown, 0, fact.event, fact.data, parts):
+            made = self._successors.absorb(grown, 0, step, fact.stamp, fact.stamp)
+            # what no transition takes is rejected by the node
+            yield made if taken else self._reject(made, goal, fact)
+
+    def _reject(self, hypothesis: Hypothesis, goal: Goal, fact: TraceEvent) -> Hypothesis:
+        goals = tuple(g for g in hypothesis.goals if g.number != goal.number or not g.served)
+        rejected = hypothesis.but(goals=goals)
+        return self._owing(rejected, OutputKind.REJECT_GOAL, goal, fact)
+
+    def _owing(
+        self, hypothesis: Hypothesis, kind: OutputKind, goal: Goal, fact: TraceEvent
+    ) -> Hypothesis:
+        """``hypothesis`` with something more to be sent about ``goal``, by the node and not by a
+        statement of the model.
+        """
+        place = self._place
+        owed = Obligation(
+            kind, goal.interface, None, fact.stamp, fact.stamp, place, place, goal=goal.id
+        )
+        return hypothesis.but(owed=(*hypothesis.owed, owed))
+
+    def _cancel_input(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
+        """See ``transports.actions``: which goals a cancel request means, and who hears of it."""
+        info = fact.data
+        wanted = identifier(info["goal_id"])
+        named = any(info["goal_id"]["uuid"])
+        timed = bool(info["stamp"]["sec"] or info["stamp"]["nanosec"])
+        found = [hypothesis]
+        goal = goal_called(hypothesis, wanted, served=True)
+        if named and goal is None and hypothesis.free:
+            grown, goal = adopt(hypothesis, fact.interface, wanted, True, "running")
+            found = [hypothesis, grown]
+        if named and not timed:
+            chosen = [] if goal is None else [goal]
+        else:
+            chosen = [g for g in hypothesis.goals if g.served and g.interface == fact.interface]
+        for each in chosen:
+            if each.phase != "running":
+                continue
+            following: list[Hypothesis] = []
+            for before in found:
+                if all(g.number != each.number or not g.served for g in before.goals):
+                    following.append(before)
+                    continue
+                canceling = changed(before, each, phase="canceling")
+                following += self._everywhere(
+                    canceling,
+                    (EventKind.CANCEL, fact.interface),
+                    {"goal_id": each.number},
+                    fact.stamp,
+                )
+            found = following
+        yield from found
+
+    def _everywhere(
+        self, hypothesis: Hypothesis, event: EventKey, parts: Mapping[str, Any], stamp: int
+    ) -> list[Hypothesis]:
+        """``event`` for the machine and then for each of its threads, as one piece of work."""
+        found = [hypothesis]
+        for instance in range(self._instances):
+            found = [
+                made
+                for before in found
+                for made in self._successors.run(before, instance, event, None, parts, stamp, stamp)
+            ]
+        return found
+
+    def _goal_event(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
+        """What becomes of a goal that the machine sent."""
+        event = fact.event
+        assert event is not None
+        goal = goal_called(hypothesis, fact.goal, served=False)
+        if goal is None:
+            if not hypothesis.free or self._channels.was_sent(fact.goal):
+                yield hypothesis  # not a goal of this machine's model, or one that has ended
+                return
+            hypothesis, goal = adopt(hypothesis, fact.interface, fact.goal, False, "sent")
+        codes = {EventKind.SUCCEEDED: 4, EventKind.CANCELED: 5, EventKind.ABORTED: 6}
+        parts: dict[str, Any] = {"goal_id": goal.number}
+        if event[0] in codes:
+            parts["code"] = codes[event[0]]
+        if event[0] is EventKind.GOAL_ACCEPTED:
+            accepted = changed(hypothesis, goal, phase="running", cancel=False)
+            for made in self._successors.run(
+                accepted, 0, event, fact.data, parts, fact.stamp, fact.stamp
+            ):
+                cancel = OutputKind.SEND_CANCEL
+                yield self._owing(made, cancel, goal, fact) if goal.cancel else made
+            return
+        goals = tuple(g for g in hypothesis.goals if g.served or g.number != goal.number)
+        ended = hypothesis.but(goals=goals)
+        yield from self._successors.run(ended, 0, event, fact.data, parts, fact.stamp, fact.stamp)

@@ -16,7 +16,7 @@ FOREIGN = {"Exception", "IntEnum", "msgspec.Struct"}
 
 
 def test_the_package_names_the_modules_of_the_search() -> None:
-    assert {"program", "state", "successors", "fixed_points", "search", "explain"} <= set(SEARCH)
+    assert {"program", "state", "successors", "search", "explain"} <= set(SEARCH)
 
 
 @pytest.mark.parametrize("name", SEARCH)
