@@ -24,7 +24,7 @@ The search, by composition; a module uses only those above it:
 
 What is concluded from it:
 
-* ``expected``, ``request_tracking``, ``taken_messages``: what others sent, until the machine's node has it;
+* ``in_transit``: what others sent, until the machine's node has it;
 * ``unconfirmed``, ``confirmation``: violations until no lost observation can be the reason;
 * ``conclusion``: the verdict as it stands.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from moon.oracle.bounds import Bounds
-from moon.oracle.taken_messages import TakenMessages
+from moon.oracle.in_transit import TakenMessages
 from moon.oracle.trace_events import SourceStreams
 from moon.oracle.unconfirmed import (
     NOT_NEEDED,

@@ -11,10 +11,9 @@ from __future__ import annotations
 from moon.oracle.bounds import FOREVER
 from moon.oracle.clock import Clock
 from moon.oracle.conclusion import Conclusion
+from moon.oracle.in_transit import RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
-from moon.oracle.request_tracking import RequestTracking
 from moon.oracle.state import Hypothesis
-from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.trace_events import SourceStreams, TraceEvent
 from moon.ordering.held import Held
 from moon.ordering.judge import Gap

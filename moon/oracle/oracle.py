@@ -20,11 +20,10 @@ from moon.oracle.clock import Clock
 from moon.oracle.conclusion import Conclusion
 from moon.oracle.confirmation import Confirmation
 from moon.oracle.delivery import Delivery
+from moon.oracle.in_transit import RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
-from moon.oracle.request_tracking import RequestTracking
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
-from moon.oracle.taken_messages import TakenMessages
 from moon.oracle.topics import Topics
 from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
 from moon.oracle.unconfirmed import Losses, OtherEnds, Publishers

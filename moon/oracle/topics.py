@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from m2c.model.machine import EventKind
+from moon.oracle.in_transit import TakenMessages, reference_of
 from moon.oracle.program import Program
-from moon.oracle.taken_messages import TakenMessages, reference_of
 from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
 from moon.oracle.unconfirmed import Publishers
 from moon.ordering.held import Held

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.in_transit import KEPT_MESSAGES
 from moon.oracle.oracle import Oracle
-from moon.oracle.taken_messages import KEPT_MESSAGES
 from moon.oracle.unconfirmed import Publishers
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read

@@ -1,19 +1,124 @@
-"""Messages of topics, where the machine's node reports which of them it took, and when.
+"""In transit: what others sent to a machine, until its node has it, or should have had it.
 
-A node that reports that (``ObservationKind.MESSAGE_TAKEN``) orders all that its machine does: a message is an
-input at the moment at which it was taken, as a request is. Its contents come from its publisher. Until the
-node's first such report, and for publishers that do not number their messages, a message was taken at some
-time within the latency bound.
+Of requests the node reports that it received them. Of messages on topics it may report which it took
+(``ObservationKind.MESSAGE_TAKEN``). A node that does orders all that its machine does: a message is an input
+at the moment at which it was taken, as a request is. Its contents come from its publisher. Until the node's
+first such report, and for publishers that do not number their messages, a message was taken at some time
+within the latency bound.
 """
 
 from __future__ import annotations
 
 from moon.oracle.bounds import FOREVER, LINKED_NS
-from moon.oracle.expected import Expected, Place
 from moon.oracle.trace_events import TraceEvent
+from transports.interface import NAMELESS
 
+KEPT_CALLS = 256
+"""Requests received of which nobody has reported yet that they were sent."""
+KEPT_REQUESTS = 1024
+"""Requests sent that were not received yet. Of more, the oldest are not missed."""
 KEPT_MESSAGES = 1024
 """Messages that were not taken yet, and others that are remembered."""
+
+Place = tuple[str, str, int]
+"""What was sent: two names, and the number that it has between them."""
+
+
+class Expected:
+    """What is on its way to one machine.
+
+    Args:
+        deadline: its node has it within this time of its stamp (ns).
+        most: so much is kept; of more, the oldest is not missed.
+
+    Attributes:
+        events: as who sent them reports them, oldest first.
+        due: when the first of them will be overdue (ns), or earlier.
+    """
+
+    __slots__ = ("_deadline", "_most", "due", "events")
+
+    def __init__(self, deadline: int, most: int) -> None:
+        self._deadline = deadline
+        self._most = most
+        self.events: dict[Place, TraceEvent] = {}
+        self.due = FOREVER
+
+    def add(self, place: Place, event: TraceEvent) -> None:
+        """``event`` was sent."""
+        self.events[place] = event
+        if len(self.events) > self._most:
+            del self.events[next(iter(self.events))]
+        self.due = min(self.due, event.stamp + self._deadline)
+
+    def remove(self, place: Place) -> None:
+        """It has arrived, or is not waited for any more; nothing happens if it was not expected."""
+        if self.events.pop(place, None) is not None and not self.events:
+            self.due = FOREVER
+
+    def overdue(self, watermark: int) -> list[TraceEvent]:
+        """What should have arrived by ``watermark`` (ns); it is expected no more."""
+        limit = watermark - self._deadline
+        found = {place: event for place, event in self.events.items() if event.stamp <= limit}
+        for place in found:
+            del self.events[place]
+        stamps = (event.stamp for event in self.events.values())
+        self.due = min(stamps, default=FOREVER - self._deadline) + self._deadline
+        return list(found.values())
+
+    def clear(self) -> None:
+        """Nothing is expected."""
+        self.events.clear()
+        self.due = FOREVER
+
+
+class RequestTracking:
+    """Requests on their way to one machine.
+
+    Args:
+        deadline: a request is received within this time (ns).
+
+    Attributes:
+        expected: by channel, client and number of the call.
+    """
+
+    __slots__ = ("_deadline", "_received", "expected")
+
+    def __init__(self, deadline: int) -> None:
+        self._deadline = deadline
+        self.expected = Expected(deadline, KEPT_REQUESTS)
+        self._received: dict[Place, int] = {}
+
+    def ask(self, request: TraceEvent) -> None:
+        """A request was sent."""
+        channel, (client, call) = request.observation.channel, request.call
+        place = (channel, client, call)
+        if place not in self._received and (channel, "", call) not in self._received:
+            self.expected.add(place, request)
+
+    def take(self, request: TraceEvent, watermark: int) -> None:
+        """A request was received; its sender's report may come before or after.
+
+        A client calls one after the other: its earlier requests have had an answer, or it gave them up.
+
+        Args:
+            request: the request.
+            watermark: nothing older is to come (ns).
+        """
+        channel, (client, call) = request.observation.channel, request.call
+        if client.startswith(NAMELESS):  # who sent it may report its name
+            client = ""
+        for place in tuple(self.expected.events):
+            if place[0] == channel and (
+                place[2] <= call if place[1] == client else not client and place[2] == call
+            ):
+                self.expected.remove(place)
+        received = self._received
+        received[channel, client, call] = request.stamp
+        if len(received) > KEPT_CALLS:
+            oldest = next(iter(received))
+            if received[oldest] < watermark - self._deadline:
+                del received[oldest]
 
 
 class _Link:
