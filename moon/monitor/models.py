@@ -10,8 +10,8 @@ from moon.monitor.status import POLICY
 from moon.monitor.turns import BEHIND_NS, MACHINES_NS
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.clock import Clock
+from moon.oracle.confirmation import Losses, Publishers
 from moon.oracle.oracle import Oracle
-from moon.oracle.unconfirmed import Losses, Publishers
 from moon.ordering.numbers import Numbers
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict

@@ -6,8 +6,8 @@ import statistics
 from collections import deque
 
 from moon.monitor.status import UNSEEN, MachineStatus
+from moon.oracle.confirmation import UNCONFIRMED
 from moon.oracle.oracle import Oracle
-from moon.oracle.unconfirmed import UNCONFIRMED
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Outcome
 

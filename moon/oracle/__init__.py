@@ -25,8 +25,7 @@ The search, by composition; a module uses only those above it:
 What is concluded from it:
 
 * ``in_transit``: what others sent, until the machine's node has it;
-* ``unconfirmed``, ``confirmation``: violations until no lost observation can be the reason;
-* ``conclusion``: the verdict as it stands.
+* ``confirmation``: violations until no lost observation can be the reason; the verdict as it stands.
 
 The judge, which is handed all that happened in order, and who hands it over:
 

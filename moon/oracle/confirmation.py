@@ -1,37 +1,299 @@
-"""What has to be heard before a violation of one machine is certain (decision 26)."""
+"""The verdict on one machine; a violation is certain once nothing that is missing can be the reason.
+
+A tap may lose observations without reporting it: what is missing shows in the numbers of what comes after it.
+So the verdict is *violated* only when, for everything that could explain the violation had it been lost, a
+number that follows was received (decision 26). Until then it waits (``Unconfirmed``); for what, is decided by
+``Confirmation``.
+
+Both halves of an oracle share the ``Conclusion``: the judge reports to it what it finds (``found``,
+``unknown``, ``known``), and the numbers of what is received show when that is certain (``numbered``,
+``reported``, ``gave_up``). So the judge needs to know nothing of numbers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
 
 from moon.oracle.bounds import Bounds
 from moon.oracle.in_transit import TakenMessages
 from moon.oracle.trace_events import SourceStreams
-from moon.oracle.unconfirmed import (
-    NOT_NEEDED,
-    Losses,
-    OtherEnds,
-    Publishers,
-    Violation,
-    Waiting,
-)
 from moon.ordering.numbers import Count, Place
 from moon.ordering.progress import Progress
+from moon.verdict import Outcome, Verdict
+from transports.interface import NAMELESS
+
+KEPT_VIOLATIONS = 16
+"""More of them do not wait; the oldest go."""
+KEPT_EVENTS = 1024
+"""Events of calls of which only one end has reported yet."""
+
+UNCONFIRMED = "if no observation is missing here: "
+"""How the reason of a verdict begins that is not certain yet."""
+NOT_NEEDED = 0
+CallEvent = tuple[str, str, str, int]
+"""Kind, channel, client and number of one end of one call."""
+
+
+class Losses:
+    """What the oracles of one tap know of it.
+
+    Attributes:
+        happen: observations have been lost.
+        possible: they can be. They cannot where the observations are a whole trace, as of a simulation:
+            then nothing needs to be confirmed.
+    """
+
+    def __init__(self, happen: bool = False, possible: bool = True) -> None:
+        self.happen = happen
+        self.possible = possible
+
+
+class Violation:
+    """What a machine cannot have done, if nothing is missing.
+
+    Attributes:
+        verdict: the violation, as it is published once it is certain.
+        since_ns: since when it is known what the machine does: what was lost before does not matter.
+        until_ns: all that happened until then may explain it.
+        is_silence: whether it is that something did not come. Then only what comes later shows that.
+        expected: where what was expected would have come.
+        is_certain: whether no observation that is missing can be the reason.
+        call: (client, number) of the request whose answer was all that was expected; None: it was not.
+        asked_ns: when that was to be answered at the earliest.
+    """
+
+    __slots__ = (
+        "asked_ns",
+        "call",
+        "expected",
+        "is_certain",
+        "is_silence",
+        "since_ns",
+        "until_ns",
+        "verdict",
+    )
+
+    def __init__(
+        self,
+        verdict: Verdict,
+        since_ns: int,
+        until_ns: int,
+        is_silence: bool,
+        expected: list[Place],
+    ) -> None:
+        self.verdict = verdict
+        self.since_ns = since_ns
+        self.until_ns = until_ns
+        self.is_silence = is_silence
+        self.expected = expected
+        self.is_certain = False
+        self.call: tuple[str, int] | None = None
+        self.asked_ns = 0
+
+
+class Waiting:
+    """What has to be received before a violation is certain.
+
+    Attributes:
+        verdict: the violation.
+        places: the number that has to come next at each place, after the violation.
+        reported_ns: all that the node did until then has to be received, by the order of its reports;
+            ``NOT_NEEDED`` where it is, or where the node counts per channel only.
+        since_ns: since when it was known what the machine does.
+        call: (client, number) of the request that was not answered; its client's giving up shows the
+            silence as well as the node's own next report does.
+        answer: the place at which the answer would have come.
+    """
+
+    __slots__ = ("answer", "call", "places", "reported_ns", "since_ns", "verdict")
+
+    def __init__(
+        self,
+        verdict: Verdict,
+        places: dict[Place, int] | None = None,
+        reported_ns: int = NOT_NEEDED,
+        since_ns: int = 0,
+    ) -> None:
+        self.verdict = verdict
+        self.places = {} if places is None else places
+        self.reported_ns = reported_ns
+        self.since_ns = since_ns
+        self.call: tuple[str, int] | None = None
+        self.answer: Place | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is left to wait for."""
+        return not self.places and self.reported_ns == NOT_NEEDED
+
+
+class Unconfirmed:
+    """The violations of one machine that are not certain yet."""
+
+    def __init__(self) -> None:
+        self.kept: list[Waiting] = []
+
+    def add(self, waiting: Waiting) -> None:
+        """``waiting`` is certain once what it waits for has come."""
+        self.kept.append(waiting)
+        del self.kept[:-KEPT_VIOLATIONS]
+
+    def numbered(self, place: Place, number: int, stamp: int) -> list[Verdict]:
+        """An observation's number shows whether something was lost at its place before it.
+
+        Args:
+            place: where it came.
+            number: its number there.
+            stamp: when it happened (ns). What happened before a violation and comes only now was
+                missing when it was judged: it was no violation.
+
+        Returns:
+            The verdicts that are certain by now.
+        """
+        for waiting in tuple(self.kept):
+            wanted = waiting.places.get(place)
+            if wanted is None:
+                continue
+            if number != wanted or stamp <= waiting.verdict.stamp_ns:
+                self.kept.remove(waiting)
+            else:
+                del waiting.places[place]
+        return self._certain()
+
+    def reported(self, until_ns: int, gap_ns: int) -> list[Verdict]:
+        """All that the node did until ``until_ns`` has been received but what happened before ``gap_ns``."""
+        for waiting in tuple(self.kept):
+            if waiting.reported_ns == NOT_NEEDED:
+                continue
+            if gap_ns > waiting.since_ns:
+                self.kept.remove(waiting)
+            elif until_ns >= waiting.reported_ns:
+                waiting.reported_ns = NOT_NEEDED
+        return self._certain()
+
+    def counts_per_channel(self) -> list[Verdict]:
+        """The node, of which something is received now, does not number all that it reports."""
+        for waiting in self.kept:
+            waiting.reported_ns = NOT_NEEDED
+        return self._certain()
+
+    def gave_up(self, call: tuple[str, int], stamp: int) -> list[Verdict]:
+        """The client of ``call`` had no answer when it gave up at ``stamp`` (ns)."""
+        for waiting in self.kept:
+            if waiting.call == call and stamp > waiting.verdict.stamp_ns:
+                waiting.reported_ns, waiting.call = NOT_NEEDED, None
+                if waiting.answer is not None:
+                    waiting.places.pop(waiting.answer, None)
+        return self._certain()
+
+    def restart(self) -> None:
+        """The node counts anew: the end of what it reported before is not known."""
+        self.kept = [waiting for waiting in self.kept if waiting.reported_ns == NOT_NEEDED]
+
+    def _certain(self) -> list[Verdict]:
+        found = [waiting.verdict for waiting in self.kept if waiting.is_over]
+        if found:
+            self.kept = [waiting for waiting in self.kept if not waiting.is_over]
+        return found
+
+
+class OtherEnds:
+    """What the other ends of a node's calls show that it did, and it did not report.
+
+    For nodes that number their reports per channel only. One report of two on the same event is enough.
+    """
+
+    def __init__(self) -> None:
+        self._reported: dict[CallEvent, None] = {}
+        self._implied: dict[CallEvent, int] = {}
+        self._dropped_ns = 0
+        """Of what is not remembered, the newest is from then."""
+
+    def report(self, event: CallEvent) -> None:
+        """The node itself reported ``event``."""
+        kind, channel, client, call = event
+        if client.startswith(NAMELESS):  # the other end may know its name
+            event = (kind, channel, "", call)
+            for other in [e for e in self._implied if (e[0], e[1], "", e[3]) == event]:
+                del self._implied[other]
+        elif self._implied.pop(event, None) is not None:
+            return
+        self._reported[event] = None
+        if len(self._reported) > KEPT_EVENTS:
+            del self._reported[next(iter(self._reported))]
+
+    def imply(self, event: CallEvent, stamp: int) -> None:
+        """By the other end, ``event`` happened, about ``stamp`` (ns)."""
+        kind, channel, _, call = event
+        if event in self._reported or (kind, channel, "", call) in self._reported:
+            return
+        self._implied[event] = stamp
+        if len(self._implied) > KEPT_EVENTS:
+            dropped = next(iter(self._implied))
+            self._dropped_ns = max(self._dropped_ns, self._implied.pop(dropped))
+
+    def are_missing(self, since_ns: int, until_ns: int) -> bool:
+        """Whether the node did something after ``since_ns``, and by ``until_ns``, that it did not report.
+
+        Of what it does now, the other end's report may be received first.
+        """
+        if self._dropped_ns > since_ns:
+            return True
+        return any(since_ns < stamp <= until_ns for stamp in self._implied.values())
+
+    def clear(self) -> None:
+        """The node has started anew."""
+        self._reported.clear()
+        self._implied.clear()
+
+
+class Publishers:
+    """Who may publish on a topic although nothing was received from it yet: nodes that are up, by the models.
+
+    Args:
+        of_channel: names of the nodes whose models publish on each channel.
+        callers: nodes whose word is taken for it that they sent a request; None: everybody's. A stranger can
+            say so of a request that nobody sent.
+    """
+
+    def __init__(
+        self,
+        of_channel: Mapping[str, Iterable[str]] | None = None,
+        callers: Iterable[str] | None = None,
+    ) -> None:
+        self._callers = None if callers is None else frozenset(callers)
+        self._of_channel = {name: frozenset(nodes) for name, nodes in (of_channel or {}).items()}
+        self._up: set[str] = set()
+
+    def came_up(self, node: str) -> None:
+        """``node`` is or was there."""
+        self._up.add(node)
+
+    def is_caller(self, node: str) -> bool:
+        """Whether ``node`` is known, and its word taken."""
+        return self._callers is None or node in self._callers
+
+    def on(self, channel: str) -> list[str]:
+        """Nodes that may have published on ``channel``."""
+        return sorted(self._of_channel.get(channel, frozenset()) & self._up)
+
+
+# --- what has to be received first ----------------------------------------------------------------
 
 
 class Confirmation:
-    """Says what would show that nothing is missing which explains a violation.
+    """Decides what would show that nothing is missing which explains a violation.
 
     Args:
         node: the node that runs the machine.
         bounds: what is assumed of the middleware.
         taken_topics: the channels of the topics that can make a difference to the machine.
-        streams: what was heard, and its numbers.
+        streams: what was received, and its numbers.
         progress: of all that the node reports, where it numbers that.
         other_ends: what others report of the node's calls.
-        publishers: who may publish without having been heard.
+        publishers: who may publish although nothing was received from them.
         losses: what is known of the tap.
-        takes: whether the node reports which messages it takes; then those of others tell nothing more.
+        takes: whether the node reports which messages it takes; then those of others show nothing more.
     """
 
     def __init__(
@@ -48,7 +310,7 @@ class Confirmation:
     ) -> None:
         self._node = node
         self._skew = bounds.skew
-        self._unheard_ns = bounds.deadline + bounds.latency
+        self._silent_ns = bounds.deadline + bounds.latency
         self._taken_topics = taken_topics
         self._streams = streams
         self._progress = progress
@@ -58,7 +320,7 @@ class Confirmation:
         self._takes = takes
 
     def needed(self, violation: Violation) -> Waiting | None:
-        """What has to be heard before ``violation`` is certain; None if something was lost already."""
+        """What has to be received before ``violation`` is certain; None if something was lost already."""
         verdict = violation.verdict
         if violation.is_certain or not self._losses.possible:
             return Waiting(verdict)
@@ -75,11 +337,11 @@ class Confirmation:
             reported = NOT_NEEDED
             known = known and not self._other_ends.are_missing(since, after + self._skew)
             own = [c for c in self._streams.counts.values() if c.place[0] == self._node]
-            if not own:  # it was never heard, nor how it numbers
+            if not own:  # nothing was received from it, so it is not known how it numbers
                 reported = after + 1
             if not own or any(count.next >= 0 for count in own):
-                heard = {count.place for count in own}
-                places.update((p, 0) for p in expected if p[2] and p not in heard)
+                received = {count.place for count in own}
+                places.update((p, 0) for p in expected if p[2] and p not in received)
             for count in own:
                 wanted = count.place[2] or self._losses.happen
                 if wanted or (is_silence and count.place in expected):
@@ -93,10 +355,10 @@ class Confirmation:
             waiting.answer = expected[0] if violation.call is not None else None
         return waiting
 
-    def may_be_unheard(self, expected: list[Place], by_ns: int) -> bool:
-        """Whether what is ``expected`` may have been sent by ``by_ns``, and its channel is not heard yet."""
+    def may_have_missed(self, expected: list[Place], by_ns: int) -> bool:
+        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent so far."""
         channels = [channel.partition("/_action/")[0] for _, channel, _ in expected]
-        return self._streams.may_be_unheard(channels, by_ns - self._unheard_ns)
+        return self._streams.may_have_missed(channels, by_ns - self._silent_ns)
 
     def _wait_for_others(self, places: dict[Place, int], after: int, since: int) -> bool:
         """Add the topics of others that it takes; False: some of what they sent is not known."""
@@ -125,3 +387,120 @@ class Confirmation:
         if count.stamp <= after + self._skew:
             places[count.place] = count.next
         return True
+
+
+# --- the verdict as it stands ---------------------------------------------------------------------
+
+
+class Conclusion:
+    """The verdict on one machine, as it stands.
+
+    Args:
+        machine: its name.
+        node: the node that runs it.
+        confirmation: what would show that a violation is certain.
+
+    Attributes:
+        outcome: of the verdict.
+        violations: how many were certain.
+        unconfirmed: those that are not certain yet.
+    """
+
+    __slots__ = (
+        "_confirmation",
+        "_machine",
+        "_node",
+        "_reason",
+        "outcome",
+        "unconfirmed",
+        "violations",
+    )
+
+    def __init__(self, machine: str, node: str, confirmation: Confirmation) -> None:
+        self.outcome = Outcome.CONFORMING
+        self.violations = 0
+        self.unconfirmed = Unconfirmed()
+        self._confirmation = confirmation
+        self._machine = machine
+        self._node = node
+        self._reason = ""
+
+    def verdict(self, stamp_ns: int) -> Verdict:
+        """The verdict as it stands at ``stamp_ns``."""
+        return Verdict(self._machine, self._node, self.outcome, stamp_ns, self._reason)
+
+    # --- what the judge finds ------------------------------------------------------------------------
+
+    def found(self, violation: Violation) -> tuple[list[Verdict], bool]:
+        """``violation`` was found.
+
+        Returns:
+            What is to be published now, and whether what the machine does is still known after it: it is not
+            where something is missing that may explain it.
+        """
+        needed = self._confirmation.needed(violation)
+        verdict = violation.verdict
+        if needed is not None:
+            if needed.is_over:
+                return self._confirmed([verdict]), True
+            self.unconfirmed.add(needed)
+            if self.outcome is Outcome.VIOLATED:
+                return [], True  # it is, whether this one is certain or not
+        reason = f"{UNCONFIRMED}{verdict.reason}"
+        if needed is None:
+            reason = f"observations were lost; {reason}"
+        return self.unknown(verdict.stamp_ns, reason, is_news=True), needed is not None
+
+    def unknown(self, stamp_ns: int, reason: str, is_news: bool = False) -> list[Verdict]:
+        """It is not known what the machine does.
+
+        Args:
+            stamp_ns: since when.
+            reason: why, for people.
+            is_news: whether that is the reason from now on where there is one already.
+        """
+        was_unknown = self.outcome is Outcome.INCONCLUSIVE
+        if is_news or not was_unknown:
+            self._reason = reason
+        self.outcome = Outcome.INCONCLUSIVE
+        return [] if was_unknown else [self.verdict(stamp_ns)]
+
+    def known(self) -> None:
+        """It is known what the machine does, and all that it did is what its model does."""
+        if not self.unconfirmed.kept:
+            self.outcome, self._reason = Outcome.CONFORMING, ""
+
+    def restart(self) -> None:
+        """The machine starts, in its initial state."""
+        self.unconfirmed.restart()
+        self.outcome, self._reason = Outcome.CONFORMING, ""
+
+    def may_have_missed(self, expected: list[Place], by_ns: int) -> bool:
+        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent so far."""
+        return self._confirmation.may_have_missed(expected, by_ns)
+
+    # --- what is received, and may confirm a violation -----------------------------------------------
+
+    def numbered(self, place: Place, number: int, stamp_ns: int) -> list[Verdict]:
+        """Something came with ``number`` at ``place``, and happened at ``stamp_ns``."""
+        return self._confirmed(self.unconfirmed.numbered(place, number, stamp_ns))
+
+    def reported(self, until_ns: int, gap_ns: int) -> list[Verdict]:
+        """All that the node did until ``until_ns`` was received but what happened before ``gap_ns``."""
+        return self._confirmed(self.unconfirmed.reported(until_ns, gap_ns))
+
+    def counts_per_channel(self) -> list[Verdict]:
+        """The node does not number all that it reports."""
+        return self._confirmed(self.unconfirmed.counts_per_channel())
+
+    def gave_up(self, call: tuple[str, int], stamp_ns: int) -> list[Verdict]:
+        """The client of ``call`` had no answer when it gave up at ``stamp_ns``."""
+        return self._confirmed(self.unconfirmed.gave_up(call, stamp_ns))
+
+    def _confirmed(self, verdicts: list[Verdict]) -> list[Verdict]:
+        """``verdicts`` are certain: nothing can be missing."""
+        if verdicts:
+            self.violations += len(verdicts)
+            self.outcome = Outcome.VIOLATED
+            self._reason = verdicts[-1].reason
+        return verdicts

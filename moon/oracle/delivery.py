@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from moon.oracle.bounds import FOREVER
 from moon.oracle.clock import Clock
-from moon.oracle.conclusion import Conclusion
+from moon.oracle.confirmation import Conclusion
 from moon.oracle.in_transit import RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.state import Hypothesis
@@ -103,7 +103,7 @@ class Delivery:
         if self._synchronised:
             self._begin(stamp)
             return
-        since = self._streams.heard_since
+        since = self._streams.received_since
         since = stamp if since is None else min(stamp, since)
         self._is_listening = True
         self.wake_at(0)
@@ -145,7 +145,7 @@ class Delivery:
     @property
     def asked_since(self) -> int:
         """A request that was sent after that (ns) reaches the machine, if its node is there."""
-        return max(self._lost_until, self._streams.heard_since or 0)
+        return max(self._lost_until, self._streams.received_since or 0)
 
     @property
     def taken_since(self) -> int:
@@ -294,7 +294,7 @@ class Delivery:
         """Whether it is not known what the machine does, and something of it was heard."""
         if self._judge.hypotheses is not None or not self._is_listening:
             return False
-        return self._streams.heard_since != FOREVER
+        return self._streams.received_since != FOREVER
 
     def _next_time(self) -> int:
         """Until this time (ns) nothing is to be handed over, due or to be found."""

@@ -2,7 +2,7 @@
 
 It is a ``moon.ordering.judge.Judge`` of what a machine took and did: every event comes when it is its turn,
 once. Who puts in order what is received is of no concern here (``delivery``), nor is by which numbers a
-violation becomes certain (``conclusion``).
+violation becomes certain (``confirmation``).
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from collections.abc import Sequence
 
 from m2c.model.machine import OutputKind
 from moon.oracle.bounds import FOREVER, TooManyError
-from moon.oracle.conclusion import Conclusion
+from moon.oracle.confirmation import Conclusion, Violation
 from moon.oracle.explain import described, explanation_of
 from moon.oracle.program import TooOpenError
 from moon.oracle.resynchronisation import Resynchronisation
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import Role, TraceEvent
-from moon.oracle.unconfirmed import Violation
 from moon.ordering.judge import Gap
 from moon.ordering.numbers import Place
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
@@ -262,7 +261,7 @@ class ModelOracle:
     def _overdue(self, until: int, before: list[Hypothesis]) -> Sequence[Verdict]:
         """What ``before`` owe has not come."""
         places = self._places_of(before)
-        if self._conclusion.may_be_unheard(places, until):
+        if self._conclusion.may_have_missed(places, until):
             self._forget(until)
             return self._conclusion.unknown(until, "what it sent may not have been received yet")
         explanation = explanation_of(self.search, before, None, self._history)

@@ -4,7 +4,7 @@ It receives what is observed of the machine: late, twice, or not at all. It drop
 is missing by the numbers, and says how far all was received: up to the node's last report, where it numbers
 its reports and they tell all that concerns the machine; else up to one latency bound ago. In order it goes to
 the judge (``delivery``, ``model_oracle``); what that finds is said when nothing missing can be the reason
-(``conclusion``).
+(``confirmation``).
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.clock import Clock
-from moon.oracle.conclusion import Conclusion
-from moon.oracle.confirmation import Confirmation
+from moon.oracle.confirmation import Conclusion, Confirmation, Losses, OtherEnds, Publishers
 from moon.oracle.delivery import Delivery
 from moon.oracle.in_transit import RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
@@ -26,7 +25,6 @@ from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
 from moon.oracle.topics import Topics
 from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
-from moon.oracle.unconfirmed import Losses, OtherEnds, Publishers
 from moon.ordering.held import Held
 from moon.ordering.numbers import Count, Numbers
 from moon.ordering.progress import Progress
@@ -152,7 +150,7 @@ class Oracle:
         Args:
             since_ns: ns since the epoch; ``FOREVER``: it is not known to be there, and owes nothing.
         """
-        self._streams.heard_since = since_ns
+        self._streams.received_since = since_ns
         self._delivery.wake_at(0)
 
     def lose(self, stamp_ns: int, text: str) -> list[Verdict]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from m2c.model.machine import EventKind
+from moon.oracle.confirmation import Publishers
 from moon.oracle.in_transit import TakenMessages, reference_of
 from moon.oracle.program import Program
 from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
-from moon.oracle.unconfirmed import Publishers
 from moon.ordering.held import Held
 
 _MESSAGE, _TAKEN, _INPUT = Role.MESSAGE, Role.TAKEN, Role.INPUT

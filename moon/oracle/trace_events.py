@@ -592,9 +592,9 @@ class SourceStreams:
         self.opened: dict[tuple[str, str, ObservationKind], SourceStream] = {}
         """By source, channel and kind."""
         self.counts: dict[Place, Count] = {}
-        self.heard_since: int | None = None
-        """From when on (ns) silence means that the machine did nothing, once it is heard at all; FOREVER: its
-        node is not known to be there."""
+        self.received_since: int | None = None
+        """From when on (ns) silence means that the machine did nothing, once something is received from it;
+        FOREVER: its node is not known to be there."""
 
     def of(self, observation: Observation) -> SourceStream:
         """The stream that ``observation`` is in."""
@@ -618,23 +618,23 @@ class SourceStreams:
         )
         return stream
 
-    def is_heard(self, channel: str) -> bool:
-        """Whether the machine's node was heard on ``channel``, or on one that is part of that action."""
+    def has_received(self, channel: str) -> bool:
+        """Whether something was received from the machine's node on ``channel``, or a part of that action."""
         part = f"{channel}/_action/"
         return any(
-            source == self._node and (heard == channel or heard.startswith(part))
-            for source, heard, _ in self.opened
+            source == self._node and (received == channel or received.startswith(part))
+            for source, received, _ in self.opened
         )
 
-    def may_be_unheard(self, channels: Iterable[str], by_ns: int) -> bool:
-        """Whether the node was found after ``by_ns``, and was not heard on all of ``channels`` yet."""
-        if self.heard_since is None or by_ns >= self.heard_since:
+    def may_have_missed(self, channels: Iterable[str], by_ns: int) -> bool:
+        """Whether the node was found after ``by_ns``, and one of ``channels`` was silent until now."""
+        if self.received_since is None or by_ns >= self.received_since:
             return False
-        return not all(self.is_heard(channel) for channel in channels)
+        return not all(self.has_received(channel) for channel in channels)
 
     def restart(self) -> None:
-        """The machine's node numbers anew, and was not heard yet."""
-        self.heard_since = None
+        """The machine's node numbers anew, and nothing was received from it yet."""
+        self.received_since = None
         for key in [key for key in self.opened if key[0] == self._node]:
             del self.opened[key]
         if not self._are_followed:

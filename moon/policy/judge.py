@@ -21,7 +21,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.unconfirmed import UNCONFIRMED, Unconfirmed, Waiting
+from moon.oracle.confirmation import UNCONFIRMED, Unconfirmed, Waiting
 from moon.ordering.judge import Gap
 from moon.ordering.progress import Progress
 from moon.policy.calls import Call, SeenByServer, call_of, doing_of, status_of

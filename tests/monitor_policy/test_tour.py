@@ -13,7 +13,7 @@ from m2c.model import DiagnosticLog
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.runner import PolicyRunner
 from moon.monitor.models import ModelMonitor
-from moon.oracle.unconfirmed import UNCONFIRMED
+from moon.oracle.confirmation import UNCONFIRMED
 from moon.policy import policy_oracle
 from moon.verdict import Outcome, Verdict
 from tests.oracle.tour import lab_tour

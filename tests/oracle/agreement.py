@@ -16,8 +16,8 @@ import msgspec
 from msgspec.structs import replace
 
 from moon.oracle.bounds import Bounds
+from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
-from moon.oracle.unconfirmed import Losses
 from moon.verdict import Outcome
 from tests.oracle.machines import NAME, TIMER_HZ, library
 from tests.oracle.strategies import Case, case

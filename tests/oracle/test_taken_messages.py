@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.confirmation import Publishers
 from moon.oracle.in_transit import KEPT_MESSAGES
 from moon.oracle.oracle import Oracle
-from moon.oracle.unconfirmed import Publishers
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
 from transports.interface import Observation, ObservationKind

@@ -120,7 +120,7 @@ class Listener:
 
     def take(self, verdict: Verdict) -> None:
         """A verdict, from the watch."""
-        from moon.oracle.unconfirmed import UNCONFIRMED
+        from moon.oracle.confirmation import UNCONFIRMED
         from moon.verdict import Outcome
 
         said = Said(verdict, self._transport.now_ns())
