@@ -29,8 +29,8 @@ What is concluded from it:
 
 The judge, which is handed all that happened in order, and who hands it over:
 
-* ``resynchronisation``: a moment to begin at in the middle of a run;
-* ``model_oracle``: the judge; what cannot be, and what time brings about;
+* ``model_oracle``: the judge; what cannot be, and what time brings about; where to begin in the middle of a
+  run;
 * ``topics``: messages of topics, judged when they were published, or when they were taken;
 * ``clock``, ``delivery``: the time of all oracles; up to when all was received, and what is held until then;
 * ``oracle``: what is received; all of the above in one object.

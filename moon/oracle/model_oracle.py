@@ -2,7 +2,8 @@
 
 It is a ``moon.ordering.judge.Judge`` of what a machine took and did: every event comes when it is its turn,
 once. Who puts in order what is received is of no concern here (``delivery``), nor is by which numbers a
-violation becomes certain (``confirmation``).
+violation becomes certain (``confirmation``). Where the judge does not know what the machine does,
+``Resynchronisation`` looks for a moment to begin at.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from moon.oracle.bounds import FOREVER, TooManyError
 from moon.oracle.confirmation import Conclusion, Violation
 from moon.oracle.explain import described, explanation_of
 from moon.oracle.program import TooOpenError
-from moon.oracle.resynchronisation import Resynchronisation
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import Role, TraceEvent
@@ -30,11 +30,11 @@ TRIES = 20
 """So many times in a latency bound it is tried to find a machine of which nothing is known."""
 
 AT_ONCE = 0
-"""As ``due_ns``: it is to be told how far time has passed, now that something happened."""
+"""As ``due_ns``: it is to be advanced, now that something happened."""
 
 _INCONCLUSIVE = Outcome.INCONCLUSIVE  # looked up for every event
 _NOTHING: list[Verdict] = []
-"""Of most events nothing is said; never changed."""
+"""For most events; never changed."""
 
 _PARTS = {
     OutputKind.ACCEPT_GOAL: ("/_action/send_goal", False),
@@ -133,22 +133,22 @@ class ModelOracle:
                 self.due_ns = AT_ONCE if is_open else search.next_due(only)
                 return _NOTHING
         event.may_be_lost = event.stamp < self._linked_ns
-        said: Sequence[Verdict] = _NOTHING
+        verdicts: Sequence[Verdict] = _NOTHING
         try:
             after = search.after(known, event)
         except (TooManyError, TooOpenError) as error:
-            said = self._give_up(event.stamp, error)
+            verdicts = self._give_up(event.stamp, error)
         else:
             if after:
                 self.hypotheses = after
                 self._history.append(event)
             else:
-                said = self._unexplained(event)
+                verdicts = self._unexplained(event)
         self.due_ns = AT_ONCE
-        return said
+        return verdicts
 
     def gap(self, gap: Gap) -> Sequence[Verdict]:
-        """Something is missing: nothing is said until the machine's doing is certain again."""
+        """Something is missing: no verdict until the machine's doing is certain again."""
         self._forget(gap.from_ns)
         self.listen(gap.until_ns - 1)
         return self._conclusion.unknown(gap.from_ns, gap.why)
@@ -209,7 +209,7 @@ class ModelOracle:
         self.due_ns = min(map(next_due, self.hypotheses or ()), default=FOREVER)
 
     def _note_knowledge(self) -> None:
-        """Say so once it is known again what the machine does, and nothing that it did is open."""
+        """It is conforming once it is known again what the machine does, and nothing that it did is open."""
         if self._conclusion.outcome is _INCONCLUSIVE and self.hypotheses:
             states = {tuple(state for state, _ in h.instances) for h in self.hypotheses}
             if len(states) == 1:
@@ -244,19 +244,19 @@ class ModelOracle:
     # --- violations -----------------------------------------------------------------------------------
 
     def _unexplained(self, event: TraceEvent) -> Sequence[Verdict]:
-        """``event`` cannot be: say so, and go on from what is still certain."""
+        """``event`` cannot be: a violation; go on from what is still certain."""
         before = self.hypotheses or []
         explanation = explanation_of(self.search, before, event, self._history)
         verdict = self._verdict_of(event.stamp, explanation)
         violation = self._violation(verdict, event.stamp, False, self._places_of(before))
         violation.is_certain = event.role is Role.UNDECLARED
-        said, is_known = self._conclusion.found(violation)
+        verdicts, is_known = self._conclusion.found(violation)
         self._history.append(event)
         if is_known:
             self._recover(before, event, event.stamp)
         else:
             self._forget(event.stamp)
-        return said
+        return verdicts
 
     def _overdue(self, until: int, before: list[Hypothesis]) -> Sequence[Verdict]:
         """What ``before`` owe has not come."""
@@ -272,12 +272,12 @@ class ModelOracle:
         if len(owed) == len(before) and len(calls) == 1:
             violation.call = calls.pop()
             violation.asked_ns = min(item.low for item in owed)
-        said, is_known = self._conclusion.found(violation)
+        verdicts, is_known = self._conclusion.found(violation)
         if is_known:
             self._recover(before, None, until)
         else:
             self._forget(until)
-        return said
+        return verdicts
 
     def _violation(
         self, verdict: Verdict, until: int, is_silence: bool, places: list[Place]
@@ -306,17 +306,17 @@ class ModelOracle:
             if event is not None and event.role is Role.UNDECLARED:
                 found = before
             elif event is None or event.role is Role.INPUT:
-                settled = [h.with_owed(()) for h in search.reachable(before, stamp, stamp)]
-                found = settled if event is None else search.inputs.take(settled, event)
+                clear = [h.with_owed(()) for h in search.reachable(before, stamp, stamp)]
+                found = clear if event is None else search.inputs.take(clear, event)
             if not found:
-                found = search.successors.unconstrained_states(stamp, self._unsettled(stamp))
+                found = search.successors.unconstrained_states(stamp, self._under_way(stamp))
         except (TooManyError, TooOpenError):
             self._forget(stamp)
             return
         self.hypotheses, search.last = found, stamp
         self._note_due()
 
-    def _unsettled(self, stamp: int) -> tuple[TraceEvent, ...]:
+    def _under_way(self, stamp: int) -> tuple[TraceEvent, ...]:
         """Messages that may or may not have been taken by ``stamp``."""
         kept = {id(event): event for h in self.hypotheses or () for event in h.pending}
         events = sorted(kept.values(), key=lambda event: event.stamp)
@@ -325,7 +325,7 @@ class ModelOracle:
             event.may_be_lost = True
         return tuple(recent)
 
-    # --- losing and finding the thread ----------------------------------------------------------------
+    # --- not known, and resynchronised ----------------------------------------------------------------
 
     def _give_up(self, stamp: int, why: Exception) -> Sequence[Verdict]:
         """There is too much to follow; it is tried again after a while, as that costs time."""
@@ -355,14 +355,103 @@ class ModelOracle:
         self.resynchronisation.found()
         self.search.last = self._known_since = anchor
         self._note_due()
-        said: list[Verdict] = []
+        verdicts: list[Verdict] = []
         for place, event in enumerate(later):
-            said += self.observe(event)
+            verdicts += self.observe(event)
             if self.gave_up_ns is not None:
                 for rest in later[place + 1 :]:
                     self.resynchronisation.remember(rest)
-                return said
+                return verdicts
         if later:
             self._note_due()
             self._note_knowledge()
-        return said
+        return verdicts
+
+
+# --- resynchronisation ----------------------------------------------------------------------------
+
+KEPT_EVENTS = 4096
+"""Events kept while the oracle looks for a moment that is certain."""
+
+_KEPT_LATENCIES = 5
+"""So many times the latency bound they are kept."""
+
+_STEPS = (Role.INPUT, Role.OUTPUT, Role.STATUS, Role.RESULT, Role.UNDECLARED)
+"""What a machine is known to do at the moment of its stamp; a message it takes some time later."""
+
+
+class Resynchronisation:
+    """What happened to a machine of which nothing is known.
+
+    Args:
+        latency: a message is taken within this time of its stamp (ns).
+    """
+
+    def __init__(self, latency: int) -> None:
+        self._latency = latency
+        self.recent: deque[TraceEvent] = deque()
+        """What is remembered, in the order in which it was handed over."""
+        self._since = 0
+        self._forgotten = 0
+        """The newest that happened and is not remembered any more happened then."""
+        self._last_step = 0
+        """When it last took or sent something."""
+
+    def begin(self, since_ns: int, known_ns: int) -> None:
+        """Begin anew: only what happened after ``since_ns``, and after all that is forgotten now, is whole.
+
+        Args:
+            since_ns: since the epoch.
+            known_ns: the newest that happened while it was known what the machine does, happened then.
+        """
+        newest = max((event.stamp for event in self.recent), default=0)
+        self.recent.clear()
+        self._forgotten = max(self._forgotten, newest, known_ns)
+        self._since = self._last_step = max(since_ns, self._forgotten)
+
+    def remember(self, event: TraceEvent) -> None:
+        """``event`` happened; nothing is made of it yet, so what came after it may be handed over before."""
+        recent = self.recent
+        recent.append(event)
+        oldest = event.stamp - _KEPT_LATENCIES * self._latency
+        while recent[0].stamp < oldest or len(recent) > KEPT_EVENTS:
+            # what is forgotten may have been the beginning of a step
+            self._since = max(self._since, recent.popleft().stamp)
+
+    def find(self, until_ns: int) -> tuple[int, tuple[TraceEvent, ...], list[TraceEvent]] | None:
+        """The first moment until ``until_ns`` at which the machine was between two steps.
+
+        That is so when it takes an input (everything it owed is out by then), or when it has taken and
+        sent nothing for as long as the latency bound: what it took just before, it may still owe the
+        answer to. Messages from before the oracle listened have been taken one latency bound later.
+
+        Returns:
+            The moment (ns), the messages that may be under way then, and what happened after it; or None.
+        """
+        earliest = self._since + self._latency
+        anchor = None
+        quiet_since = self._last_step
+        events = sorted(self.recent, key=lambda event: event.stamp)
+        for event in events:
+            calm = event.stamp - quiet_since > self._latency
+            if event.stamp >= earliest and (event.role is Role.INPUT or calm):
+                anchor = event.stamp - 1
+                break
+            if event.role in _STEPS:
+                quiet_since = self._last_step = event.stamp
+        if anchor is None:
+            if until_ns < earliest or until_ns - quiet_since <= self._latency:
+                return None
+            anchor = until_ns
+        pending = tuple(
+            event
+            for event in events
+            if event.role is Role.MESSAGE and anchor - self._latency < event.stamp <= anchor
+        )
+        for event in pending:
+            event.may_be_lost = True
+        return anchor, pending, [event for event in events if event.stamp > anchor]
+
+    def found(self) -> None:
+        """What was kept is not needed any more."""
+        self.recent.clear()
