@@ -9,8 +9,8 @@ from m2c.model.machine import InterfaceKind, Machine
 from moon.monitor.status import POLICY
 from moon.monitor.turns import BEHIND_NS, MACHINES_NS
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.clock import Clock
 from moon.oracle.confirmation import Losses, Publishers
+from moon.oracle.delivery import Clock
 from moon.oracle.oracle import Oracle
 from moon.ordering.numbers import Numbers
 from moon.policy.oracle import PolicyOracle
@@ -121,13 +121,13 @@ class ModelMonitor:
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed (ns, on the clock of ``Observation.received_ns``)."""
         verdicts: list[Verdict] = []
-        clock, settled = self._clock, now_ns - self.bounds.latency
-        if settled > clock.settled:
-            clock.settled = settled
-        if settled >= clock.wake:
+        clock, watermark = self._clock, now_ns - self.bounds.latency
+        if watermark > clock.watermark:
+            clock.watermark = watermark
+        if watermark >= clock.wake:
             wake = FOREVER
             for oracle in self._all:
-                if oracle.wake <= settled:
+                if oracle.wake <= watermark:
                     verdicts += oracle.advance(now_ns)
                 if oracle.wake < wake:
                     wake = oracle.wake

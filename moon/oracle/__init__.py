@@ -31,7 +31,6 @@ The judge, which is handed all that happened in order, and who hands it over:
 
 * ``model_oracle``: the judge; what cannot be, and what time brings about; where to begin in the middle of a
   run;
-* ``topics``: messages of topics, judged when they were published, or when they were taken;
-* ``clock``, ``delivery``: the time of all oracles; up to when all was received, and what is held until then;
+* ``delivery``: up to when all was received, what is held until then, and as of when messages are handed over;
 * ``oracle``: what is received; all of the above in one object.
 """

@@ -2,23 +2,40 @@
 
 Up to the *watermark* all that happened was received, or is known to be missing (``moon.ordering``); what
 happened later is held. What has nothing older before it any more goes to the judge. Whether the machine's
-node got what others sent to it is told by what is received, in whatever order: so that is waited for here,
-and the judge is told of what never arrived.
+node got what others sent to it is shown by what is received, in whatever order: so that is waited for here,
+and the judge is handed what never arrived. ``Topics`` decides whether a message is handed over as of when it
+was published, or as of when its node took it.
 """
 
 from __future__ import annotations
 
+from m2c.model.machine import EventKind
 from moon.oracle.bounds import FOREVER
-from moon.oracle.clock import Clock
-from moon.oracle.confirmation import Conclusion
-from moon.oracle.in_transit import RequestTracking, TakenMessages
+from moon.oracle.confirmation import Conclusion, Publishers
+from moon.oracle.in_transit import RequestTracking, TakenMessages, reference_of
 from moon.oracle.model_oracle import ModelOracle
+from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
-from moon.oracle.trace_events import SourceStreams, TraceEvent
+from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
 from moon.ordering.held import Held
 from moon.ordering.judge import Gap
 from moon.ordering.progress import Progress
 from moon.verdict import Verdict
+
+
+class Clock:
+    """How far time has passed for all oracles of one monitor: those for which it changes nothing do nothing.
+
+    Attributes:
+        watermark: all that happened until then (ns) was received, or does not come any more.
+        wake: until the watermark is there (ns), time alone changes nothing for any of them; or earlier.
+    """
+
+    __slots__ = ("wake", "watermark")
+
+    def __init__(self) -> None:
+        self.watermark = 0
+        self.wake = 0
 
 
 class Delivery:
@@ -135,7 +152,7 @@ class Delivery:
         return max(stamp, self._dropped_ns)
 
     def _look_at_judge(self) -> None:
-        """Where it has given up, it is told from when on it will be handed all there is."""
+        """Where it has given up, it listens anew, from when on it will be handed all there is."""
         stamp = self._judge.gave_up_ns
         if stamp is not None:
             self._judge.listen(self._drop(stamp))
@@ -189,7 +206,7 @@ class Delivery:
             if until > self.watermark:
                 self.watermark = until
             return []
-        return self.settle(until)
+        return self.advance(until)
 
     def wake_at(self, due: int) -> None:
         """Time alone changes something once the watermark is at ``due`` (ns)."""
@@ -205,7 +222,7 @@ class Delivery:
     @property
     def judged_until(self) -> int:
         """What happened by then (ns) has been judged."""
-        until = max(self.watermark, self._clock.settled)
+        until = max(self.watermark, self._clock.watermark)
         first = self._held.stamps[0] if self._held.stamps else FOREVER
         return first - 1 if first <= until and self._judge.hypotheses is not None else until
 
@@ -226,7 +243,7 @@ class Delivery:
             return False
         if self._progress.ahead or self._unconfirmed.kept:
             return False
-        said = judge.observe(event)
+        found = judge.observe(event)
         due = judge.due_ns
         if due > until:
             self.watermark = until
@@ -236,13 +253,13 @@ class Delivery:
                 due = self._taken.due
             self.wake_at(due)
             return True
-        verdicts += said
+        verdicts += found
         self._look_at_judge()
         self.wake_by(stamp)
-        verdicts += self.settle(until)
+        verdicts += self.advance(until)
         return True
 
-    def settle(self, until: int) -> list[Verdict]:
+    def advance(self, until: int) -> list[Verdict]:
         """All that happened until ``until`` (ns) was received, or is known to be missing."""
         if until <= self.watermark:
             return []
@@ -280,9 +297,9 @@ class Delivery:
         judge, held = self._judge, self._held
         count = held.count(until)
         for event in held.observations[:count]:
-            said = judge.observe(event)
-            if said:
-                verdicts += said
+            found = judge.observe(event)
+            if found:
+                verdicts += found
             if judge.gave_up_ns is not None:
                 self._look_at_judge()
                 return verdicts
@@ -291,7 +308,7 @@ class Delivery:
 
     @property
     def _is_to_be_found(self) -> bool:
-        """Whether it is not known what the machine does, and something of it was heard."""
+        """Whether it is not known what the machine does, and something of it was received."""
         if self._judge.hypotheses is not None or not self._is_listening:
             return False
         return self._streams.received_since != FOREVER
@@ -307,7 +324,7 @@ class Delivery:
 
     @property
     def due_ns(self) -> int:
-        """When something is said if nothing more happens: by the judge, or of what others sent (ns)."""
+        """When something is decided if nothing more happens: by the judge, or of what others sent (ns)."""
         return min(self._judge.due_ns, self._requests.due, self._taken.due)
 
     def _not_received(self, until: int) -> list[Verdict]:
@@ -330,3 +347,119 @@ class Delivery:
             why = "the message was not taken"
             verdicts += self._judge.never_arrived(event, expected, why, until)
         return verdicts
+
+
+# --- messages of topics ---------------------------------------------------------------------------
+
+_MESSAGE, _TAKEN, _INPUT = Role.MESSAGE, Role.TAKEN, Role.INPUT
+_MESSAGED = EventKind.MESSAGE
+
+
+class Topics:
+    """What is received of the messages on the topics of one machine.
+
+    Args:
+        program: the machine.
+        channels: its channels.
+        streams: what was received, and its numbers.
+        publishers: whose word is taken for it that they published.
+        takes: the messages, where the node reports which of them it takes.
+        held: what is not judged yet.
+
+    Attributes:
+        is_ordered: all that the machine takes and sends is reported by its own node, in order: it is known
+            how far that is.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        channels: Channels,
+        streams: SourceStreams,
+        publishers: Publishers,
+        takes: TakenMessages,
+        held: Held[TraceEvent],
+    ) -> None:
+        self._program = program
+        self._channels = channels
+        self._streams = streams
+        self._publishers = publishers
+        self._takes = takes
+        self._held = held
+        self._takes_none = not program.taken_topics()
+        self.is_ordered = self._takes_none
+
+    def restart(self) -> None:
+        """Another life of the node begins."""
+        self._takes.restart()
+        self.is_ordered = self._takes_none
+
+    def receive(self, event: TraceEvent, since_ns: int) -> TraceEvent | None:
+        """What is left to be judged of ``event``, which is about a message of a topic.
+
+        Args:
+            event: a message that was published and makes a difference to the machine, or was taken.
+            since_ns: what is published from then on is to be taken, where its publisher is known.
+        """
+        if event.role is _TAKEN:
+            return self._taken(event, since_ns)
+        if not self._takes.reported or event.event is None or event.event[0] is not _MESSAGED:
+            return event
+        if event.observation.sequence < 0:  # of such a message it is not reported when it is taken
+            self.is_ordered = False
+            return event
+        self._publish(event, since_ns)
+        return None
+
+    def follow(self, since_ns: int) -> None:
+        """The node can report what it takes: from here on, messages are taken when it does."""
+        if not self._takes.reported and self._channels.is_plain:
+            self._follow(since_ns)
+
+    def _publish(self, message: TraceEvent, since_ns: int) -> None:
+        is_known = self._publishers.is_caller(message.stream[0])
+        self._takes.publish(message, message.stamp >= since_ns and is_known)
+
+    def _taken(self, event: TraceEvent, since_ns: int) -> TraceEvent | None:
+        """The node took a message: an input, whose contents may still have to be received."""
+        if not self._program.changes_something(event.event):
+            return None
+        if not self._takes.reported and not self._begin_to_follow(event, since_ns):
+            return None
+        event.role = _INPUT
+        self._takes.take(event)
+        return event
+
+    def _begin_to_follow(self, event: TraceEvent, since_ns: int) -> bool:
+        """The node's first report of what it takes: whether its reports are what counts from here on.
+
+        They are not, while the message has been judged already by when it was published.
+        """
+        if not self._channels.is_plain:
+            return False
+        client, number = event.call
+        channel = event.observation.channel
+        if (client, channel, number) not in map(reference_of, self._messages()):
+            count = self._streams.counts.get((client, channel, True))
+            if count is not None and number < count.next:
+                return False
+        self._follow(since_ns)
+        return True
+
+    def _messages(self) -> list[TraceEvent]:
+        """Those that are not judged yet, and that the node may still report to have taken."""
+        return [event for event in self._held.observations if _is_numbered_message(event)]
+
+    def _follow(self, since_ns: int) -> None:
+        messages = self._messages()
+        self._takes.reported = True
+        self.is_ordered = not self._program.takes_feedback
+        for message in messages:
+            self._held.remove(message)
+            self._publish(message, since_ns)
+
+
+def _is_numbered_message(event: TraceEvent) -> bool:
+    """Whether its node may report that it took ``event``."""
+    is_message = event.event is not None and event.event[0] is _MESSAGED
+    return event.role is _MESSAGE and is_message and event.observation.sequence >= 0

@@ -16,14 +16,12 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.clock import Clock
 from moon.oracle.confirmation import Conclusion, Confirmation, Losses, OtherEnds, Publishers
-from moon.oracle.delivery import Delivery
+from moon.oracle.delivery import Clock, Delivery, Topics
 from moon.oracle.in_transit import RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
-from moon.oracle.topics import Topics
 from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
 from moon.ordering.held import Held
 from moon.ordering.numbers import Count, Numbers
@@ -222,8 +220,8 @@ class Oracle:
             is_filled = self._takes.awaited_ns > awaited_ns
         is_to_judge = event is not None and self._note(event, verdicts)
         delivery, received_ns = self._delivery, observation.received_ns
-        if self._clock.settled > delivery.watermark:
-            delivery.watermark = self._clock.settled
+        if self._clock.watermark > delivery.watermark:
+            delivery.watermark = self._clock.watermark
         until, order = received_ns - self._latency, observation.order
         if stream.own and order < 0:
             self._counts_per_channel(observation, verdicts)
@@ -376,7 +374,7 @@ class Oracle:
         verdicts: list[Verdict] = []
         if self._unconfirmed.kept:
             verdicts += self._conclusion.reported(progress.heard, progress.gap)
-        return verdicts + self._delivery.settle(until) if until >= self.wake else verdicts
+        return verdicts + self._delivery.advance(until) if until >= self.wake else verdicts
 
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed: what can no longer change is settled, what is overdue is said.
