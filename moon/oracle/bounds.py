@@ -16,7 +16,7 @@ FEW_HYPOTHESES = 8
 
 STEPS = 4
 LOOSE_STEPS = 32
-"""So many steps are tried for each hypothesis that may be kept: with all orders told apart, and where they
+"""So many steps are tried for each hypothesis that may be kept: with all orders distinguished, and where they
 are not, and each message leads on from each state. A step takes some microseconds.
 """
 
@@ -25,7 +25,7 @@ class Bounds(msgspec.Struct, frozen=True):
     """What is assumed of the middleware and the machines (all in ns).
 
     Attributes:
-        latency: a message is taken, and an observation heard, within this time of its stamp.
+        latency: a message is taken, and an observation received, within this time of its stamp.
         deadline: an output comes within this time of the step that owes it.
         skew: clocks of different machines differ by at most this.
         tolerance: a timer may ring by this, and 0.1 % of its delay, too early or too late.

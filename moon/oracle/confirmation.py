@@ -328,7 +328,7 @@ class Confirmation:
         is_silence, expected = violation.is_silence, violation.expected
         places: dict[Place, int] = {}
         known = self._takes.reported or self._wait_for_others(places, after, since)
-        counted = self._progress.heard
+        counted = self._progress.reported_ns
         if counted:  # its node numbers all that it reports
             known = known and self._progress.gap <= since
             # what comes with the very stamp may be what did not come
@@ -350,7 +350,7 @@ class Confirmation:
             return None
         waiting = Waiting(verdict, places, reported, since)
         # what came before the request may be missing
-        if reported == NOT_NEEDED or self._progress.heard >= violation.asked_ns:
+        if reported == NOT_NEEDED or self._progress.reported_ns >= violation.asked_ns:
             waiting.call = violation.call
             waiting.answer = expected[0] if violation.call is not None else None
         return waiting

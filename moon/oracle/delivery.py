@@ -193,7 +193,7 @@ class Delivery:
         """Until when (ns) all was received, by the numbers of the node's reports; at least ``until``."""
         if until < self._linked_ns and not self._progress.is_whole:
             return until
-        known = self._progress.heard
+        known = self._progress.reported_ns
         if known >= self._takes.awaited_ns:
             known = self._takes.awaited_ns - 1
         if known <= until:
@@ -272,9 +272,9 @@ class Delivery:
             text = "the contents of a message that it took were not received"
             verdicts += self.lose(until, text)
         if progress.ahead:
-            progress.settle(until)
+            progress.advance(until)
         if self._unconfirmed.kept:
-            verdicts += self._conclusion.reported(progress.heard, progress.gap)
+            verdicts += self._conclusion.reported(progress.reported_ns, progress.gap)
         if self._held.stamps:
             verdicts += self._hand_over(until)
         self.watermark = until

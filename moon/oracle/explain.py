@@ -15,7 +15,7 @@ from moon.verdict import Evidence, Explanation
 from moon.wording import Wording, value_text
 
 SHOWN = 4
-"""So many possibilities are told; more would hide the point."""
+"""So many possibilities are shown; more would hide the point."""
 
 
 def described(fact: TraceEvent, wording: Wording) -> str:

@@ -2,9 +2,9 @@
 
 It receives what is observed of the machine: late, twice, or not at all. It drops what came twice, finds what
 is missing by the numbers, and says how far all was received: up to the node's last report, where it numbers
-its reports and they tell all that concerns the machine; else up to one latency bound ago. In order it goes to
-the judge (``delivery``, ``model_oracle``); what that finds is said when nothing missing can be the reason
-(``confirmation``).
+its reports and they are of all that concerns the machine; else up to one latency bound ago. In order it goes
+to the judge (``delivery``, ``model_oracle``); what that finds is certain when nothing missing can be the
+reason (``confirmation``).
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class Oracle:
         Args:
             stamp_ns: when, ns since the epoch.
             whole: nothing was missed: its timers run from this very moment, what it sends at once is
-                heard, and it hears all that is sent from now on. Otherwise these are uncertain for
+                received, and it receives all that is sent from now on. Otherwise these are uncertain for
                 one latency bound.
         """
         self._other_ends.clear()
@@ -138,12 +138,13 @@ class Oracle:
         self._conclusion.restart()
 
     def listen(self, since_ns: int) -> None:
-        """All that the machine does from ``since_ns`` on is heard, if it is heard at all.
+        """All that the machine does from ``since_ns`` on is received, if anything of it is.
 
         For an oracle that is not ``synchronised``: without it, one that finds a machine silent knows
         nothing of it before the first observation, and takes the first thing it does for the end of
         something that began before. With it, the silence before counts as silence.
-        Until then none does on a channel on which its node was not heard yet: what it sent may be missing.
+        Until then none does on a channel on which nothing was received from its node yet: what it sent
+        may be missing.
 
         Args:
             since_ns: ns since the epoch; ``FOREVER``: it is not known to be there, and owes nothing.
@@ -152,7 +153,7 @@ class Oracle:
         self._delivery.wake_at(0)
 
     def lose(self, stamp_ns: int, text: str) -> list[Verdict]:
-        """Something is missing: nothing is said until the machine's doing is certain again.
+        """Something is missing: no verdict until the machine's doing is certain again.
 
         Args:
             stamp_ns: since when, ns since the epoch.
@@ -181,7 +182,7 @@ class Oracle:
         key = (observation.source, observation.channel, observation.kind)
         stream = self._streams.opened.get(key) or self._streams.of(observation)
         progress = self._progress
-        if stream.other_end and progress.heard:
+        if stream.other_end and progress.reported_ns:
             return []  # its own node numbers all that it reports: this adds nothing
         verdicts: list[Verdict] = []
         count = stream.count
@@ -227,11 +228,11 @@ class Oracle:
             self._counts_per_channel(observation, verdicts)
         if stream.own and order >= 0:
             if order == progress.next and not progress.ahead and progress.answer is None:
-                progress.next, progress.heard = order + 1, observation.stamp_ns
+                progress.next, progress.reported_ns = order + 1, observation.stamp_ns
             else:
                 progress.take(order, observation.stamp_ns, until)
             if self._unconfirmed.kept:
-                verdicts += self._conclusion.reported(progress.heard, progress.gap)
+                verdicts += self._conclusion.reported(progress.reported_ns, progress.gap)
             if self._topics.is_ordered:
                 until = delivery.known(until, received_ns)
             if (
@@ -259,7 +260,7 @@ class Oracle:
     def _look_at_number(
         self, observation: Observation, count: Count, sequel: Sequel, verdicts: list[Verdict]
     ) -> None:
-        """What the number of ``observation`` tells of losses goes to ``verdicts``."""
+        """What the number of ``observation`` shows of losses goes to ``verdicts``."""
         stamp, number = observation.stamp_ns, observation.sequence
         if self._unconfirmed.kept:
             verdicts += self._conclusion.numbered(count.place, number, stamp)
@@ -282,7 +283,7 @@ class Oracle:
                 verdicts += self._delivery.lose(stamp, f"{self.node} was restarted")
 
     def _is_expected(self, observation: Observation) -> bool:
-        """Whether its channel's first observation should have been heard by now."""
+        """Whether its channel's first observation should have been received by now."""
         if self._takes.reported and observation.source != self.node:
             return False
         if self.losses.happen:
@@ -294,7 +295,7 @@ class Oracle:
         if observation.kind is not _MESSAGE:
             kind, channel = observation.kind, observation.channel
             self._other_ends.report((kind, channel, observation.client, observation.call))
-        if self._unconfirmed.kept and not self._progress.heard:
+        if self._unconfirmed.kept and not self._progress.reported_ns:
             verdicts += self._conclusion.counts_per_channel()
 
     def _of_topic(self, event: TraceEvent) -> TraceEvent | None:
@@ -310,7 +311,7 @@ class Oracle:
         return left
 
     def _note(self, event: TraceEvent, verdicts: list[Verdict]) -> bool:
-        """Whether ``event`` is to be judged: what is about others tells what it tells at once."""
+        """Whether ``event`` is to be judged: what others report has its effect at once."""
         role = event.role
         if role is _OUTPUT:
             self.outputs += 1
@@ -328,7 +329,7 @@ class Oracle:
                     self._requests.ask(event)
                     self._delivery.wake_by(self._requests.expected.due)
                 return False
-            case Role.ANSWERED:  # that it was taken up was not heard, or not yet
+            case Role.ANSWERED:  # that it was taken up was not reported, or not yet
                 self._requests.take(event, self._delivery.watermark)
                 self._imply(event, ObservationKind.REQUEST_RECEIVED)
                 self._imply(event, ObservationKind.RESPONSE_SENT)
@@ -349,7 +350,7 @@ class Oracle:
 
     def _imply(self, event: TraceEvent, kind: ObservationKind) -> None:
         """By the other end of a call, the node did this."""
-        if not self._progress.heard:
+        if not self._progress.reported_ns:
             implied = (kind, event.observation.channel, *event.call)
             self._other_ends.imply(implied, event.stamp)
 
@@ -373,11 +374,11 @@ class Oracle:
             until = self._delivery.known(until, now_ns)
         verdicts: list[Verdict] = []
         if self._unconfirmed.kept:
-            verdicts += self._conclusion.reported(progress.heard, progress.gap)
+            verdicts += self._conclusion.reported(progress.reported_ns, progress.gap)
         return verdicts + self._delivery.advance(until) if until >= self.wake else verdicts
 
     def advance(self, now_ns: int) -> list[Verdict]:
-        """Time has passed: what can no longer change is settled, what is overdue is said.
+        """Time has passed: what can no longer change is judged, and what is overdue is found.
 
         Args:
             now_ns: on the clock of ``Observation.received_ns``.
@@ -397,7 +398,7 @@ class Oracle:
 
     @property
     def violations(self) -> int:
-        """How many were said."""
+        """How many were certain."""
         return self._conclusion.violations
 
     @property
@@ -426,7 +427,11 @@ class Oracle:
 
         FOREVER: nothing is due, or the node's word would not be enough.
         """
-        if not self._topics.is_ordered or not self.is_synchronised or not self._progress.heard:
+        if (
+            not self._topics.is_ordered
+            or not self.is_synchronised
+            or not self._progress.reported_ns
+        ):
             return FOREVER
         due = self._delivery.due_ns
         return due if due > self._delivery.watermark else FOREVER
@@ -438,7 +443,7 @@ class Oracle:
 
     @property
     def hypotheses(self) -> list[Hypothesis]:
-        """What the machine may be doing, by all that was heard until now."""
+        """What the machine may be doing, by all that was received until now."""
         return self._delivery.foreseen()
 
     def states(self) -> list[str]:

@@ -177,7 +177,7 @@ class Search:
 
         Args:
             hypotheses: what could be so before.
-            now: all that happened until then has been heard (ns).
+            now: all that happened until then was received (ns).
         """
         known: dict[Any, Hypothesis] = {}
         found: list[Hypothesis] = []
@@ -363,7 +363,7 @@ class Outputs:
         if goal is not None and not _is_goal(hypothesis, goal, fact):
             return False
         if fact.data is None and fact.output in _ENDS:
-            return True  # a status tells that a goal has ended, not with what
+            return True  # a status shows that a goal has ended, not with what
         kind = self._types.get((owed.kind, owed.interface))
         return kind is None or agree(owed.data, fact.data, kind)
 

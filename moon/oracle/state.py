@@ -33,7 +33,7 @@ class Obligation:
         call: whose response it is.
         goal: hex id of its goal, a goal's number where the id is not known yet, or Unknown.
         optional: whether it may not have been sent at all.
-        timer: the timer that caused the step, whose phase the output tells.
+        timer: the timer that caused the step, whose phase the output shows.
         before: what the machine was before the step, for explanations: each possibility.
     """
 

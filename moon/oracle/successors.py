@@ -313,7 +313,7 @@ class Successors:
     def _awakened(
         self, before: Hypothesis, made: Hypothesis, timer: PendingTimer, low: int, high: int
     ) -> PendingTimer:
-        """A periodic timer that a step makes matter: it may just have rung unheard, or just not."""
+        """A periodic timer that a step makes matter: it may just have rung without effect, or just not."""
         if not timer.period or self._matters(before, timer) or not self._matters(made, timer):
             return timer
         rings = timer.not_before(low - self._bounds.latency)

@@ -213,7 +213,7 @@ class EventOrder:
         for channel, source in () if self.listener is None else self.listener.take_dropped():
             why = f"messages on {channel} came faster than they were judged"
             yield Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why)
-        yield from self.sources.settle(clock_ns)
+        yield from self.sources.advance(clock_ns)
 
     def look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is reported."""

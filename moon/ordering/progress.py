@@ -10,7 +10,7 @@ class Progress:
     """Follows the order numbers of one node.
 
     Attributes:
-        heard: all that the node did until this stamp (ns) has been received.
+        reported_ns: all that the node did until this stamp (ns) was reported, and its reports were received.
         next: the number that follows.
         ahead: number and stamp of what came after a gap.
         gap: what is missing and not waited for any more happened before this stamp (ns).
@@ -19,12 +19,12 @@ class Progress:
         is_whole: nothing that the node did is missing: all was received from number 0 on, without a gap.
     """
 
-    __slots__ = ("ahead", "answer", "gap", "heard", "is_whole", "next")
+    __slots__ = ("ahead", "answer", "gap", "is_whole", "next", "reported_ns")
 
     def __init__(self) -> None:
         self.ahead: dict[int, int] = {}
         self.next = 0
-        self.heard = 0
+        self.reported_ns = 0
         self.gap = 0
         self.answer: tuple[int, int] | None = None
         self.is_whole = True
@@ -33,7 +33,7 @@ class Progress:
         """The node counts anew, or nothing is known any more."""
         self.ahead.clear()
         self.next = 0
-        self.heard = 0
+        self.reported_ns = 0
         self.answer = None
         self.is_whole = True
 
@@ -45,7 +45,7 @@ class Progress:
     def _look_at_answer(self) -> None:
         if self.answer is not None and self.next >= self.answer[0]:
             if self.next == self.answer[0]:
-                self.heard = max(self.heard, self.answer[1])
+                self.reported_ns = max(self.reported_ns, self.answer[1])
             self.answer = None
 
     def take(self, order: int, stamp: int, watermark: int) -> None:
@@ -63,9 +63,9 @@ class Progress:
             ahead[order] = stamp
             if len(ahead) > KEPT_AHEAD:
                 del ahead[next(iter(ahead))]
-            self.settle(watermark)
+            self.advance(watermark)
 
-    def settle(self, watermark: int) -> None:
+    def advance(self, watermark: int) -> None:
         """What is missing before something that happened until ``watermark`` (ns) does not come any more."""
         ahead = self.ahead
         passed = [number for number, when in ahead.items() if when <= watermark]
@@ -80,9 +80,9 @@ class Progress:
     def _go_on(self, stamp: int) -> None:
         ahead = self.ahead
         self.next += 1
-        self.heard = stamp
+        self.reported_ns = stamp
         while ahead and self.next in ahead:
-            self.heard = ahead.pop(self.next)
+            self.reported_ns = ahead.pop(self.next)
             self.next += 1
         if self.answer is not None:
             self._look_at_answer()

@@ -56,25 +56,25 @@ class Sources:
         source = self.known.get(seen.source) or self._of(seen.source)
         progress, order, stamp = source.progress, seen.order, seen.stamp_ns
         if order == progress.next and not progress.ahead and progress.answer is None:
-            progress.next, progress.heard = order + 1, stamp
+            progress.next, progress.reported_ns = order + 1, stamp
             return None
         if order < 0:
             source.is_numbered = False
             return None
         source.is_numbered = True
-        if order < progress.next and stamp > progress.heard:
+        if order < progress.next and stamp > progress.reported_ns:
             progress.restart()  # it has started again, and numbers anew
-        before = progress.heard, progress.gap
+        before = progress.reported_ns, progress.gap
         progress.take(order, stamp, now_ns - self._latency_ns)
         return _gap_of(seen.source, progress, before)
 
-    def settle(self, now_ns: int) -> Iterator[Gap]:
+    def advance(self, now_ns: int) -> Iterator[Gap]:
         """What was not received up to now (ns) and does not come any more."""
         watermark = now_ns - self._latency_ns
         for name, source in self.known.items():
             if source.progress.ahead:
-                before = source.progress.heard, source.progress.gap
-                source.progress.settle(watermark)
+                before = source.progress.reported_ns, source.progress.gap
+                source.progress.advance(watermark)
                 gap = _gap_of(name, source.progress, before)
                 if gap is not None:
                     yield gap
@@ -86,7 +86,7 @@ class Sources:
     def changed(self, name: str, is_up: bool, when_ns: int) -> None:
         """``name`` came up, having begun to connect at ``when_ns``, or went away then."""
         source = self._of(name)
-        if is_up and source.progress.heard < when_ns:
+        if is_up and source.progress.reported_ns < when_ns:
             source.progress.restart()  # it numbers anew
         source.is_up, source.since_ns = is_up, when_ns
 
@@ -101,7 +101,7 @@ class Sources:
             source.progress.restart()
 
     def known_ns(self, names: Iterable[str], now_ns: int) -> int:
-        """All that ``names`` did until then (ns) was received, by their numbers; 0: numbers do not tell.
+        """All that ``names`` did until then (ns) was received, by their numbers; 0: numbers do not show it.
 
         A node that was never there does nothing; one that has gone has done nothing since, which is certain
         when the latency bound is over.
@@ -115,7 +115,7 @@ class Sources:
             if not source.is_numbered:
                 return 0
             is_any = True
-            reported_ns = source.progress.heard
+            reported_ns = source.progress.reported_ns
             if reported_ns < known_ns:
                 known_ns = reported_ns
         return known_ns if is_any else 0
@@ -132,7 +132,7 @@ class Sources:
                 continue
             if not source.is_numbered:
                 return []
-            if source.progress.heard < until_ns:
+            if source.progress.reported_ns < until_ns:
                 found.append(name)
         return found
 

@@ -339,8 +339,8 @@ class PolicyJudge:
     def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
         """Report ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
         progress, by = self._progress, verdict.stamp_ns + is_silence
-        is_reported = progress.heard >= verdict.stamp_ns and progress.gap <= self._since
-        if is_reported or not progress.heard:
+        is_reported = progress.reported_ns >= verdict.stamp_ns and progress.gap <= self._since
+        if is_reported or not progress.reported_ns:
             return self._confirm([verdict])
         lost = "observations were lost; "
         if progress.gap <= self._since:
@@ -354,7 +354,9 @@ class PolicyJudge:
 
     def look_at_reports(self) -> list[Verdict]:
         """What the node reported since may confirm a violation."""
-        return self._confirm(self.unconfirmed.reported(self._progress.heard, self._progress.gap))
+        return self._confirm(
+            self.unconfirmed.reported(self._progress.reported_ns, self._progress.gap)
+        )
 
     def _confirm(self, verdicts: list[Verdict]) -> list[Verdict]:
         if verdicts:

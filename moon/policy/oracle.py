@@ -91,7 +91,7 @@ class PolicyOracle:
             stamp_ns: when, ns since the epoch.
             whole: nothing was missed; it makes no difference here, as numbers show what was.
         """
-        if self._progress.heard < stamp_ns:  # of the life before
+        if self._progress.reported_ns < stamp_ns:  # of the life before
             self._progress.restart()
         # what has come of it already stays, if that is all of it
         self._held.take(self._held.count(stamp_ns - 1))
@@ -156,7 +156,7 @@ class PolicyOracle:
         if observation.source == self.node:
             if observation.order >= 0:
                 self._progress.take(observation.order, observation.stamp_ns, watermark)
-                watermark = max(watermark, min(self._progress.heard, observation.received_ns))
+                watermark = max(watermark, min(self._progress.reported_ns, observation.received_ns))
             if judge.unconfirmed.kept:
                 verdicts = judge.look_at_reports()
             if kind in _OWN and _PARTS not in channel:
@@ -180,7 +180,7 @@ class PolicyOracle:
         judge, held = self._judge, self._held
         verdicts: list[Verdict] = []
         if self._progress.ahead:
-            self._progress.settle(watermark)
+            self._progress.advance(watermark)
         if judge.unconfirmed.kept:
             verdicts += judge.look_at_reports()
         while held.stamps and held.stamps[0] <= watermark:
@@ -203,13 +203,13 @@ class PolicyOracle:
         FOREVER: nothing is due, or the node's word would not be enough.
         """
         due = self._judge.due_ns
-        return due if self._progress.heard and due > self._watermark else FOREVER
+        return due if self._progress.reported_ns and due > self._watermark else FOREVER
 
     def reported(self, number: int, stamp_ns: int, now_ns: int) -> list[Verdict]:
         """The node was asked how far it is; see ``Oracle.reported``."""
         self._progress.answered(number, stamp_ns)
         verdicts = self._judge.look_at_reports() if self._judge.unconfirmed.kept else []
-        watermark = max(now_ns - self.bounds.latency, min(self._progress.heard, now_ns))
+        watermark = max(now_ns - self.bounds.latency, min(self._progress.reported_ns, now_ns))
         return verdicts if watermark <= self._watermark else verdicts + self._settle(watermark)
 
     @property

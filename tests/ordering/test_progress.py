@@ -65,7 +65,7 @@ def test_without_a_gap_all_is_heard_until_the_last():
     progress = Progress()
     for order, stamp in enumerate((10, 20, 30)):
         progress.take(order, stamp, 0)
-        assert progress.heard == stamp
+        assert progress.reported_ns == stamp
 
 
 def test_what_comes_after_a_gap_waits_for_what_is_missing():
@@ -73,21 +73,21 @@ def test_what_comes_after_a_gap_waits_for_what_is_missing():
     progress.take(0, 10, 0)
     progress.take(3, 40, 0)
     progress.take(2, 30, 0)
-    assert progress.heard == 10
+    assert progress.reported_ns == 10
     progress.take(1, 20, 0)
-    assert progress.heard == 40
+    assert progress.reported_ns == 40
 
 
 def test_what_is_missing_for_longer_than_the_bound_is_not_waited_for():
     progress = Progress()
     progress.take(5, 50, 0)  # a tap that joins later: no first number
     progress.take(6, 60, 0)
-    assert progress.heard == 0
+    assert progress.reported_ns == 0
     progress.take(8, 80, 55)
-    assert progress.heard == 60
+    assert progress.reported_ns == 60
     assert progress.gap == 50
     progress.take(7, 70, 55)
-    assert progress.heard == 80
+    assert progress.reported_ns == 80
 
 
 def test_a_number_that_came_before_changes_nothing():
@@ -95,7 +95,7 @@ def test_a_number_that_came_before_changes_nothing():
     progress.take(0, 10, 0)
     progress.take(1, 20, 0)
     progress.take(0, 99, 0)
-    assert progress.heard == 20
+    assert progress.reported_ns == 20
 
 
 def test_what_is_ahead_of_a_gap_is_bounded():

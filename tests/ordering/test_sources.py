@@ -71,9 +71,9 @@ def test_who_has_gone_is_waited_for_as_long_as_the_latency_bound(both) -> None:
 
 def test_what_is_missing_is_a_gap_once_the_latency_bound_is_over(both) -> None:
     assert both.take(seen("b", 3, NOW), NOW) is None
-    assert list(both.settle(NOW + LATENCY - 1)) == []
+    assert list(both.advance(NOW + LATENCY - 1)) == []
     assert both.known_ns(["b"], NOW) == NOW - 90 * MS
-    (gap,) = both.settle(NOW + LATENCY)
+    (gap,) = both.advance(NOW + LATENCY)
     assert (gap.source, gap.from_ns, gap.until_ns) == ("b", NOW - 90 * MS + 1, NOW + 1)
     assert both.known_ns(["b"], NOW + LATENCY) == NOW
 
@@ -90,7 +90,7 @@ def test_a_node_that_starts_again_numbers_anew(both) -> None:
 def test_of_what_was_before_the_first_report_nothing_is_missing() -> None:
     sources = Sources(LATENCY)
     assert sources.take(seen("late", 70, NOW), NOW) is None
-    assert list(sources.settle(NOW + LATENCY)) == []
+    assert list(sources.advance(NOW + LATENCY)) == []
     assert sources.known_ns(["late"], NOW + LATENCY) == NOW
 
 
