@@ -31,7 +31,7 @@ from moon.oracle.state import (
     Hypothesis,
     Obligation,
     TimerKey,
-    adopt,
+    adopt_goal,
     distinct,
     goal_called,
 )
@@ -389,7 +389,7 @@ class Outputs:
         if isinstance(owed.goal, Unknown) and fact.goal:
             known = goal_called(rest, fact.goal, served=True)
             if known is None:
-                rest, known = adopt(rest, owed.interface, fact.goal, True, "running")
+                rest, known = adopt_goal(rest, owed.interface, fact.goal, True, "running")
             found[id(owed.goal)] = (owed.goal, known.number)
         return _substituted(rest, found) if found else rest
 

@@ -457,14 +457,14 @@ def goal_called(hypothesis: Hypothesis, goal_id: str, served: bool) -> Goal | No
     return None
 
 
-def allowed(made: Hypothesis, goal: Goal, output: Output) -> bool:
+def goal_allows(made: Hypothesis, goal: Goal, output: Output) -> bool:
     """Whether the goal's state lets the output leave (see ``transports.actions``); it is changed."""
     running = goal.phase in ("running", "canceling")
     match output.kind:
         case OutputKind.ACCEPT_GOAL:
             if goal.phase != "new":
                 return False
-            change(made, goal, phase="running")
+            change_goal(made, goal, phase="running")
             return True
         case OutputKind.REJECT_GOAL:
             if goal.phase == "new":
@@ -477,16 +477,16 @@ def allowed(made: Hypothesis, goal: Goal, output: Output) -> bool:
             if goal.phase == "ended":
                 return False
             refused = kind is OutputKind.CANCEL and goal.phase == "running"
-            change(made, goal, phase="ended", result=(kind, output.fields))
+            change_goal(made, goal, phase="ended", result=(kind, output.fields))
             return running and not refused
 
 
-def change(made: Hypothesis, goal: Goal, **changes: Any) -> None:
+def change_goal(made: Hypothesis, goal: Goal, **changes: Any) -> None:
     """Change ``goal`` of a hypothesis that is being made."""
     made.goals = tuple(g.but(**changes) if g is goal else g for g in made.goals)
 
 
-def changed(hypothesis: Hypothesis, goal: Goal, **changes: Any) -> Hypothesis:
+def with_goal_changed(hypothesis: Hypothesis, goal: Goal, **changes: Any) -> Hypothesis:
     """``hypothesis`` with ``goal`` changed."""
     made = hypothesis.copy()
     made.goals = tuple(
@@ -496,14 +496,14 @@ def changed(hypothesis: Hypothesis, goal: Goal, **changes: Any) -> Hypothesis:
     return made
 
 
-def adopt(
+def adopt_goal(
     hypothesis: Hypothesis, interface: str, goal_id: str, served: bool, phase: str
 ) -> tuple[Hypothesis, Goal]:
     """``hypothesis`` with a further goal."""
-    return adopt_in_place(hypothesis.copy(), interface, goal_id, served, phase)
+    return adopt_goal_in_place(hypothesis.copy(), interface, goal_id, served, phase)
 
 
-def adopt_in_place(
+def adopt_goal_in_place(
     made: Hypothesis, interface: str, goal_id: str, served: bool, phase: str
 ) -> tuple[Hypothesis, Goal]:
     """A further goal, numbered as the node numbers them."""

@@ -25,15 +25,15 @@ from moon.oracle.state import (
     PendingTimer,
     QueuedEvent,
     TimerKey,
-    adopt,
-    adopt_in_place,
-    allowed,
-    change,
-    changed,
+    adopt_goal,
+    adopt_goal_in_place,
+    change_goal,
     distinct,
+    goal_allows,
     goal_called,
     goal_to_cancel,
     served_goal,
+    with_goal_changed,
 )
 from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier
 from moon.oracle.unknowns import Unknown
@@ -199,7 +199,9 @@ class Successors:
             goal = goal_called(hypothesis, fact.goal, served=False)
             if goal is None:
                 if hypothesis.free and not self._channels.was_sent(fact.goal):
-                    rest_too, adopted = adopt(rest, fact.interface, fact.goal, False, "running")
+                    rest_too, adopted = adopt_goal(
+                        rest, fact.interface, fact.goal, False, "running"
+                    )
                     parts = {"goal_id": adopted.number}
                     yield from self.run(rest_too, 0, fact.event, fact.data, parts, low, high)
                 yield rest
@@ -390,7 +392,7 @@ class Successors:
                         return  # no request waits: nothing leaves
                     answers, optional = ANY_CALL, True
             case OutputKind.SEND_GOAL:
-                _, sent = adopt_in_place(made, interface, "", False, "sent")
+                _, sent = adopt_goal_in_place(made, interface, "", False, "sent")
                 goal = sent.number
             case OutputKind.SEND_CANCEL:
                 found = goal_to_cancel(made, interface, output.goal)
@@ -399,7 +401,7 @@ class Successors:
                         return
                     optional = True
                 elif found.phase == "sent":
-                    change(made, found, cancel=True)
+                    change_goal(made, found, cancel=True)
                     return
                 else:
                     goal = found.id
@@ -416,7 +418,7 @@ class Successors:
                     if not made.free:
                         return  # a goal that is not there: reported by the node, nothing leaves
                     goal, optional = output.goal if isinstance(output.goal, Unknown) else None, True
-                elif not allowed(made, served, output):
+                elif not goal_allows(made, served, output):
                     return
                 else:
                     goal = served.id
@@ -567,7 +569,7 @@ class Inputs:
         if goal_called(hypothesis, fact.goal, served=True) is not None:
             yield hypothesis  # a second goal of the same id: rejected before the machine hears it
             return
-        grown, goal = adopt(hypothesis, fact.interface, fact.goal, True, "new")
+        grown, goal = adopt_goal(hypothesis, fact.interface, fact.goal, True, "new")
         assert fact.event is not None
         parts = {"goal_id": goal.number}
         for taken, step in self._successors.take(grown, 0, fact.event, fact.data, parts):
@@ -601,7 +603,7 @@ class Inputs:
         found = [hypothesis]
         goal = goal_called(hypothesis, wanted, served=True)
         if named and goal is None and hypothesis.free:
-            grown, goal = adopt(hypothesis, fact.interface, wanted, True, "running")
+            grown, goal = adopt_goal(hypothesis, fact.interface, wanted, True, "running")
             found = [hypothesis, grown]
         if named and not timed:
             chosen = [] if goal is None else [goal]
@@ -615,7 +617,7 @@ class Inputs:
                 if all(g.number != each.number or not g.served for g in before.goals):
                     following.append(before)
                     continue
-                canceling = changed(before, each, phase="canceling")
+                canceling = with_goal_changed(before, each, phase="canceling")
                 following += self._everywhere(
                     canceling,
                     (EventKind.CANCEL, fact.interface),
@@ -647,13 +649,13 @@ class Inputs:
             if not hypothesis.free or self._channels.was_sent(fact.goal):
                 yield hypothesis  # not a goal of this machine's model, or one that has ended
                 return
-            hypothesis, goal = adopt(hypothesis, fact.interface, fact.goal, False, "sent")
+            hypothesis, goal = adopt_goal(hypothesis, fact.interface, fact.goal, False, "sent")
         codes = {EventKind.SUCCEEDED: 4, EventKind.CANCELED: 5, EventKind.ABORTED: 6}
         parts: dict[str, Any] = {"goal_id": goal.number}
         if event[0] in codes:
             parts["code"] = codes[event[0]]
         if event[0] is EventKind.GOAL_ACCEPTED:
-            accepted = changed(hypothesis, goal, phase="running", cancel=False)
+            accepted = with_goal_changed(hypothesis, goal, phase="running", cancel=False)
             for made in self._successors.run(
                 accepted, 0, event, fact.data, parts, fact.stamp, fact.stamp
             ):
