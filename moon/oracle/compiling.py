@@ -38,7 +38,7 @@ from m2c.runtime import ecmascript
 from m2c.runtime.machine import seconds
 from moon.oracle.expressions import Closures
 from moon.oracle.trace_events import EventKey
-from moon.oracle.unknowns import Unknown, anything
+from moon.oracle.unknowns import Unknown, anything, filled_in
 
 FEW = 8
 """A draw among so many numbers is followed number by number."""
@@ -145,11 +145,19 @@ class Step:
         return number
 
     def replace(self, unknown: Unknown, value: Any) -> None:
-        """From now on, ``unknown`` is known to be ``value``."""
-        data = self.data
-        for place, held in enumerate(data):
-            if held is unknown:
-                data[place] = value
+        """From now on, ``unknown`` is known to be ``value``: also in what the step has sent before."""
+        found = {id(unknown): (unknown, value)}
+        self.data = [filled_in(held, found) for held in self.data]
+        self.message = filled_in(self.message, found)
+        for output in self.outputs:
+            output.fields = filled_in(output.fields, found)
+            output.goal = filled_in(output.goal, found)
+            output.thread = filled_in(output.thread, found)
+        for index, (name, data) in enumerate(self.internal):
+            self.internal[index] = (name, filled_in(data, found))
+        for item in self.scheduled:
+            if isinstance(item, Delayed):
+                item.data = filled_in(item.data, found)
 
 
 class TransitionProgram:

@@ -37,7 +37,7 @@ from moon.oracle.state import (
 )
 from moon.oracle.successors import Inputs, Successors
 from moon.oracle.trace_events import Channels, Role, TraceEvent
-from moon.oracle.unknowns import Unknown, agree, is_unknown, learned
+from moon.oracle.unknowns import Unknown, agree, filled_in, is_unknown, learned
 from moon.wording import Wording
 
 _ENDS = (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL)
@@ -468,29 +468,20 @@ def _is_goal(hypothesis: Hypothesis, goal: Any, fact: TraceEvent) -> bool:
 
 def _substituted(hypothesis: Hypothesis, found: Mapping[int, tuple[Unknown, Any]]) -> Hypothesis:
     """``hypothesis`` with what was learnt of unknown values put in their place."""
-
-    def put(value: Any) -> Any:
-        if isinstance(value, Unknown):
-            return found[id(value)][1] if id(value) in found else value
-        if isinstance(value, dict):
-            return {name: put(item) for name, item in value.items()}
-        if isinstance(value, list):
-            return [put(item) for item in value]
-        return value
-
     made = hypothesis.copy()
     made.instances = tuple(
-        (state, tuple(put(value) for value in data)) for state, data in hypothesis.instances
+        (state, tuple(filled_in(value, found) for value in data))
+        for state, data in hypothesis.instances
     )
-    made.owed = tuple(_owed_with(owed, put) for owed in hypothesis.owed)
+    made.owed = tuple(_owed_with(owed, found) for owed in hypothesis.owed)
     return made
 
 
-def _owed_with(owed: Obligation, put: Any) -> Obligation:
+def _owed_with(owed: Obligation, found: Mapping[int, tuple[Unknown, Any]]) -> Obligation:
     if not is_unknown(owed.data) and not isinstance(owed.goal, Unknown):
         return owed
     made = owed.due(owed.low, owed.high)
-    made.data, made.goal = put(owed.data), put(owed.goal)
+    made.data, made.goal = filled_in(owed.data, found), filled_in(owed.goal, found)
     return made
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
@@ -320,3 +320,16 @@ def learned(expected: Any, observed: Any, found: dict[int, tuple[Unknown, Any]])
     elif isinstance(expected, list) and isinstance(observed, list):
         for item, seen in zip(expected, observed, strict=False):
             learned(item, seen, found)
+
+
+def filled_in(value: Any, found: Mapping[int, tuple[Unknown, Any]]) -> Any:
+    """``value`` with what was ``found`` (by identity) in place of its unknown values."""
+    if value.__class__ in SCALARS:
+        return value
+    if isinstance(value, Unknown):
+        return found[id(value)][1] if id(value) in found else value
+    if isinstance(value, dict):
+        return {name: filled_in(item, found) for name, item in value.items()}
+    if isinstance(value, list):
+        return [filled_in(item, found) for item in value]
+    return value
