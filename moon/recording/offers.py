@@ -11,7 +11,7 @@ import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import InterfaceKind, Machine
-from moon.properties.files.yaml_tree import Mapping, Scalar, Sequence, parse_yaml
+from moon.yaml_tree import Mapping, Scalar, Sequence, parse_yaml
 
 OFFERED = "offered_qos_profiles"
 """The key of an MCAP channel's metadata, and the column of an SQLite file's topics."""

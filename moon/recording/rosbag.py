@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog
-from moon.properties.files import yaml_tree
+from moon import yaml_tree
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.mcap_file import McapFile
 from moon.recording.sorting import Sorting

@@ -33,7 +33,11 @@ from moon.properties.files.common import (
     unknown_keys,
 )
 from moon.properties.files.interfaces import Interfaces, Named, faults
-from moon.properties.files.yaml_tree import (
+from moon.properties.formula import Formula, Interval
+from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
+from moon.properties.predicates import PredicateError, truth_source
+from moon.properties.property import Port, Property, PropertySeverity, Role
+from moon.yaml_tree import (
     Mapping,
     Scalar,
     Sequence,
@@ -41,10 +45,6 @@ from moon.properties.files.yaml_tree import (
     parse_yaml,
     read_yaml,
 )
-from moon.properties.formula import Formula, Interval
-from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
-from moon.properties.predicates import PredicateError, truth_source
-from moon.properties.property import Port, Property, PropertySeverity, Role
 
 _TIME = re.compile(r"(\d+(?:\.\d+)?)\s*([a-z]+)", re.ASCII)
 _EVENTS: dict[PatternName, tuple[str, ...]] = {
