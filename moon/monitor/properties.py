@@ -26,9 +26,8 @@ from moon.properties.binding import ANY_CHANNEL
 from moon.properties.describe import duration
 from moon.properties.monitor import TimeOrderError
 from moon.properties.ordering import OrderedProperties
-from moon.properties.property import Property, Role
-from moon.properties.verdict import Fact, Status, Witness
-from moon.properties.verdict import Verdict as PropertyVerdict
+from moon.properties.property import Fact, Property, Role, Status, Witness
+from moon.properties.property import Verdict as PropertyVerdict
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from moon.wording import Wording, value_text
 from transports.interface import Observation, ObservationKind

@@ -21,9 +21,16 @@ if TYPE_CHECKING:
     )
     from moon.properties.ordering import OrderedProperties
     from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, pattern_formula
-    from moon.properties.property import Port, Property, PropertySeverity
+    from moon.properties.property import (
+        Fact,
+        Port,
+        Property,
+        PropertySeverity,
+        Status,
+        Verdict,
+        Witness,
+    )
     from moon.properties.syntax import FormulaError, parse_formula
-    from moon.properties.verdict import Fact, Status, Verdict, Witness
 
 _HOMES = {
     "files": ("load_properties", "read_properties"),
@@ -32,9 +39,8 @@ _HOMES = {
     "monitor": ("PropertyMonitor", "PropertySet", "StepMonitor", "TimeOrderError"),
     "ordering": ("OrderedProperties",),
     "patterns": ("Pattern", "PatternName", "Scope", "ScopeName", "pattern_formula"),
-    "property": ("Port", "Property", "PropertySeverity"),
+    "property": ("Fact", "Port", "Property", "PropertySeverity", "Status", "Verdict", "Witness"),
     "syntax": ("FormulaError", "parse_formula"),
-    "verdict": ("Fact", "Status", "Verdict", "Witness"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

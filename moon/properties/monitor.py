@@ -27,10 +27,9 @@ from moon.properties.monitor_group import MonitorGroup, UnknownAtom
 from moon.properties.network import build_network
 from moon.properties.nodes import NEVER
 from moon.properties.predicates import UNKNOWN_ERRORS, PredicateError, why_unknown
-from moon.properties.property import Port, Property
+from moon.properties.property import Port, Property, Verdict
 from moon.properties.snapshot import Snapshot
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Verdict
 from transports.interface import Observation, ObservationKind
 
 __all__ = ["PredicateError", "PropertyMonitor", "PropertySet", "StepMonitor", "TimeOrderError"]

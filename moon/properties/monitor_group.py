@@ -16,10 +16,9 @@ from moon.properties.gaps import Gaps
 from moon.properties.network import Network, build_network
 from moon.properties.nodes import NEVER, stays_false
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
-from moon.properties.property import Port, Property
+from moon.properties.property import Port, Property, Status, Verdict
 from moon.properties.snapshot import Snapshot
 from moon.properties.three_valued import ThreeValued, read_state, state_form, write_state
-from moon.properties.verdict import Status, Verdict
 from moon.properties.witness import Change, explain
 from transports.interface import Observation
 

@@ -20,9 +20,8 @@ from moon.properties.binding import ANY_CHANNEL
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.nodes import NEVER
 from moon.properties.presumption import Presumption
-from moon.properties.property import Property
+from moon.properties.property import Property, Status, Verdict
 from moon.properties.snapshot import Snapshot
-from moon.properties.verdict import Status, Verdict
 from transports.interface import Observation
 
 MOST_ORDERS = 120

@@ -12,8 +12,7 @@ from collections.abc import Iterable, Sequence
 from moon.ordering.held import Held
 from moon.properties.monitor import PropertySet
 from moon.properties.nodes import NEVER
-from moon.properties.property import Property
-from moon.properties.verdict import Status, Verdict
+from moon.properties.property import Property, Status, Verdict
 from transports.interface import Observation
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 
 from moon.properties.gaps import Gap
+from moon.properties.property import Verdict
 from moon.properties.three_valued import ThreeValued
-from moon.properties.verdict import Verdict
 from moon.properties.witness import Change
 
 

@@ -27,7 +27,7 @@ from moon.properties.formula import (
     predicates,
     reduced,
 )
-from moon.properties.verdict import Fact, Witness
+from moon.properties.property import Fact, Witness
 from transports.interface import Observation
 
 Change = tuple[int, bool | None, Observation | None]

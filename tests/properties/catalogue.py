@@ -19,8 +19,8 @@ from moon.properties.patterns import (
     deadline,
     pattern_formula,
 )
+from moon.properties.property import Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.properties.runs import seen
 
 LENGTH = 26

@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 from moon.properties.formula import predicates, text
 from moon.properties.monitor import PropertySet
-from moon.properties.property import Port, Property
+from moon.properties.property import Fact, Port, Property, Status, Verdict
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Fact, Status, Verdict
 from tests.properties.differential import random_formula
 from tests.properties.direct import holds
 from tests.properties.runs import seen

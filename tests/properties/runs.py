@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from moon.properties.formula import Formula
 from moon.properties.monitor import PropertyMonitor
-from moon.properties.property import Property
-from moon.properties.verdict import Verdict
+from moon.properties.property import Property, Verdict
 from tests.properties.direct import Trace
 from transports.interface import Observation, ObservationKind
 

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from moon.properties.formula import Formula, text
 from moon.properties.monitor import PropertyMonitor, PropertySet, TimeOrderError
-from moon.properties.property import Port, Property
+from moon.properties.property import Port, Property, Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.properties.differential import random_formula
 from tests.properties.direct import holds
 from tests.properties.runs import seen

@@ -20,9 +20,8 @@ from moon.properties.files.yaml import parse_property_yaml
 from moon.properties.formula import text
 from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.network import build_network
-from moon.properties.property import Role
+from moon.properties.property import Role, Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.properties.runs import seen
 from transports.interface import ObservationKind
 

@@ -6,9 +6,8 @@ import pytest
 
 from moon.properties.monitor import PropertyMonitor, PropertySet, TimeOrderError
 from moon.properties.ordering import OrderedProperties
-from moon.properties.property import REQUESTS, RESPONSES, Port, Property
+from moon.properties.property import REQUESTS, RESPONSES, Port, Property, Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.properties import losses
 from tests.properties.runs import seen
 from transports.interface import ObservationKind

@@ -18,9 +18,8 @@ from moon.properties.patterns import (
     pattern_formula,
 )
 from moon.properties.predicates import PredicateError
-from moon.properties.property import REQUESTS, RESPONSES, Port, Property
+from moon.properties.property import REQUESTS, RESPONSES, Port, Property, Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.properties.differential import random_formula
 from tests.properties.runs import seen
 from transports.interface import ObservationKind

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.ordering import OrderedProperties, _clusters
-from moon.properties.property import REQUESTS, Port, Property
+from moon.properties.property import REQUESTS, Port, Property, Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.properties.differential import random_formula
 from tests.properties.runs import seen
 from transports.interface import Observation, ObservationKind

@@ -14,8 +14,8 @@ from moon.properties.patterns import (
     ScopeName,
     pattern_formula,
 )
+from moon.properties.property import Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.properties.direct import broken
 from tests.properties.runs import run
 

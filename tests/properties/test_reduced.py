@@ -19,8 +19,8 @@ from moon.properties.formula import (
     text,
 )
 from moon.properties.monitor import PropertyMonitor
+from moon.properties.property import Status
 from moon.properties.syntax import MAX_DEPTH, parse_formula
-from moon.properties.verdict import Status
 from tests.properties.differential import random_formula
 from tests.properties.direct import holds
 from tests.properties.runs import seen

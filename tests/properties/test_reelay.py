@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from moon.properties.formula import text
 from moon.properties.monitor import StepMonitor
+from moon.properties.property import Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.drawn import examples
 from tests.properties import differential
 from tests.properties.direct import holds

@@ -10,9 +10,8 @@ from moon.properties.files.xml import parse_property_xml
 from moon.properties.files.yaml import parse_property_yaml
 from moon.properties.formula import Not, Rise, text
 from moon.properties.monitor import PropertyMonitor
-from moon.properties.property import Port, Property
+from moon.properties.property import Port, Property, Status
 from moon.properties.syntax import FormulaError, parse_formula
-from moon.properties.verdict import Status
 from tests.properties.runs import run, seen
 
 FILE = """\

@@ -11,9 +11,8 @@ import pytest
 
 from moon.properties.monitor import PropertySet
 from moon.properties.ordering import OrderedProperties
-from moon.properties.property import Port, Property
+from moon.properties.property import Port, Property, Status, Verdict
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status, Verdict
 from tests.properties.differential import random_formula
 from transports.interface import Observation, Topic
 from transports.simulated.transport import SimulatedTransport

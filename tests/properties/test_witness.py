@@ -12,9 +12,8 @@ from moon.monitor.properties import verdict_on
 from moon.properties.formula import text
 from moon.properties.monitor import PropertyMonitor
 from moon.properties.network import build_network
-from moon.properties.property import REQUESTS, Port, Property
+from moon.properties.property import REQUESTS, Port, Property, Status
 from moon.properties.syntax import parse_formula
-from moon.properties.verdict import Status
 from tests.properties.differential import random_formula
 from tests.properties.direct import holds
 from tests.properties.runs import run, seen
