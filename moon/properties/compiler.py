@@ -20,8 +20,7 @@ from typing import Any
 
 import msgspec
 
-from moon.properties.network import Network, Node
-from moon.properties.nodes import INITIAL, NEVER, UPDATES, mode, state_names
+from moon.properties.network import INITIAL, NEVER, UPDATES, Network, Node, mode, state_names
 
 BEGINNING = -1
 """The cause, on the heap, of the first step."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import insort
 from collections.abc import Iterable
 
-from moon.properties.nodes import NEVER
+from moon.properties.network import NEVER
 
 Gap = tuple[int, int, str, str]
 """(start, end, port, reason): messages stamped in ``[start, end)`` that would have set ``port``."""

@@ -13,8 +13,7 @@ from m2c.model.walk import variables_of
 from moon.properties.binding import ANY_CHANNEL, Group, KnownValues, bind, handler_source
 from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.gaps import Gaps
-from moon.properties.network import Network, build_network
-from moon.properties.nodes import NEVER, stays_false
+from moon.properties.network import NEVER, Network, build_network, stays_false
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
 from moon.properties.property import Port, Property, Status, Verdict
 from moon.properties.snapshot import Snapshot

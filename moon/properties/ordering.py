@@ -18,7 +18,7 @@ import msgspec
 from moon.ordering.held import Held
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.monitor import PropertySet, TimeOrderError
-from moon.properties.nodes import NEVER
+from moon.properties.network import NEVER
 from moon.properties.presumption import Presumption
 from moon.properties.property import Property, Status, Verdict
 from moon.properties.snapshot import Snapshot

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 from moon.ordering.held import Held
 from moon.properties.monitor import PropertySet
-from moon.properties.nodes import NEVER
+from moon.properties.network import NEVER
 from moon.properties.property import Property, Status, Verdict
 from transports.interface import Observation
 

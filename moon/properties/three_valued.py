@@ -51,8 +51,15 @@ from typing import Any
 
 from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.formula import Formula
-from moon.properties.network import Network, NetworkBuilder, Node, build_network
-from moon.properties.nodes import NEVER, mode, state_names
+from moon.properties.network import (
+    NEVER,
+    Network,
+    NetworkBuilder,
+    Node,
+    build_network,
+    mode,
+    state_names,
+)
 
 State = dict[int, tuple[Any, ...]]
 """Per remembering node, its variables in a normal form (see :func:`normal`)."""
