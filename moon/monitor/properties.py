@@ -2,7 +2,8 @@
 
 Observations count once all that was stamped before was received: by the numbers of all nodes that may send
 on the channels of the properties, else when the latency bound is over. Where only silence stands in the way
-of a violation (:mod:`moon.properties.presumption`), those nodes are asked how far they have reported.
+of a violation (:class:`moon.properties.ordering.Presumption`), those nodes are asked how far they have
+reported.
 
 What was missed (gaps in the numbers of a source, what came too late) makes whatever depends on it
 inconclusive, from the instant at which it was missed (:meth:`moon.properties.monitor.PropertySet.lose`).
