@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from heapq import heappush
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
 from m2c.model.walk import variables_of
 from moon.properties.binding import ANY_CHANNEL, Group, KnownValues, bind, handler_source
 from moon.properties.compiler import BEGINNING, Program, compile_network
-from moon.properties.gaps import Gaps
 from moon.properties.network import NEVER, Network, build_network, stays_false
 from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
 from moon.properties.property import Port, Property, Status, Verdict
-from moon.properties.snapshot import Snapshot
-from moon.properties.three_valued import ThreeValued, read_state, state_form, write_state
+from moon.properties.three_valued import Gap, Gaps, ThreeValued, read_state, state_form, write_state
 from moon.properties.witness import Change, explain
 from transports.interface import Observation
 
@@ -29,6 +27,36 @@ _TRY_EVERY = 32
 
 class UnknownAtom(Exception):
     """A handler met a predicate without a value; nothing has changed yet."""
+
+
+class Snapshot(NamedTuple):  # not msgspec's: mypyc would leave out the module
+    """Where a group of monitors stands: what it takes to go back there, or to go on from there elsewhere.
+
+    Snapshots with equal ``future`` go on alike.
+    """
+
+    networks: tuple[tuple[dict[str, Any], list[tuple[int, int]]], ...]
+    three_valued: ThreeValued | None
+    unknown: dict[str, str]
+    scalars: tuple[int, int, int, int, int]
+    lost: str
+    lost_ports: dict[str, str]
+    coming: tuple[Gap, ...]
+    open: dict[str, tuple[int, str]]
+    values: dict[str, Any]
+    waiting: frozenset[str]
+    verdicts: tuple[Verdict, ...]
+    logs: dict[str, tuple[Change, ...]]
+
+    forms: tuple[tuple[Any, ...], ...]
+    """Per network, what decides how it goes on, without what no later instant can see."""
+
+    @property
+    def future(self) -> tuple[Any, ...]:
+        """What decides how the group goes on."""
+        statuses = tuple(verdict.status for verdict in self.verdicts)
+        gaps = (self.lost_ports, self.coming, self.open)
+        return self.forms, self.unknown, self.scalars[:3], self.values, self.waiting, gaps, statuses
 
 
 class MonitorGroup:

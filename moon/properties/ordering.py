@@ -24,9 +24,9 @@ import msgspec
 from moon.ordering.held import Held
 from moon.properties.binding import ANY_CHANNEL
 from moon.properties.monitor import PropertySet, TimeOrderError
+from moon.properties.monitor_group import Snapshot
 from moon.properties.network import NEVER
 from moon.properties.property import Property, Status, Verdict
-from moon.properties.snapshot import Snapshot
 from transports.interface import Observation
 
 MOST_ORDERS = 120

@@ -44,6 +44,7 @@ A verdict may be inconclusive although all completions agree: ``+p`` and ``-p`` 
 
 from __future__ import annotations
 
+from bisect import insort
 from collections import deque
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from heapq import heapify, heappush
@@ -61,6 +62,8 @@ from moon.properties.network import (
     state_names,
 )
 
+Gap = tuple[int, int, str, str]
+"""(start, end, port, reason): messages stamped in ``[start, end)`` that would have set ``port``."""
 State = dict[int, tuple[Any, ...]]
 """Per remembering node, its variables in a normal form (see :func:`normal`)."""
 
@@ -475,3 +478,50 @@ def _images(split: Network, plain: Network) -> dict[int, int]:
         for index, node in enumerate(split.nodes)
         if node.kind in ("once", "since") and image[index] < size
     }
+
+
+class Gaps:
+    """Which ports may have any value, and until when: losses reported and not wholly passed, by port.
+
+    They may be reported in any order and may overlap; a port is open until the last of those that have
+    begun has ended.
+    """
+
+    def __init__(self) -> None:
+        self.coming: list[Gap] = []
+        """Those that have not begun, in order."""
+        self.open: dict[str, tuple[int, str]] = {}
+        """Per port that a lost message may set now: the instant from which on none does, and why."""
+
+    def add(self, ports: Iterable[str], start: int, end: int, reason: str) -> None:
+        """Messages stamped in ``[start, end)`` that would have set one of ``ports`` were lost."""
+        for port in ports:
+            insort(self.coming, (start, end, port, reason))
+
+    @property
+    def next_ns(self) -> int:
+        """The earliest instant at which one begins or ends, or ``NEVER``."""
+        begins = self.coming[0][0] if self.coming else NEVER
+        return min(begins, *(end for end, _ in self.open.values())) if self.open else begins
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether none is left."""
+        return not (self.coming or self.open)
+
+    def pass_to(self, now: int) -> tuple[dict[str, str], list[str]]:
+        """The time is ``now``: the ports of the gaps that began (with the reason), and those closed."""
+        begun: dict[str, str] = {}
+        count = 0
+        for start, end, port, reason in self.coming:
+            if start > now:
+                break
+            count += 1
+            begun[port] = reason
+            if port not in self.open or self.open[port][0] < end:
+                self.open[port] = (end, reason)
+        del self.coming[:count]
+        closed = [port for port, (end, _) in self.open.items() if end <= now]
+        for port in closed:
+            del self.open[port]
+        return begun, closed
