@@ -23,10 +23,10 @@ from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
 from moon.ordering.judge import Gap
 from moon.ordering.sources import Sources
-from moon.properties.binding import ANY_CHANNEL
 from moon.properties.describe import duration
 from moon.properties.monitor import TimeOrderError
 from moon.properties.ordering import OrderedProperties
+from moon.properties.predicates import ANY_CHANNEL
 from moon.properties.property import Fact, Property, Role, Status, Witness
 from moon.properties.property import Verdict as PropertyVerdict
 from moon.verdict import Evidence, Explanation, Outcome, Verdict

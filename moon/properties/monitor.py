@@ -19,13 +19,19 @@ import msgspec
 
 from m2c.model.system import System
 from m2c.model.walk import variables_of
-from moon.properties.binding import ANY_CHANNEL, Group, bind
 from moon.properties.compiler import compile_network
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.formula import Formula, predicates
 from moon.properties.monitor_group import MonitorGroup, Snapshot, UnknownAtom
 from moon.properties.network import NEVER, build_network
-from moon.properties.predicates import UNKNOWN_ERRORS, PredicateError, why_unknown
+from moon.properties.predicates import (
+    ANY_CHANNEL,
+    UNKNOWN_ERRORS,
+    Group,
+    PredicateError,
+    bind,
+    why_unknown,
+)
 from moon.properties.property import Port, Property, Verdict
 from moon.properties.syntax import parse_formula
 from transports.interface import Observation, ObservationKind

@@ -10,10 +10,18 @@ from typing import Any, NamedTuple
 import msgspec
 
 from m2c.model.walk import variables_of
-from moon.properties.binding import ANY_CHANNEL, Group, KnownValues, bind, handler_source
 from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.network import NEVER, Network, build_network, stays_false
-from moon.properties.predicates import ENVIRONMENT, UNKNOWN_ERRORS, why_unknown
+from moon.properties.predicates import (
+    ANY_CHANNEL,
+    ENVIRONMENT,
+    UNKNOWN_ERRORS,
+    Group,
+    KnownValues,
+    bind,
+    handler_source,
+    why_unknown,
+)
 from moon.properties.property import Port, Property, Status, Verdict
 from moon.properties.three_valued import Gap, Gaps, ThreeValued, read_state, state_form, write_state
 from moon.properties.witness import Change, explain

@@ -22,10 +22,10 @@ from typing import Any
 import msgspec
 
 from moon.ordering.held import Held
-from moon.properties.binding import ANY_CHANNEL
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.monitor_group import Snapshot
 from moon.properties.network import NEVER
+from moon.properties.predicates import ANY_CHANNEL
 from moon.properties.property import Property, Status, Verdict
 from transports.interface import Observation
 

@@ -16,8 +16,7 @@ import msgspec
 from m2c.model.expression_text import expression_text
 from m2c.model.expressions import Binary, Expression, Literal, Logical, Unary, Variable
 from moon.monitor.status import PROPERTY
-from moon.properties.binding import ANY_CHANNEL, bind, value_of
-from moon.properties.predicates import UNKNOWN_ERRORS
+from moon.properties.predicates import ANY_CHANNEL, UNKNOWN_ERRORS, bind, value_of
 from moon.properties.property import Port, Property
 from moon.recording.entries import Said
 from moon.wording import compact

@@ -13,7 +13,6 @@ from m2c.model.datatypes import ANY, BOOL, DataType, describe
 from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.expressions import Expression
 from m2c.model.walk import variables_of
-from moon.properties.binding import bind
 from moon.properties.describe import (
     formula_deadline,
     formula_sentence,
@@ -23,7 +22,7 @@ from moon.properties.files.interfaces import Interfaces, Named, faults, field_ty
 from moon.properties.formula import Formula, Historically, Interval, operands, predicates
 from moon.properties.network import build_network
 from moon.properties.patterns import Pattern, PatternError, deadline, pattern_formula
-from moon.properties.predicates import PredicateError
+from moon.properties.predicates import PredicateError, bind
 from moon.properties.property import (
     REQUESTS,
     RESPONSES,
