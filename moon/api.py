@@ -31,7 +31,7 @@ class Monitor:
         system: the models; None: only properties are monitored.
         properties: what else is monitored; of the set only the properties count, not its state.
         on_verdict: gets every verdict that is new, on the executor.
-        on_notice: told what a person should know, one sentence each.
+        on_notice: called with what a person should know, one sentence each.
         deadline_s: seconds in which a node must send what it owes.
         latency_s: seconds in which a message is taken, and an event received here.
 

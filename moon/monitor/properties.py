@@ -103,7 +103,7 @@ class PropertyWatch:
         self.turns = 0
         """Turns at which there was something to look at."""
         self.withdrawn: Callable[[str, int], None] = lambda name, since_ns: None
-        """Told which violation (of which property, since when) does not count any more."""
+        """Called with a violation (of which property, since when) that does not count any more."""
         self._latency_ns = latency_ns
         self._tallies = {
             name: _Tally(frozenset(port.channel for port in item.ports))

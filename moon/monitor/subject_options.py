@@ -1,4 +1,4 @@
-"""The options by which ``moon monitor`` and ``moon check`` are told what to check."""
+"""The options by which ``moon monitor`` and ``moon check`` learn what to check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The options by which ``moon monitor`` and ``moon check`` are told where verdicts go."""
+"""The options by which ``moon monitor`` and ``moon check`` learn where verdicts go."""
 
 from __future__ import annotations
 

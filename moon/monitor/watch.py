@@ -46,7 +46,7 @@ class SystemWatch:
         machines: those to be monitored.
         bounds: what is assumed of the middleware.
         sinks: each gets every verdict that is new.
-        say: told what a person should know, one sentence each.
+        say: called with what a person should know, one sentence each.
         properties: what else is to be monitored, of the same observations.
         policy: whether the policy is monitored; by default, if all machines of ``system`` are.
         monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was.

@@ -158,8 +158,8 @@ def _write_files(
 
         log = VerdictFile(log_file)
         for result in results:
-            for said in result.verdicts:
-                log.take(said.verdict)
+            for reported in result.verdicts:
+                log.take(reported.verdict)
         log.close()
     if junit_file is not None:
         from moon.offline.junit import junit

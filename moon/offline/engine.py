@@ -14,7 +14,7 @@ from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.timelines import Timelines
 from moon.ordering.settling import settled
 from moon.recording.attribution import Attribution
-from moon.recording.entries import Entry, Said
+from moon.recording.entries import Entry, ReportedVerdict
 from moon.recording.reader import OWN, ROSBAG, Recording, open_recording
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
@@ -36,13 +36,13 @@ class _Collector:
     """Takes verdicts, with the time of the recording."""
 
     def __init__(self, player: Player) -> None:
-        self.reported: list[Said] = []
-        self.counted: list[Said] = []
+        self.reported: list[ReportedVerdict] = []
+        self.counted: list[ReportedVerdict] = []
         self._repeats = 0
         self._player = player
 
     def take(self, verdict: Verdict) -> None:
-        entry = Said(self._player.now_ns(), verdict)
+        entry = ReportedVerdict(self._player.now_ns(), verdict)
         self.reported.append(entry)
         if verdict.outcome is Outcome.VIOLATED:
             self.counted.append(entry)
@@ -50,7 +50,7 @@ class _Collector:
     def repeat(self, verdict: Verdict) -> None:
         self._repeats += 1
         if self._repeats <= MAX_REPEATS:
-            self.counted.append(Said(self._player.now_ns(), verdict))
+            self.counted.append(ReportedVerdict(self._player.now_ns(), verdict))
 
     def withdraw(self, name: str, since_ns: int) -> None:
         for place in range(len(self.counted) - 1, -1, -1):
@@ -179,7 +179,7 @@ def _play(
         play(entry)
         if timelines is not None:
             timelines.look(entry)
-        if type(entry) is Said:
+        if type(entry) is ReportedVerdict:
             recorded = True
         if progress is not None:
             count += 1

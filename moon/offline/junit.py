@@ -57,9 +57,9 @@ def _suite(result: CheckResult) -> etree._Element:
 
 def _fail(case: etree._Element, result: CheckResult, machine: MachineStatus) -> None:
     found = [
-        said.verdict
-        for said in result.violated
-        if said.verdict.node == machine.machine and said.verdict.kind == machine.kind
+        reported.verdict
+        for reported in result.violated
+        if reported.verdict.node == machine.machine and reported.verdict.kind == machine.kind
     ]
     message = found[0].reason if found else machine.last
     lines = "\n".join(line for verdict in found for line in verdict_lines(verdict))

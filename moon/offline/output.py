@@ -18,8 +18,8 @@ def lines_of(result: CheckResult, colour: bool = False) -> list[str]:
     recording = result.recording
     began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(recording.first_ns // 10**9))
     lines = [f"{printable(recording.path)}: {recording.form}, {began}, {recording.seconds:.1f} s"]
-    for said in result.verdicts:
-        lines += verdict_lines(said.verdict, colour)
+    for reported in result.verdicts:
+        lines += verdict_lines(reported.verdict, colour)
     lines += table(result.machines)
     lines += closing(_summary(result))
     if not recording.complete:
@@ -49,7 +49,7 @@ def json_lines(result: CheckResult) -> list[bytes]:
     recording = result.recording
     events = [
         ("recording", recording),
-        *(("verdict", said.verdict) for said in result.verdicts),
+        *(("verdict", reported.verdict) for reported in result.verdicts),
         ("summary", _summary(result)),
     ]
     return [versioned_line({"event": name, **_fields(item)}) for name, item in events]

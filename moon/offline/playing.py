@@ -269,9 +269,9 @@ class Player:
     def _change(self, change: NodeChange) -> None:
         if change.up:
             self._since[change.node] = change.since_ns
-        elif change.told:
+        elif change.reported:
             self._since.pop(change.node, None)
-        if change.told and self._changed is not None:
+        if change.reported and self._changed is not None:
             self._changed(change.node, change.up)
 
     def _pass_to(self, instant_ns: int) -> None:

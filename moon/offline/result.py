@@ -6,7 +6,7 @@ import msgspec
 
 from moon.monitor.status import UNSEEN, MachineStatus
 from moon.ordering.counts import Counts
-from moon.recording.entries import Said
+from moon.recording.entries import ReportedVerdict
 from moon.verdict import Outcome
 
 MAX_REPEATS = 10_000
@@ -107,14 +107,14 @@ class CheckResult(msgspec.Struct, frozen=True):
     system: str
     properties: tuple[str, ...]
     interfaces: tuple[str, ...]
-    verdicts: tuple[Said, ...]
+    verdicts: tuple[ReportedVerdict, ...]
     machines: tuple[MachineStatus, ...]
     timelines: tuple[Timeline, ...]
     counts: Counts
     problems: tuple[str, ...]
     recorded: bool = False
     seconds: float = 0.0
-    counted: tuple[Said, ...] | None = None
+    counted: tuple[ReportedVerdict, ...] | None = None
     unmonitored: tuple[str, ...] = ()
 
     @property
@@ -132,11 +132,13 @@ class CheckResult(msgspec.Struct, frozen=True):
         )
 
     @property
-    def violated(self) -> tuple[Said, ...]:
+    def violated(self) -> tuple[ReportedVerdict, ...]:
         """The verdicts that are violations."""
-        return tuple(said for said in self.verdicts if said.verdict.outcome is Outcome.VIOLATED)
+        return tuple(
+            reported for reported in self.verdicts if reported.verdict.outcome is Outcome.VIOLATED
+        )
 
     @property
-    def each_violation(self) -> tuple[Said, ...]:
+    def each_violation(self) -> tuple[ReportedVerdict, ...]:
         """As many as :attr:`violations` (unless so many repeat themselves that not all are kept)."""
         return self.violated if self.counted is None else self.counted

@@ -69,15 +69,15 @@ class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
         node: its name.
         up: whether it is up now.
         since_ns: when it began to connect, on its clock (``Transport.up_since``); 0: not known.
-        told: whether it was reported to the recorder. If not, the node was up before, and all that changed
-            is ``since_ns``.
+        reported: whether it was reported to the recorder (``told`` in JSON). If not, the node was up before,
+            and all that changed is ``since_ns``.
     """
 
     received_ns: Instant
     node: str
     up: bool
     since_ns: Instant = 0
-    told: bool = True
+    reported: bool = msgspec.field(default=True, name="told")
 
 
 class Turn(StrEnum):
@@ -126,7 +126,7 @@ class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
     text: str
 
 
-class Said(msgspec.Struct, frozen=True):
+class ReportedVerdict(msgspec.Struct, frozen=True):
     """A verdict that the monitor that was recorded reported then.
 
     Attributes:
@@ -166,4 +166,4 @@ class Answered(msgspec.Struct, frozen=True, tag="answered", tag_field="entry"):
 Event = Began | Whole | NodeChange | Missed | Answered | Ended
 """What is rare, and kept as JSON; ``entry`` tells which it is."""
 
-Entry = Observation | Event | Pulse | Said
+Entry = Observation | Event | Pulse | ReportedVerdict

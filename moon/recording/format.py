@@ -48,7 +48,7 @@ class Form(StrEnum):
     PULSE = "pulse"
     """``entries.Pulse``: the monotonic clock, in ns."""
     VERDICT = "verdict"
-    """``entries.Said``."""
+    """``entries.ReportedVerdict``."""
 
 
 PACKED_TOPIC = "/moon/observations"

@@ -12,7 +12,7 @@ from m2c.model.datatypes import Array, Structure
 from moon.recording import format as layout
 from moon.recording.cdr import Decoder, part_reader
 from moon.recording.cdr_writing import HEADER
-from moon.recording.entries import Entry, Event, Pulse, Said, Turn
+from moon.recording.entries import Entry, Event, Pulse, ReportedVerdict, Turn
 from moon.recording.format import Form
 from moon.recording.numbers import Numbering, Numbers
 from moon.recording.stored import StoredChannel, StoredMessage
@@ -195,7 +195,7 @@ def _pulse_reader(name: str) -> Read:
     return read
 
 
-def _verdict(message: StoredMessage, kind: str) -> Said:
+def _verdict(message: StoredMessage, kind: str) -> ReportedVerdict:
     data = _decode_verdict(message.data)
     why = None
     if data["expected"] or data["observed"] or data["evidence"]:
@@ -213,4 +213,4 @@ def _verdict(message: StoredMessage, kind: str) -> Said:
     verdict = Verdict(
         data["machine"], data["node"], outcome, data["stamp_ns"], data["reason"], why, kind
     )
-    return Said(message.received_ns, verdict)
+    return ReportedVerdict(message.received_ns, verdict)

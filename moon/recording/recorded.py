@@ -23,7 +23,7 @@ from moon.recording.entries import (
     Missed,
     NodeChange,
     Pulse,
-    Said,
+    ReportedVerdict,
     Turn,
 )
 from moon.recording.writer import RecordingWriter
@@ -152,7 +152,7 @@ class RecordedConnection:
             since_ns = self._home.up_since(name)
             if since_ns != before_ns:
                 self._since[name] = since_ns
-                self._record(NodeChange(self._now_ns, name, True, since_ns, told=False))
+                self._record(NodeChange(self._now_ns, name, True, since_ns, reported=False))
 
 
 class _RecordedTap:
@@ -203,7 +203,7 @@ class RecordedRun:
 
     def take(self, verdict: Verdict) -> None:
         """The monitor says ``verdict``."""
-        self._writer.add(Said(self._connection.now_ns(), verdict))
+        self._writer.add(ReportedVerdict(self._connection.now_ns(), verdict))
 
     def note_problems(self, problems: Sequence[str]) -> None:
         """What the tap could not receive."""

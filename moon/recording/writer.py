@@ -15,7 +15,7 @@ from m2c.model.datatypes import Structure
 from moon.recording import format as layout
 from moon.recording.cdr_writing import HEADER, InexactError, Write, encoder
 from moon.recording.definitions import Definitions
-from moon.recording.entries import Entry, Event, Pulse, Said
+from moon.recording.entries import Entry, Event, Pulse, ReportedVerdict
 from moon.recording.format import Form, NumberError
 from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import Numbering, Numbers
@@ -115,7 +115,7 @@ class RecordingWriter:
             case Pulse():
                 data = _encoded(_write_int64, {"data": entry.monotonic_ns})
                 self._file.add(self._pulses(entry), now_ns, now_ns, 0, data)
-            case Said():
+            case ReportedVerdict():
                 self._add_verdict(entry, now_ns)
             case _:
                 self._add_event(entry, now_ns)
@@ -224,15 +224,15 @@ class RecordingWriter:
         data = _encoded(_write_string, {"data": msgspec.json.encode(event).decode()})
         self._file.add(channel, now_ns, now_ns, 0, data)
 
-    def _add_verdict(self, said: Said, now_ns: int) -> None:
-        kind = said.verdict.kind
+    def _add_verdict(self, reported: ReportedVerdict, now_ns: int) -> None:
+        kind = reported.verdict.kind
         channel = self._channel(
             f"{Form.VERDICT} {kind}",
             layout.VERDICT_TOPIC,
             layout.VERDICT_TYPE,
             {layout.FORM: Form.VERDICT, layout.KIND: kind},
         )
-        data = _encoded(_write_verdict, msgspec.to_builtins(message_of(said.verdict)))
+        data = _encoded(_write_verdict, msgspec.to_builtins(message_of(reported.verdict)))
         self._file.add(channel, now_ns, now_ns, 0, data)
 
     def _pulses(self, pulse: Pulse) -> int:

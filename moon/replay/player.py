@@ -65,7 +65,7 @@ class Player:
         transport: the connection.
         recording: knows the types.
         rate: how many recorded seconds pass in one.
-        say: told what a person should know, one sentence each.
+        say: called with what a person should know, one sentence each.
         counts: what happens is counted there.
     """
 

@@ -35,7 +35,7 @@ class Replay:
         connect: a connection for a node of that name.
         is_played: whether a node is played; the others are there themselves.
         rate: how many recorded seconds pass in one.
-        say: told what a person should know, one sentence each.
+        say: called with what a person should know, one sentence each.
 
     Attributes:
         counts: what happened so far.

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from m2c.printable import printable
 from moon.json_lines import as_line
 from moon.offline.result import CheckResult, Timeline
-from moon.recording.entries import Said
+from moon.recording.entries import ReportedVerdict
 from moon.report.observations import Channel, Shelf
 
 VERDICTS = ("conforming", "violated", "inconclusive", "unseen")
@@ -56,7 +56,9 @@ class TimelineData(msgspec.Struct, frozen=True):
     sources: list[str]
 
 
-def timeline_data(result: CheckResult, shelf: Shelf, violations: Sequence[Said]) -> TimelineData:
+def timeline_data(
+    result: CheckResult, shelf: Shelf, violations: Sequence[ReportedVerdict]
+) -> TimelineData:
     """The data of ``result`` and its observations.
 
     Args:
@@ -73,7 +75,7 @@ def timeline_data(result: CheckResult, shelf: Shelf, violations: Sequence[Said])
         ),
         *(band.start_ns for timeline in result.timelines for band in timeline.bands[:1]),
         *(band.end_ns for timeline in result.timelines for band in timeline.bands[-1:]),
-        *(said.received_ns for said in violations),
+        *(reported.received_ns for reported in violations),
     ]
     facts = result.recording
     moments += [moment for moment in (facts.first_ns, facts.last_ns) if moment]
@@ -84,7 +86,7 @@ def timeline_data(result: CheckResult, shelf: Shelf, violations: Sequence[Said])
         (end - start) // 1000,
         [_machine(timeline, start) for timeline in result.timelines],
         [_channel(channel, start) for channel in channels],
-        [_mark(said, start, rows.get(said.verdict.node, -1)) for said in violations],
+        [_mark(reported, start, rows.get(reported.verdict.node, -1)) for reported in violations],
         list(shelf.texts()),
         list(shelf.sources()),
     )
@@ -102,11 +104,11 @@ def as_json(data: TimelineData) -> Markup:
     return Markup(text)
 
 
-def _mark(said: Said, start: int, row: int) -> Mark:
-    why = said.verdict.explanation
+def _mark(reported: ReportedVerdict, start: int, row: int) -> Mark:
+    why = reported.verdict.explanation
     stamps = [item.stamp_ns for item in why.evidence] if why is not None else []
-    since = min([said.received_ns, *stamps])
-    return Mark((said.received_ns - start) // 1000, max(since - start, 0) // 1000, row)
+    since = min([reported.received_ns, *stamps])
+    return Mark((reported.received_ns - start) // 1000, max(since - start, 0) // 1000, row)
 
 
 def _machine(timeline: Timeline, start: int) -> MachineRow:

@@ -22,7 +22,7 @@ from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import CheckResult
 from moon.properties.files import load_properties
 from moon.properties.property import Property
-from moon.recording.entries import Said
+from moon.recording.entries import ReportedVerdict
 from moon.recording.reader import RecordingError, open_recording
 from moon.report.data import as_json, timeline_data
 from moon.report.diagrams import POLICY, Figure, figures_of, read_system
@@ -56,21 +56,21 @@ def write_report(result: CheckResult, path: Path) -> None:
     violations = result.each_violation[:MAX_VIOLATIONS]
     library = system.library if system is not None else None
     wording = Wording(library)
-    shelf = Shelf((said.received_ns for said in violations), wording)
+    shelf = Shelf((reported.received_ns for reported in violations), wording)
     properties, missing = _read_properties(result, violations)
     plots = Plots(properties, violations)
     missing += _take_observations(result, library, shelf, plots)
-    figures = figures_of(system, [said.verdict.machine for said in violations])
+    figures = figures_of(system, [reported.verdict.machine for reported in violations])
     if system is None and result.models:
         missing.append("the models are not where they were: there are no diagrams")
     write_whole(path, _page(result, violations, shelf, plots, figures, missing))
 
 
 def _read_properties(
-    result: CheckResult, violations: Sequence[Said]
+    result: CheckResult, violations: Sequence[ReportedVerdict]
 ) -> tuple[Sequence[Property], list[str]]:
     """The properties, if any is violated; the remark if they cannot be read any more."""
-    if not any(said.verdict.kind == PROPERTY for said in violations):
+    if not any(reported.verdict.kind == PROPERTY for reported in violations):
         return (), []
     try:
         return load_properties(*map(Path, result.properties)), []
@@ -134,7 +134,7 @@ class _Violation(msgspec.Struct, frozen=True):
 
 def _page(
     result: CheckResult,
-    violations: Sequence[Said],
+    violations: Sequence[ReportedVerdict],
     shelf: Shelf,
     plots: Plots,
     figures: dict[str, Figure],
@@ -143,7 +143,7 @@ def _page(
     facts = result.recording
     data = timeline_data(result, shelf, violations)
     used: dict[str, Figure] = {}
-    shown = [_violation(said, figures, used, plots, data.start_ms) for said in violations]
+    shown = [_violation(reported, figures, used, plots, data.start_ms) for reported in violations]
     style, bare = _file("report.css"), Markup("[hidden]{display:block!important}")
     scripts = [_file("timeline.js"), _file("report.js")]
     return _template().render(
@@ -267,22 +267,22 @@ def _row(status: MachineStatus) -> _Row:
 
 
 def _violation(
-    said: Said,
+    reported: ReportedVerdict,
     figures: dict[str, Figure],
     used: dict[str, Figure],
     plots: Plots,
     start_ms: float,
 ) -> _Violation:
     """What the page shows of a violation; its diagram is added to ``used``."""
-    verdict, why = said.verdict, said.verdict.explanation
-    figure, keys = _figure(said, figures)
+    verdict, why = reported.verdict, reported.verdict.explanation
+    figure, keys = _figure(reported, figures)
     if figure is not None:
         used[figure.name] = figure
     is_property = verdict.kind == PROPERTY
-    plot = plots.of(said)
+    plot = plots.of(reported)
     return _Violation(
         verdict.node,
-        f"+{max(said.received_ns / 1e6 - start_ms, 0) / 1e3:,.3f} s",
+        f"+{max(reported.received_ns / 1e6 - start_ms, 0) / 1e3:,.3f} s",
         why.observed if why is not None and not is_property else verdict.reason,
         _clock(verdict.stamp_ns),
         verdict.reason if why is None or is_property else "",
@@ -293,9 +293,11 @@ def _violation(
     )
 
 
-def _figure(said: Said, figures: dict[str, Figure]) -> tuple[Figure | None, list[str]]:
+def _figure(
+    reported: ReportedVerdict, figures: dict[str, Figure]
+) -> tuple[Figure | None, list[str]]:
     """The diagram that belongs to a violation, and the keys of what it is about."""
-    verdict = said.verdict
+    verdict = reported.verdict
     places = verdict.explanation.places if verdict.explanation is not None else ()
     figure = figures.get(verdict.machine)
     if figure is None and verdict.kind != PROPERTY:  # what is no machine is the policy

@@ -18,7 +18,7 @@ from m2c.model.expressions import Binary, Expression, Literal, Logical, Unary, V
 from moon.monitor.status import PROPERTY
 from moon.properties.predicates import ANY_CHANNEL, UNKNOWN_ERRORS, bind, value_of
 from moon.properties.property import Port, Property
-from moon.recording.entries import Said
+from moon.recording.entries import ReportedVerdict
 from moon.wording import compact
 from transports.interface import Observation, ObservationKind
 
@@ -131,12 +131,14 @@ class Plots:
         violations: those that the page shows.
     """
 
-    def __init__(self, properties: Iterable[Property], violations: Iterable[Said]) -> None:
+    def __init__(
+        self, properties: Iterable[Property], violations: Iterable[ReportedVerdict]
+    ) -> None:
         self._violated: dict[str, list[tuple[int, int]]] = {}
-        for said in violations:
-            if said.verdict.kind != PROPERTY:
+        for reported in violations:
+            if reported.verdict.kind != PROPERTY:
                 continue
-            self._violated.setdefault(said.verdict.node, []).append(_window(said))
+            self._violated.setdefault(reported.verdict.node, []).append(_window(reported))
         self._kept: dict[str, list[_Kept]] = {}
         self._by_channel: dict[str, list[tuple[str, _Kept]]] = {}
         for item in properties:
@@ -153,19 +155,19 @@ class Plots:
             for name, kept in self._by_channel.get(channel, ()):
                 kept.take(seen, _is_in(self._violated[name], seen.stamp_ns))
 
-    def of(self, said: Said) -> Plot | None:
+    def of(self, reported: ReportedVerdict) -> Plot | None:
         """What is drawn for a violation; None: it is of no property that is known, or has no values."""
-        kept = self._kept.get(said.verdict.node)
-        if not kept or said.verdict.kind != PROPERTY:
+        kept = self._kept.get(reported.verdict.node)
+        if not kept or reported.verdict.kind != PROPERTY:
             return None
-        start_ns, end_ns = _window(said)
+        start_ns, end_ns = _window(reported)
         series = tuple(one.within(start_ns, end_ns) for one in kept)
-        return Plot(start_ns, start_ns + _BEFORE_NS, end_ns, said.verdict.stamp_ns, series)
+        return Plot(start_ns, start_ns + _BEFORE_NS, end_ns, reported.verdict.stamp_ns, series)
 
 
-def _window(said: Said) -> tuple[int, int]:
+def _window(reported: ReportedVerdict) -> tuple[int, int]:
     """From when to when a violation's values are shown (ns)."""
-    verdict = said.verdict
+    verdict = reported.verdict
     why = verdict.explanation
     since_ns = min([verdict.stamp_ns, *(item.stamp_ns for item in (why.evidence if why else ()))])
     return since_ns - _BEFORE_NS, verdict.stamp_ns + _BEFORE_NS

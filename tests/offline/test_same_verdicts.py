@@ -16,7 +16,7 @@ from moon.monitor.nodes import AWAY
 from moon.monitor.subject import read_subject
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
-from moon.recording.entries import Said
+from moon.recording.entries import ReportedVerdict
 from moon.recording.reader import open_recording
 from moon.verdict import Outcome, Verdict
 from tests.offline import live as live_runs
@@ -137,7 +137,11 @@ def test_another_process_says_the_same(hashes: str, tmp_path: Path) -> None:
 def test_the_verdicts_in_the_recording_are_those_that_were_said(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     live = live_run(path, faulty_program("T3"), 1, 10.0, UNEVEN)
-    stored = [entry.verdict for entry in open_recording(path).entries() if isinstance(entry, Said)]
+    stored = [
+        entry.verdict
+        for entry in open_recording(path).entries()
+        if isinstance(entry, ReportedVerdict)
+    ]
     assert stored == live
     assert checked(path).recorded
 

@@ -12,7 +12,16 @@ from msgspec.structs import replace
 from m2c.launch.in_process import SimulatedRun
 from moon.recording import mcap_writing
 from moon.recording.definitions import Definitions
-from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Said, Turn
+from moon.recording.entries import (
+    Began,
+    Ended,
+    Entry,
+    Missed,
+    NodeChange,
+    Pulse,
+    ReportedVerdict,
+    Turn,
+)
 from moon.recording.reader import open_recording
 from moon.recording.writer import RecordingWriter, Split
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
@@ -38,7 +47,7 @@ def entries() -> tuple[Entry, ...]:
         if number % 200 == 0:
             found.append(NodeChange(seen.received_ns, "A", number % 400 == 0, 7, False))
             found.append(Missed(seen.received_ns, "missed 3 messages"))
-            found.append(Said(seen.received_ns, verdict))
+            found.append(ReportedVerdict(seen.received_ns, verdict))
     found.append(Ended(heard[-1].received_ns))
     return tuple(found)
 

@@ -24,7 +24,16 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from moon.recording.contents import Contents
 from moon.recording.definitions import Definitions
-from moon.recording.entries import Began, Ended, Entry, Missed, NodeChange, Pulse, Said, Turn
+from moon.recording.entries import (
+    Began,
+    Ended,
+    Entry,
+    Missed,
+    NodeChange,
+    Pulse,
+    ReportedVerdict,
+    Turn,
+)
 from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import MAX_PLACES, Numbers
 from moon.recording.reader import open_recording
@@ -131,11 +140,11 @@ EVERYTHING: list[Entry] = [
     Pulse(T0, Turn.POSTED, 123_456_789_013),
     *(message(number=number) for number in range(5)),
     *call(0),
-    NodeChange(T0 + 5, "Sensor", True, T0 + 4, told=False),
+    NodeChange(T0 + 5, "Sensor", True, T0 + 4, reported=False),
     *call(1),
     Missed(T0 + 30 * MS, "missed 3 messages on /level from Sensor"),
-    Said(T0 + 31 * MS, Verdict("Sensor", "Sensor", Outcome.CONFORMING, T0)),
-    Said(
+    ReportedVerdict(T0 + 31 * MS, Verdict("Sensor", "Sensor", Outcome.CONFORMING, T0)),
+    ReportedVerdict(
         T0 + 31 * MS,
         Verdict(
             "P1",

@@ -96,11 +96,11 @@ class Found:
         self._now_ns = now_ns
 
     def take(self, verdict: Any) -> None:
-        from moon.recording.entries import Said
+        from moon.recording.entries import ReportedVerdict
         from moon.verdict import Outcome
 
         self.verdicts.append(verdict)
-        self._add(Said(self._now_ns(), verdict))
+        self._add(ReportedVerdict(self._now_ns(), verdict))
         if verdict.outcome is Outcome.VIOLATED:
             self.over_ns = self.over_ns or time.monotonic_ns()
 
@@ -215,12 +215,12 @@ def _without_turns(add: Any) -> Any:
     """``add`` for a recording without a monitor in it."""
     from msgspec.structs import replace
 
-    from moon.recording.entries import Began, Pulse, Said
+    from moon.recording.entries import Began, Pulse, ReportedVerdict
 
     def some(entry: Any) -> None:
         if isinstance(entry, Began):
             entry = replace(entry, paced=False)
-        if not isinstance(entry, Pulse | Said):
+        if not isinstance(entry, Pulse | ReportedVerdict):
             add(entry)
 
     return some

@@ -12,7 +12,7 @@ from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
-from moon.recording.entries import Said
+from moon.recording.entries import ReportedVerdict
 from moon.recording.reader import open_recording
 from tests.recordings.make import (
     CASES,
@@ -77,7 +77,11 @@ def test_the_verdicts_of_a_recorded_run_are_those_that_are_known(
 def test_the_check_says_at_each_moment_what_the_monitor_said_then(
     name: str, subject: tuple[Subject, Monitored]
 ):
-    live = [entry for entry in open_recording(HERE / name).entries() if isinstance(entry, Said)]
+    live = [
+        entry
+        for entry in open_recording(HERE / name).entries()
+        if isinstance(entry, ReportedVerdict)
+    ]
     again = checked(name, subject).verdicts
     assert live
     assert [(said.received_ns, essence(said.verdict)) for said in again] == [

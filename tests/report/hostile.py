@@ -11,7 +11,7 @@ from m2c.printable import printable
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import Band, CheckResult, RecordingFacts, Timeline
 from moon.ordering.counts import Counts
-from moon.recording.entries import Said
+from moon.recording.entries import ReportedVerdict
 from moon.report import write_report
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from tests.report.samples import START, START_S
@@ -62,7 +62,9 @@ def _result(text: str, log: Path, model: Path) -> CheckResult:
     said = (
         _violation(machine.name, text, place, "model"),
         _violation(f"2{text}", text, text, PROPERTY),
-        Said(START, Verdict(f"3{text}", f"3{text}", Outcome.VIOLATED, START, text, None)),
+        ReportedVerdict(
+            START, Verdict(f"3{text}", f"3{text}", Outcome.VIOLATED, START, text, None)
+        ),
     )
     machines = tuple(
         MachineStatus(text, "violated", (text, text), 5, 4, 1, 0, 1.0, text, kind)
@@ -79,7 +81,7 @@ def _result(text: str, log: Path, model: Path) -> CheckResult:
     )  # fmt: skip
 
 
-def _violation(name: str, text: str, place: str, kind: str) -> Said:
+def _violation(name: str, text: str, place: str, kind: str) -> ReportedVerdict:
     why = Explanation((text,), text, (text,), (Evidence(START, text),), (place, text))
     verdict = Verdict(name, name, Outcome.VIOLATED, START, text, why, kind)
-    return Said(START + 10**8, verdict)
+    return ReportedVerdict(START + 10**8, verdict)

@@ -10,7 +10,7 @@ from m2c.model import DiagnosticLog, Machine, load
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import Band, CheckResult, RecordingFacts, Timeline
 from moon.ordering.counts import Counts
-from moon.recording.entries import Said
+from moon.recording.entries import ReportedVerdict
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
@@ -41,7 +41,7 @@ def machines() -> tuple[Machine, ...]:
     return system.nodes
 
 
-def violation(machine: Machine, after_s: float, number: int = 0, text: str = "") -> Said:
+def violation(machine: Machine, after_s: float, number: int = 0, text: str = "") -> ReportedVerdict:
     """A violation of ``machine``, at its first transition that has words."""
     when = START + round(after_s * 1e9)
     state = machine.states[number % len(machine.states)]
@@ -55,10 +55,10 @@ def violation(machine: Machine, after_s: float, number: int = 0, text: str = "")
     )
     reason = f"expected {why.expected[0]}, observed {why.observed}"
     verdict = Verdict(machine.name, machine.name, Outcome.VIOLATED, when, reason, why)
-    return Said(when + 10**7, verdict)
+    return ReportedVerdict(when + 10**7, verdict)
 
 
-def property_violation(after_s: float) -> Said:
+def property_violation(after_s: float) -> ReportedVerdict:
     when = START + round(after_s * 1e9)
     why = Explanation(
         ("historically(low implies once[0:1](alarm))",),
@@ -68,13 +68,15 @@ def property_violation(after_s: float) -> Said:
         ("examples/lab_tour/properties.yaml:12:5",),
     )
     name = "alarm_in_time"
-    return Said(when, Verdict(name, name, Outcome.VIOLATED, when, "is false", why, PROPERTY))
+    return ReportedVerdict(
+        when, Verdict(name, name, Outcome.VIOLATED, when, "is false", why, PROPERTY)
+    )
 
 
 def result(
     recording: Path,
     observations: int,
-    violations: tuple[Said, ...] = (),
+    violations: tuple[ReportedVerdict, ...] = (),
     seconds: float = 60.0,
     models: tuple[str, ...] = (str(EXAMPLE / "system.xml"),),
     bands: int = 40,
@@ -105,7 +107,7 @@ def result(
 
 
 def _bands(
-    machine: Machine, violations: tuple[Said, ...], end: int, count: int
+    machine: Machine, violations: tuple[ReportedVerdict, ...], end: int, count: int
 ) -> tuple[Band, ...]:
     if not end:
         return ()
