@@ -12,7 +12,7 @@ from moon.monitor.watch import SystemWatch
 from moon.offline.playing import Player
 from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.timelines import Timelines
-from moon.ordering.settling import settled
+from moon.ordering.on_time import received_on_time
 from moon.recording.attribution import Attribution
 from moon.recording.entries import Entry, ReportedVerdict
 from moon.recording.reader import OWN, ROSBAG, Recording, open_recording
@@ -170,7 +170,7 @@ def _play(
     recorded = False
     count = 0
     play = player.play
-    for entry in settled(recording.entries()):
+    for entry in received_on_time(recording.entries()):
         if first is None:
             first = entry
             player.start(entry, watch.start)

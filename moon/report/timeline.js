@@ -181,7 +181,7 @@ class Timeline {
         pen.fillStyle = this.colour("bad");
         pen.fillRect(left, top + height - 5, right - left, 5);
       } else if (verdict >= 2) {
-        hatch(pen, left, top + height - 5, right - left, 5, this.colour(verdict === 2 ? "doubt" : "rule"));
+        hatch(pen, left, top + height - 5, right - left, 5, this.colour(verdict === 2 ? "unknown" : "rule"));
       }
       pen.strokeStyle = this.colour("paper");
       line(pen, left, top, left, top + height);

@@ -13,7 +13,7 @@ from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended
 from moon.recording.writer import RecordingWriter
 from tests.recording import bags
-from tests.replay.worlds import LAB_TOUR, Heard, lab_tour, tour
+from tests.replay.worlds import LAB_TOUR, Received, lab_tour, tour
 from transports.interface import Observation, ObservationKind
 
 SKILL = "BatteryLevelSkill"
@@ -21,7 +21,7 @@ TICK = "/BatteryLevelSkill/tick"
 
 
 @pytest.fixture(scope="module")
-def heard() -> Heard:
+def received() -> Received:
     return tour(5.0)
 
 
@@ -43,19 +43,19 @@ def explained(recording: Path, *options: str) -> str:
     return result.output
 
 
-def test_a_whole_recording_has_nothing_that_cannot_be_judged(tmp_path: Path, heard: Heard):
-    said = explained(written(tmp_path / "run.mcap", heard.observations), "--only", SKILL)
+def test_a_whole_recording_has_nothing_that_cannot_be_judged(tmp_path: Path, received: Received):
+    said = explained(written(tmp_path / "run.mcap", received.observations), "--only", SKILL)
     count = sum(
         seen.channel in (TICK, "/BatteryComponent/level")
         and seen.kind is not ObservationKind.MESSAGE_TAKEN
-        for seen in heard.observations
+        for seen in received.observations
     )
     assert f"{SKILL}: can be judged ({count} observations)\n" in said
     assert "could not be read" not in said
 
 
-def test_a_machine_whose_own_end_is_missing_cannot_be_judged(tmp_path: Path, heard: Heard):
-    kept = [seen for seen in heard.observations if seen.source != SKILL]
+def test_a_machine_whose_own_end_is_missing_cannot_be_judged(tmp_path: Path, received: Received):
+    kept = [seen for seen in received.observations if seen.source != SKILL]
     said = explained(written(tmp_path / "run.mcap", kept), "--only", SKILL)
     assert (
         f"{SKILL}: cannot be judged: nothing that was recorded is known to be from its node" in said
@@ -64,12 +64,12 @@ def test_a_machine_whose_own_end_is_missing_cannot_be_judged(tmp_path: Path, hea
     assert f"calls of {TICK} were recorded at the client's end only" in said
 
 
-def test_a_channel_of_which_nothing_was_recorded_is_named(tmp_path: Path, heard: Heard):
-    kept = [seen for seen in heard.observations if seen.channel != "/BatteryComponent/level"]
+def test_a_channel_of_which_nothing_was_recorded_is_named(tmp_path: Path, received: Received):
+    kept = [seen for seen in received.observations if seen.channel != "/BatteryComponent/level"]
     said = explained(written(tmp_path / "run.mcap", kept), "--only", SKILL)
     assert f"{SKILL}: can be judged by what there is" in said
     assert "/BatteryComponent/level  no message was recorded" in said
-    kept = [seen for seen in heard.observations if seen.channel != TICK]
+    kept = [seen for seen in received.observations if seen.channel != TICK]
     said = explained(written(tmp_path / "without.mcap", kept), "--only", SKILL)
     assert (
         f"{TICK}  no event of a call was recorded (a bag has them on {TICK}/_service_event)"
@@ -106,8 +106,10 @@ def test_of_a_bag_it_is_said_that_nobody_is_named(tmp_path: Path):
     )
 
 
-def test_it_is_data_for_programs_too(tmp_path: Path, heard: Heard):
-    kept = [seen for seen in heard.observations if seen.kind is not ObservationKind.RESPONSE_SENT]
+def test_it_is_data_for_programs_too(tmp_path: Path, received: Received):
+    kept = [
+        seen for seen in received.observations if seen.kind is not ObservationKind.RESPONSE_SENT
+    ]
     path = written(tmp_path / "run.mcap", kept)
     first, *machines = map(json.loads, explained(path, "--json").splitlines())
     assert (first["path"], first["form"], first["faults"]) == (str(path), "moon recording", [])

@@ -18,7 +18,7 @@ import msgspec
 
 from moon.monitor.watch import SystemWatch
 from moon.offline.playing import Player
-from moon.ordering.settling import settled
+from moon.ordering.on_time import received_on_time
 from moon.recording.entries import Entry
 from moon.recording.reader import open_recording
 from moon.verdict import Outcome, Verdict
@@ -91,7 +91,7 @@ def verdicts(entries: Sequence[Entry], properties: bool = False) -> list[Verdict
         subject.property_watch() if properties else None,
         monotonic_ns=player.monotonic_ns,
     )
-    for number, entry in enumerate(settled(entries)):
+    for number, entry in enumerate(received_on_time(entries)):
         if number == 0:
             player.start(entry, watch.start)
         player.play(entry)

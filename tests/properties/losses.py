@@ -1,7 +1,7 @@
 """Random triples of properties, a trace and losses: what is said holds for every completion.
 
 A completion is what was observed together with some messages in place of the lost ones. The one that
-really happened is among those looked at. What a completion makes of a formula is told by a monitor that
+really happened is among those looked at. What a completion makes of a formula is shown by a monitor that
 hears all of it, and by :mod:`tests.properties.direct` where no two stamps are equal.
 """
 
@@ -47,12 +47,12 @@ class Claim(NamedTuple):
     instant: int
     place: int | None
     status: Status
-    told: frozenset[int]
+    reported: frozenset[int]
     """The losses known when it was made, by number."""
 
 
 class Triple:
-    """What ``seed`` makes: properties, messages in order, losses, and what is told when."""
+    """What ``seed`` makes: properties, messages in order, losses, and what is reported when."""
 
     def __init__(self, seed: int, edges: bool = False) -> None:
         self.edges = edges
@@ -77,7 +77,7 @@ class Triple:
             stamp += choice.choice(self.step)
         self.end = stamp + 6
         self.losses = [self.loss() for _ in range(choice.choice([1, 1, 2, 3]))]
-        share = choice.choice([1.0, 1.0, 0.6])  # several sources: some of them were heard
+        share = choice.choice([1.0, 1.0, 0.6])  # several sources: some of them were received
         self.lost = {
             place
             for place, message in enumerate(self.messages)
@@ -113,7 +113,7 @@ class Triple:
         return Loss(self.choice.choice(NAMES), start, max(start, min(end, self.end)))
 
     def plan(self) -> list[tuple[str, int]]:
-        """What is told, in order: ("observe", place), ("advance", instant) and ("lose", number)."""
+        """What is reported, in order: ("observe", place), ("advance", instant) and ("lose", number)."""
         actions: list[tuple[str, int]] = []
         at = self.first
         if at >= 0:
@@ -144,12 +144,12 @@ class Triple:
             return self.messages[number].stamp
         return number if what == "advance" else -1
 
-    def unheard(self, told: frozenset[int], instant: int) -> bool:
-        """Whether there is a loss by ``instant`` that is not one of those that were ``told``."""
+    def unreported(self, reported: frozenset[int], instant: int) -> bool:
+        """Whether there is a loss by ``instant`` that is not one of those that were ``reported``."""
         return any(
             loss.start <= instant and loss.start < loss.end
             for number, loss in enumerate(self.losses)
-            if number not in told
+            if number not in reported
         )
 
     def observation(self, message: Message):
@@ -186,8 +186,8 @@ def covers(loss: Loss, message: Message) -> bool:
     return loss.name == message.name and loss.start <= message.stamp < loss.end
 
 
-class Said:
-    """What a monitor that is told of a triple says, as claims on instants."""
+class Claims:
+    """What a monitor that is given a triple reports, as claims on instants."""
 
     def __init__(self, triple: Triple) -> None:
         self.triple = triple
@@ -196,7 +196,7 @@ class Said:
         self.begun: dict[int, int] = {}
         """Per property, the place in the actions at which it began."""
         self.started: dict[int, int] = {}
-        self.told: set[int] = set()
+        self.reported: set[int] = set()
         self.monitors = PropertySet(triple.properties)
         self.names = [item.name for item in triple.properties]
         self.cells = [
@@ -214,7 +214,7 @@ class Said:
         if what == "lose":
             loss = self.triple.losses[number]
             changes = self.monitors.lose(f"/{loss.name}", loss.start, loss.end)
-            self.told.add(number)
+            self.reported.add(number)
             self.changed(changes, None, None, loss)
         elif what == "advance":
             changes = self.monitors.advance(number)
@@ -241,7 +241,7 @@ class Said:
                     self.claim(item, verdict.since_ns, place, verdict.status)
                 self.standing[item] = verdict.status
                 if verdict.status is Status.FALSE:
-                    self.violations.append((item, verdict, frozenset(self.told)))
+                    self.violations.append((item, verdict, frozenset(self.reported)))
                 if verdict.final:
                     self.final[item] = verdict
             # what no property of a network listens to tells it no time
@@ -265,23 +265,27 @@ class Said:
 
     def facts(self, number: int) -> Iterator[tuple[int, Fact]]:
         """Since when property ``number`` is false, with each fact that is said to make it so."""
-        for item, verdict, told in self.violations:
+        for item, verdict, reported in self.violations:
             at = verdict.since_ns
-            if item == number and verdict.witness is not None and not self.triple.unheard(told, at):
+            if (
+                item == number
+                and verdict.witness is not None
+                and not self.triple.unreported(reported, at)
+            ):
                 yield from ((at, fact) for fact in verdict.witness.facts)
 
     def claim(self, item: int, instant: int, place: int | None, status: Status) -> None:
-        self.claims.append(Claim(item, instant, place, status, frozenset(self.told)))
+        self.claims.append(Claim(item, instant, place, status, frozenset(self.reported)))
 
 
 class Reference:
     """A monitor of everything: it tells what completions make of property ``number``."""
 
-    def __init__(self, triple: Triple, said: Said, number: int) -> None:
+    def __init__(self, triple: Triple, claims: Claims, number: int) -> None:
         self.triple = triple
         self.item = triple.properties[number]
-        self.start = said.started[number]
-        self.begun_by = triple.actions[said.begun[number]]
+        self.start = claims.started[number]
+        self.begun_by = triple.actions[claims.begun[number]]
         ports = (
             port if port.event else Port(port.name, port.channel, path=port.path, initial=False)
             for port in self.item.ports
@@ -322,8 +326,8 @@ class Reference:
             while rest and rest[0][0].stamp == tick:
                 message, place = rest.popleft()
                 if f"/{message.name}" in handlers:
-                    heard = self.triple.observation(message)
-                    handlers[f"/{message.name}"](tick, heard.data, heard)
+                    observation = self.triple.observation(message)
+                    handlers[f"/{message.name}"](tick, observation.data, observation)
                 if place is not None:
                     after[place] = program.values()[0]
             program.settle(tick)
@@ -364,19 +368,19 @@ class Tally:
 def contradiction(seed: int, tally: Tally | None = None, edges: bool = False) -> str | None:
     """What is said of the triple that ``seed`` makes and is not so in a completion; None: nothing."""
     triple = Triple(seed, edges)
-    said = Said(triple)
-    if said.wrong:
-        return describe(seed, triple, said.wrong[0])
+    claims = Claims(triple)
+    if claims.wrong:
+        return describe(seed, triple, claims.wrong[0])
     completions = [triple.truth(), *(triple.completion() for _ in range(COMPLETIONS))]
-    for number in said.started:
-        reference = Reference(triple, said, number)
+    for number in claims.started:
+        reference = Reference(triple, claims, number)
         values = [reference.of(messages) for messages in completions]
         for place, messages in enumerate(completions):
             stamps = [message.stamp for message, _ in messages]
             if len(set(stamps)) < len(stamps):
                 continue  # ticks have no more than one value
             rows = reference.rows(messages)
-            start = said.started[number]
+            start = claims.started[number]
             formula = triple.properties[number].formula
             if place == 0 and any(
                 holds(formula, rows, t - start) != values[0][1][t] for t in values[0][1]
@@ -384,16 +388,16 @@ def contradiction(seed: int, tally: Tally | None = None, edges: bool = False) ->
                 return describe(
                     seed, triple, "a monitor of everything differs from the definitions"
                 )
-            for at, fact in said.facts(number):
+            for at, fact in claims.facts(number):
                 wrong = range(max(fact.start_ns, start) - start, fact.end_ns + 1 - start)
                 if any(rows[t][fact.predicate] is not fact.value for t in wrong):
                     return describe(seed, triple, f"false at {at} for {fact}, not so in {messages}")
-        for claim in said.claims:
-            if claim.number != number or claim.instant < said.started[number]:
+        for claim in claims.claims:
+            if claim.number != number or claim.instant < claims.started[number]:
                 continue
             if claim.place is not None and claim.place not in values[0][0]:
                 continue
-            if triple.unheard(claim.told, claim.instant):
+            if triple.unreported(claim.reported, claim.instant):
                 continue
             if tally is not None and any(loss.start <= claim.instant for loss in triple.losses):
                 tally.claims += 1

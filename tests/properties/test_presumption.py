@@ -25,13 +25,13 @@ KINDS = [ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED]
 
 
 def some_run(choice: random.Random, latest: int) -> tuple[list[Property], list]:
-    """Properties, and observations with the tick at which each is heard."""
+    """Properties, and observations with the tick at which each is received."""
     properties = []
     for number in range(choice.randint(1, 2)):
         source = random_formula(choice, choice.randint(1, 3), longest=6)
         source = source.replace("{n > 2}", "{p}").replace("{n <= 1}", "not {q}")
         properties.append(Property(f"f{number}", parse_formula(source, ticks_per_unit=1), PORTS))
-    stamp, heard = LATENCY + 1, []
+    stamp, received = LATENCY + 1, []
     for _ in range(choice.randint(1, 12)):
         stamp += choice.choice([0, 1, 2, 5, 9])
         name = choice.choice("pqr")
@@ -39,17 +39,17 @@ def some_run(choice: random.Random, latest: int) -> tuple[list[Property], list]:
         if choice.random() < 0.03:
             value = "?"  # unknown: for a while nothing is presumed
         kind = choice.choice(KINDS) if name == "r" else ObservationKind.MESSAGE
-        heard.append((stamp + choice.randint(0, latest), seen(stamp, f"/{name}", kind, v=value)))
-    return properties, heard
+        received.append((stamp + choice.randint(0, latest), seen(stamp, f"/{name}", kind, v=value)))
+    return properties, received
 
 
-def said(properties: list[Property], heard: list, presuming: bool = True):
+def said(properties: list[Property], received: list, presuming: bool = True):
     """What was presumed and what was certain, as (tick, property, status, since)."""
     ordered = OrderedProperties(properties, LATENCY)
     ordered.advance(LATENCY)  # time begins at 0
     presumed, certain = [], []
-    for tick in range(max((when for when, _ in heard), default=0) + 30):
-        for when, observation in heard:
+    for tick in range(max((when for when, _ in received), default=0) + 30):
+        for when, observation in received:
             if when == tick:
                 ordered.observe(observation)
         for name, verdict in ordered.advance(tick):
@@ -68,11 +68,11 @@ def known(value: Observation) -> bool:
 @settings(max_examples=300, deadline=None)
 def test_every_violation_is_presumed_and_comes_true_if_nothing_is_late(seed):
     choice = random.Random(seed)
-    properties, heard = some_run(choice, latest=WAIT)
-    heard = [item for item in heard if known(item[1])] or [(11, seen(11, "/p", v=True))]
-    presumed, certain = said(properties, heard)
+    properties, received = some_run(choice, latest=WAIT)
+    received = [item for item in received if known(item[1])] or [(11, seen(11, "/p", v=True))]
+    presumed, certain = said(properties, received)
     violations = [item for item in certain if item[2] is Status.FALSE]
-    end = max(tick for tick, _ in heard) + 30 - 1 - LATENCY
+    end = max(tick for tick, _ in received) + 30 - 1 - LATENCY
     assert {item[1:] for item in violations} <= {item[1:] for item in presumed}
     assert {item[1:] for item in presumed if item[3] <= end} == {item[1:] for item in violations}
     for tick, name, _, since in presumed:
@@ -85,12 +85,12 @@ def test_every_violation_is_presumed_and_comes_true_if_nothing_is_late(seed):
 @example(seed=1_004_655)  # values replaced at their own stamp
 @settings(max_examples=300, deadline=None)
 def test_what_is_certain_does_not_depend_on_what_was_presumed(seed):
-    properties, heard = some_run(random.Random(seed), latest=LATENCY - 1)
-    presumed, certain = said(properties, heard)
-    assert certain == said(properties, heard, presuming=False)[1]
+    properties, received = some_run(random.Random(seed), latest=LATENCY - 1)
+    presumed, certain = said(properties, received)
+    assert certain == said(properties, received, presuming=False)[1]
     for tick, name, _, since in presumed:
-        # as it would be if what was heard by then were all that happened, in the same order
-        by_then = sorted((pair for pair in heard if pair[0] <= tick), key=lambda pair: pair[0])
+        # as it would be if what was received by then were all that happened, in the same order
+        by_then = sorted((pair for pair in received if pair[0] <= tick), key=lambda pair: pair[0])
         so_far = [(item.stamp_ns, item) for _, item in by_then]
         assert (name, Status.FALSE, since) in [
             item[1:] for item in said(properties, so_far, presuming=False)[1]

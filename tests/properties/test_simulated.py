@@ -70,7 +70,7 @@ def test_a_response_that_never_comes_is_reported_at_exactly_its_deadline(world):
 
 
 class Run:
-    """Two nodes that publish at random, heard late by a tap; their clocks differ by ``skew_ns``."""
+    """Two nodes that publish at random, received late by a tap; their clocks differ by ``skew_ns``."""
 
     def __init__(self, seed: int, skew_ns: int) -> None:
         choice = random.Random(seed)
@@ -84,8 +84,8 @@ class Run:
         self.item = Property("f", parse_formula(self.formula, ticks_per_unit=MS), ports)
         self.true: list[Observation] = []
         """What happened, at its true time."""
-        self.heard: list[tuple[int, Observation]] = []
-        """What was heard when, with the stamps of each node's own clock."""
+        self.received: list[tuple[int, Observation]] = []
+        """What was received when, with the stamps of each node's own clock."""
         wrong = {"a": choice.randint(0, skew_ns), "b": choice.randint(0, skew_ns)}
         conditions = Conditions((0, 0), (0.0, (LATENCY - skew_ns) / 1e9))
         self.world = SimulatedWorld(seed, conditions)
@@ -94,7 +94,7 @@ class Run:
         def hear(seen: Observation) -> None:
             self.true.append(seen)
             shown = msgspec.structs.replace(seen, stamp_ns=seen.stamp_ns + wrong[seen.source])
-            self.heard.append((tap.now_ns(), shown))
+            self.received.append((tap.now_ns(), shown))
 
         tap.tap([], hear)
         for name in "ab":
@@ -119,10 +119,10 @@ class Run:
         return monitors.verdicts()["f"].status, broken
 
     def judged(self, uncertainty_ns: int) -> tuple[Status, set[Status]]:
-        """The verdict at the end, and all that were said, of what was heard as it was heard."""
+        """The verdict at the end, and all that were said, of what was received as it was received."""
         ordered = OrderedProperties([self.item], LATENCY, uncertainty_ns)
         said = list(ordered.advance(START_NS + LATENCY + uncertainty_ns))
-        for now, seen in self.heard:
+        for now, seen in self.received:
             said += ordered.advance(now)
             ordered.observe(seen)
         said += ordered.advance(self.end_ns + LATENCY + uncertainty_ns)
@@ -132,7 +132,7 @@ class Run:
 @pytest.mark.parametrize("seed", range(150))
 def test_delays_change_no_verdict(seed):
     run = Run(seed, skew_ns=0)
-    assert [now for now, _ in run.heard] != sorted(seen.stamp_ns for seen in run.true)
+    assert [now for now, _ in run.received] != sorted(seen.stamp_ns for seen in run.true)
     status, broken = run.truth()
     final, said = run.judged(uncertainty_ns=0)
     assert final is status

@@ -199,14 +199,14 @@ def test_a_witness_names_what_made_it_so_and_not_what_was_heard_last(asked):
     assert verdict.witness.at_ns == 15 * SECOND
 
 
-@pytest.mark.parametrize("doubt", [False, True])
-def test_what_is_told_of_a_violation_has_the_time_and_value_of_what_made_it_so(doubt):
+@pytest.mark.parametrize("unknown", [False, True])
+def test_what_is_reported_of_a_violation_has_the_time_and_value_of_what_made_it_so(unknown):
     """It docks at 12 s, and is owed anew as the level is low still: that is so since 10 s.
 
     The three-valued evaluation remembers also what is said again.
     """
     source = "historically(not((not {docked}) since[5:] ({level < 30} and not {docked})))"
-    source += " and {other > 1}" if doubt else ""
+    source += " and {other > 1}" if unknown else ""
     other = Port("other", "/other", path=("data",), initial="not a number")
     item = Property("P", parse_formula(source), (*LEVEL, other))
     monitor = PropertyMonitor(item)

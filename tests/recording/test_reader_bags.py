@@ -1,4 +1,4 @@
-"""Bags that rosbag2 recorded are read as a tap would have heard what is in them."""
+"""Bags that rosbag2 recorded are read as a tap would have received what is in them."""
 
 from __future__ import annotations
 

@@ -32,15 +32,15 @@ from transports.simulated import SimulatedTransport, SimulatedWorld
 
 @cache
 def entries() -> tuple[Entry, ...]:
-    """Some of every kind, among what is heard of a tour."""
-    world, heard = SimulatedWorld(5), []
-    SimulatedTransport(world, "tap").tap([], heard.append)
+    """Some of every kind, among what is received of a tour."""
+    world, received = SimulatedWorld(5), []
+    SimulatedTransport(world, "tap").tap([], received.append)
     start_ns = world.now_ns
     SimulatedRun(lab_tour()[1], world).run(8.0)
     found: list[Entry] = [Began(start_ns, "moon_record_1", "simulated", True)]
     why = Explanation(("a", "b"), "c", ("idle",), (Evidence(4, "d"),), ("m.scxml:1:2",))
     verdict = Verdict("M", "M", Outcome.VIOLATED, 5, "because", why, "property")
-    for number, seen in enumerate(map(_as_recorded, heard)):
+    for number, seen in enumerate(map(_as_recorded, received)):
         found.append(seen)
         if number % 50 == 0:
             found.append(Pulse(seen.received_ns, list(Turn)[number // 50 % 2], number))
@@ -48,7 +48,7 @@ def entries() -> tuple[Entry, ...]:
             found.append(NodeChange(seen.received_ns, "A", number % 400 == 0, 7, False))
             found.append(Missed(seen.received_ns, "missed 3 messages"))
             found.append(ReportedVerdict(seen.received_ns, verdict))
-    found.append(Ended(heard[-1].received_ns))
+    found.append(Ended(received[-1].received_ns))
     return tuple(found)
 
 

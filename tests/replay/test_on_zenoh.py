@@ -21,7 +21,7 @@ from moon.replay.calls import RecordedCall
 from moon.replay.player import Counts, Player
 from moon.replay.script import Selected, script_of
 from tests.monitor.processes import WAIT_S, Process, free_endpoint, router
-from tests.replay.worlds import LAB_TOUR, Heard, lab_tour, of, tour
+from tests.replay.worlds import LAB_TOUR, Received, lab_tour, of, tour
 from transports.interface import CallOutcome, Observation
 from transports.zenoh import connect
 
@@ -30,19 +30,19 @@ pytestmark = [pytest.mark.zenoh, pytest.mark.slow]
 SECONDS = 5.0
 
 
-def recorded(path: Path) -> Heard:
+def recorded(path: Path) -> Received:
     """Yesterday: a nominal tour, in a file."""
-    heard = tour(SECONDS)
+    received = tour(SECONDS)
     writer = RecordingWriter(path, Definitions(lab_tour()[0].library))
-    for seen in heard.observations:
+    for seen in received.observations:
         writer.add(seen)
     writer.close()
-    return heard
+    return received
 
 
 def test_a_request_that_had_no_answer_then_is_not_answered_or_ended_now() -> None:
-    heard, channel = tour(SECONDS), "/SchedulerComponent/SetPoi"
-    recording = cast(Recording, heard)
+    received, channel = tour(SECONDS), "/SchedulerComponent/SetPoi"
+    recording = cast(Recording, received)
     then = script_of(recording, Selected((channel,))).calls[channel][0]
     unanswered = RecordedCall(channel, then.client, then.request, then.asked_ns, then.server)
     endpoint = free_endpoint()
@@ -88,10 +88,10 @@ class Skill(Process):
 
 
 class Tap:
-    """What is heard on a network, while a test runs."""
+    """What is received on a network, while a test runs."""
 
     def __init__(self, endpoint: str) -> None:
-        self.heard: list[Observation] = []
+        self.received: list[Observation] = []
         self.transport = connect("a_tap", {"endpoint": endpoint})
         self._more = threading.Condition()
         self.transport.tap([], self._hear)
@@ -100,7 +100,7 @@ class Tap:
 
     def _hear(self, seen: Observation) -> None:
         with self._more:
-            self.heard.append(seen)
+            self.received.append(seen)
             self._more.notify_all()
 
     def until(self, holds: Any) -> None:
@@ -114,7 +114,7 @@ class Tap:
 
 def test_a_skill_gets_yesterdays_answers_and_gives_yesterdays(tmp_path: Path) -> None:
     name = "SetPoi1Skill"
-    heard = recorded(tmp_path / "run.mcap")
+    received = recorded(tmp_path / "run.mcap")
     generated = tmp_path / "generated"
     command = ["m2c", "generate", "--transport", "zenoh", str(LAB_TOUR), "-o", str(generated)]
     subprocess.run(
@@ -134,8 +134,8 @@ def test_a_skill_gets_yesterdays_answers_and_gives_yesterdays(tmp_path: Path) ->
             )
             try:
                 assert replay.end() == 0, replay.said
-                then = of(heard.observations, name)
-                tap.until(lambda: len(of(tap.heard, name)) >= len(then))
+                then = of(received.observations, name)
+                tap.until(lambda: len(of(tap.received, name)) >= len(then))
             finally:
                 replay.close()
             assert skill.end(signal.SIGTERM) == 0, skill.said
@@ -143,7 +143,7 @@ def test_a_skill_gets_yesterdays_answers_and_gives_yesterdays(tmp_path: Path) ->
             skill.close()
             tap.close()
     assert len(then) > 50
-    assert sorted(of(tap.heard, name), key=str) == sorted(then, key=str)
+    assert sorted(of(tap.received, name), key=str) == sorted(then, key=str)
     (summary,) = [line for line in replay.err if line.startswith("published")]
     calls = sum(seen[0].endswith("/tick") for seen in then) // 2
     assert (
@@ -152,6 +152,6 @@ def test_a_skill_gets_yesterdays_answers_and_gives_yesterdays(tmp_path: Path) ->
     )
     assert f"{name} is up already: it is not played" in replay.err
     answers = {
-        str(seen.data) for seen in tap.heard if seen.source == "SchedulerComponent" and seen.data
+        str(seen.data) for seen in tap.received if seen.source == "SchedulerComponent" and seen.data
     }
     assert "{'is_ok': True}" in answers

@@ -9,7 +9,7 @@ import pytest
 from moon.recording.reader import Recording
 from moon.replay.replay import Replay
 from moon.replay.script import Selected, script_of
-from tests.replay.worlds import Heard, live, of, tour
+from tests.replay.worlds import Received, live, of, tour
 from transports.interface import Observation, ObservationKind
 from transports.simulated import SimulatedTransport, SimulatedWorld
 
@@ -17,17 +17,17 @@ SECONDS = 12.0
 
 
 def replayed(
-    heard: Heard,
+    received: Received,
     without: tuple[str, ...] = (),
     rate: float = 1.0,
     only: tuple[str, ...] = (),
     played: tuple[str, ...] = (),
     seconds: float = 100.0,
 ) -> tuple[Replay, list[Observation], list[str]]:
-    """``heard``, replayed beside the nodes in ``without``: the replay, what was heard, what it said."""
+    """``received``, replayed beside the nodes in ``without``: the replay, what was received, what it said."""
     world, said = SimulatedWorld(4), []
     now = live(world, *without)
-    recording = cast(Recording, heard)
+    recording = cast(Recording, received)
     replay = Replay(
         script_of(recording, Selected(only)),
         SimulatedTransport(world, "moon_replay_1"),
@@ -47,17 +47,17 @@ def replayed(
     "skill", ["BatteryLevelSkill", "SetPoi1Skill", "VisitorsFollowingRobotSkill"]
 )
 def test_a_skill_does_against_the_recording_what_it_did_in_it(skill: str):
-    heard = tour(SECONDS)
-    replay, now, said = replayed(heard, (skill,))
+    received = tour(SECONDS)
+    replay, now, said = replayed(received, (skill,))
     assert said == []
     assert replay.counts.asked > 50
     assert replay.counts.differently == 0
-    assert of(now, skill) == of(heard.observations, skill)
+    assert of(now, skill) == of(received.observations, skill)
 
 
 def test_the_goals_of_a_skill_go_as_they_went():
-    heard = tour(SECONDS)
-    replay, now, _ = replayed(heard, ("GoToPoiSkill",))
+    received = tour(SECONDS)
+    replay, now, _ = replayed(received, ("GoToPoiSkill",))
     parts = (
         "/NavigationComponent/GoToPoi/_action/send_goal",
         "/NavigationComponent/GoToPoi/_action/get_result",
@@ -72,15 +72,15 @@ def test_the_goals_of_a_skill_go_as_they_went():
             and seen.data.keys() != {"goal_id"}
         ]
 
-    assert goals(now)[:3] == goals(heard.observations)[:3]
+    assert goals(now)[:3] == goals(received.observations)[:3]
     assert len(goals(now)) >= 3
     assert replay.counts.equal > 2
     assert "NavigationComponent" in replay.played
 
 
 def test_a_recorded_client_drives_a_live_action_server():
-    heard = tour(SECONDS)
-    replay, now, _ = replayed(heard, ("NavigationComponent",))
+    received = tour(SECONDS)
+    replay, now, _ = replayed(received, ("NavigationComponent",))
     sent = [
         seen.data["goal"]
         for seen in now
@@ -88,7 +88,7 @@ def test_a_recorded_client_drives_a_live_action_server():
     ]
     then = [
         seen.data["goal"]
-        for seen in heard.observations
+        for seen in received.observations
         if seen.channel.endswith("send_goal") and seen.kind is ObservationKind.REQUEST_RECEIVED
     ]
     assert sent == then
@@ -98,7 +98,7 @@ def test_a_recorded_client_drives_a_live_action_server():
         if seen.channel.endswith("/feedback") and seen.kind is ObservationKind.MESSAGE
     } == {"NavigationComponent"}
     canceled = [seen for seen in now if seen.channel.endswith("cancel_goal")]
-    assert bool(canceled) == any(s.channel.endswith("cancel_goal") for s in heard.observations)
+    assert bool(canceled) == any(s.channel.endswith("cancel_goal") for s in received.observations)
     assert replay.counts.asked >= len(then)
 
 
@@ -112,8 +112,8 @@ def levels_in(observations: list[Observation]) -> list[Observation]:
 
 
 def test_what_was_published_is_published_by_the_same_nodes_at_the_same_time():
-    heard = tour(SECONDS)
-    _, now, _ = replayed(heard, only=("/BatteryComponent/level",))
+    received = tour(SECONDS)
+    _, now, _ = replayed(received, only=("/BatteryComponent/level",))
 
     def levels(observations: list[Observation]) -> list[tuple[int, str, Any]]:
         first = observations[0].stamp_ns
@@ -121,16 +121,16 @@ def test_what_was_published_is_published_by_the_same_nodes_at_the_same_time():
             (round((seen.stamp_ns - first) / 1e7), seen.source, seen.data) for seen in observations
         ]
 
-    recorded = levels_in(heard.observations)
+    recorded = levels_in(received.observations)
     published = [s for s in now if s.kind is ObservationKind.MESSAGE]
     assert len(recorded) > 10
     assert levels(published) == levels(recorded)
 
 
 def test_a_rate_scales_time():
-    heard = tour(SECONDS)
-    _, now, _ = replayed(heard, only=("/BatteryComponent/level",), rate=4.0)
-    recorded = [seen.stamp_ns for seen in levels_in(heard.observations)]
+    received = tour(SECONDS)
+    _, now, _ = replayed(received, only=("/BatteryComponent/level",), rate=4.0)
+    recorded = [seen.stamp_ns for seen in levels_in(received.observations)]
     published = [s.stamp_ns for s in now if s.kind is ObservationKind.MESSAGE]
     assert len(published) == len(recorded)
     ratio = (recorded[-1] - recorded[0]) / (published[-1] - published[0])
@@ -138,21 +138,21 @@ def test_a_rate_scales_time():
 
 
 def test_only_the_nodes_that_are_named_are_played():
-    heard = tour(SECONDS)
-    replay, now, _ = replayed(heard, played=("BatteryComponent",))
+    received = tour(SECONDS)
+    replay, now, _ = replayed(received, played=("BatteryComponent",))
     assert replay.played == ["BatteryComponent"]
     assert {seen.source for seen in now} == {"BatteryComponent"}
 
 
 def test_a_request_that_was_not_recorded_gets_the_next_answer_and_it_is_said():
-    heard = tour(SECONDS)
+    received = tour(SECONDS)
     changed = [
         seen
         if seen.channel != "/SchedulerComponent/SetPoi" or "poi" not in (seen.data or {})
         else _with_poi(seen, 9)
-        for seen in heard.observations
+        for seen in received.observations
     ]
-    replay, _, said = replayed(Heard(changed), ("SetPoi1Skill",))
+    replay, _, said = replayed(Received(changed), ("SetPoi1Skill",))
     assert replay.counts.other > 0
     assert said[0] == (
         '/SchedulerComponent/SetPoi {"poi":1}: no equal request was recorded: the next recorded response is given'
@@ -160,14 +160,14 @@ def test_a_request_that_was_not_recorded_gets_the_next_answer_and_it_is_said():
 
 
 def test_when_no_answer_is_left_it_is_said_and_the_caller_hears_so():
-    heard = tour(SECONDS)
-    first = next(s for s in heard.observations if s.channel == "/SchedulerComponent/SetPoi")
+    received = tour(SECONDS)
+    first = next(s for s in received.observations if s.channel == "/SchedulerComponent/SetPoi")
     kept = [
         seen
-        for seen in heard.observations
+        for seen in received.observations
         if seen.channel != "/SchedulerComponent/SetPoi" or seen.call == first.call
     ]
-    replay, now, said = replayed(Heard(kept), ("SetPoi1Skill",))
+    replay, now, said = replayed(Received(kept), ("SetPoi1Skill",))
     assert replay.counts.without > 0
     assert '/SchedulerComponent/SetPoi {"poi":1}: no recorded answer is left' in said
     errors = [s.error for s in now if s.source == "SetPoi1Skill" and s.error]
@@ -176,18 +176,18 @@ def test_when_no_answer_is_left_it_is_said_and_the_caller_hears_so():
 
 def test_a_request_that_had_no_answer_then_has_none_now():
     """The third answer of the scheduler was not given: the skill that asks waits for it in vain."""
-    heard = tour(SECONDS)
+    received = tour(SECONDS)
     channel, answers = "/SchedulerComponent/SetPoi", ObservationKind.RESPONSE_SENT
-    calls = [s.call for s in heard.observations if s.channel == channel and s.kind is answers]
+    calls = [s.call for s in received.observations if s.channel == channel and s.kind is answers]
     missing = calls[2]
     kept = [
         seen
-        for seen in heard.observations
+        for seen in received.observations
         if seen.channel != channel
         or seen.call != missing
         or seen.kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
     ]
-    replay, now, said = replayed(Heard(kept), ("SetPoi1Skill",))
+    replay, now, said = replayed(Received(kept), ("SetPoi1Skill",))
     asked = [
         s.call for s in now if s.channel == channel and s.kind is ObservationKind.REQUEST_RECEIVED
     ]
@@ -204,11 +204,11 @@ def test_a_request_that_had_no_answer_then_has_none_now():
 
 
 def test_who_answered_nobody_then_is_there_and_answers_nobody_now():
-    heard = tour(SECONDS)
+    received = tour(SECONDS)
     channel = "/SchedulerComponent/SetPoi"
     answers = (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED)
-    kept = [s for s in heard.observations if s.channel != channel or s.kind not in answers]
-    replay, now, _ = replayed(Heard(kept), ("SetPoi1Skill",))
+    kept = [s for s in received.observations if s.channel != channel or s.kind not in answers]
+    replay, now, _ = replayed(Received(kept), ("SetPoi1Skill",))
     here = [seen for seen in now if seen.channel == channel]
     assert replay.counts.unanswered == sum(s.kind is ObservationKind.REQUEST_RECEIVED for s in here)
     assert replay.counts.unanswered > 0
@@ -234,12 +234,12 @@ class SetClock(SimulatedTransport):
 
 @pytest.mark.parametrize("step_s", [-86_400, -3600, -5, 5, 3600, 86_400])
 def test_a_clock_that_is_set_neither_stops_a_replay_nor_hurries_it(step_s: int):
-    heard = tour(4.0)
+    received = tour(4.0)
     world, now = SimulatedWorld(4), []
     SimulatedTransport(world, "tap").tap([], now.append)
     conductor = SetClock(world, "moon_replay_1")
     conductor.step_ns = step_s * 10**9
-    recording = cast(Recording, heard)
+    recording = cast(Recording, received)
     replay = Replay(
         script_of(recording, Selected()),
         conductor,
@@ -252,5 +252,5 @@ def test_a_clock_that_is_set_neither_stops_a_replay_nor_hurries_it(step_s: int):
     replay.begin(recording)
     began_ns = world.now_ns
     assert world.run_until(lambda: replay.finished, 30.0)
-    span_ns = heard.observations[-1].stamp_ns - heard.observations[0].stamp_ns
+    span_ns = received.observations[-1].stamp_ns - received.observations[0].stamp_ns
     assert abs(world.now_ns - began_ns - span_ns) < 10**9

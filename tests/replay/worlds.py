@@ -1,4 +1,4 @@
-"""The lab tour in virtual time, heard once, and then replayed around one of its nodes."""
+"""The lab tour in virtual time, received once, and then replayed around one of its nodes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def lab_tour() -> tuple[System, Program]:
     return system, compile_system(system)
 
 
-class Heard:
+class Received:
     """What ``open_recording`` gives, of observations that are at hand."""
 
     def __init__(self, observations: Iterable[Observation]) -> None:
@@ -54,27 +54,27 @@ class Heard:
         return []
 
 
-def tour(seconds: float, seed: int = 3) -> Heard:
+def tour(seconds: float, seed: int = 3) -> Received:
     """Everything that a tap hears of a nominal tour."""
-    world, heard = SimulatedWorld(seed), []
-    SimulatedTransport(world, "tap").tap([], heard.append)
+    world, received = SimulatedWorld(seed), []
+    SimulatedTransport(world, "tap").tap([], received.append)
     SimulatedRun(lab_tour()[1], world).run(seconds)
-    return Heard(heard)
+    return Received(received)
 
 
 def live(world: SimulatedWorld, *names: str) -> list[Observation]:
     """Nodes of the tour in ``world``, and what a tap hears there from now on."""
-    heard: list[Observation] = []
-    SimulatedTransport(world, "tap").tap([], heard.append)
+    received: list[Observation] = []
+    SimulatedTransport(world, "tap").tap([], received.append)
     for name in names:
         transport = SimulatedTransport(world, name)
         node = lab_tour()[1].nodes[name](transport, NodeSettings())
         transport.post(node.start)
         transport.post(transport.announce)
     world.run_for(1.0)
-    return heard
+    return received
 
 
-def of(heard: Iterable[Observation], node: str) -> list[tuple[str, str, Any]]:
+def of(received: Iterable[Observation], node: str) -> list[tuple[str, str, Any]]:
     """What ``node`` got and gave."""
-    return [(seen.channel, seen.kind, seen.data) for seen in heard if seen.source == node]
+    return [(seen.channel, seen.kind, seen.data) for seen in received if seen.source == node]

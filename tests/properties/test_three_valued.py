@@ -82,7 +82,7 @@ def test_nor_does_a_loss_of_events(seed):
 
 
 def look_at_a_loss(choice: random.Random, formula: Formula, events: frozenset[str]) -> None:
-    """One loss, told at its end, in a trace of one message per tick."""
+    """One loss, reported at its end, in a trace of one message per tick."""
     names = [choice.choice("pqr") for _ in range(choice.randint(3, 24))]
     changes = [(t, name, choice.random() < 0.5) for t, name in enumerate(["p", "q", "r", *names])]
     lost = choice.choice("pqr")
@@ -148,7 +148,7 @@ def test_contents_that_are_not_known_are_unknown():
     )
 
 
-def test_doubt_ends_when_it_no_longer_matters():
+def test_three_valued_evaluation_ends_when_it_no_longer_matters():
     monitor = PropertyMonitor("historically[:5s]{level > 30}")
     second = 10**9
     monitor.observe(seen(0, level=80))

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from moon.monitor.subject import Subject, read_subject
 from moon.offline.engine import check_recording
 from moon.oracle.bounds import Bounds
-from moon.ordering.settling import LATEST_NS, USUAL_NS, settled
+from moon.ordering.on_time import LATEST_NS, USUAL_NS, received_on_time
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry, NodeChange, Pulse, Turn
 from moon.recording.writer import RecordingWriter
@@ -77,19 +77,19 @@ def test_what_came_late_is_put_where_it_would_have_come():
         seen(BASE + 10**9 - 5, BASE + 10**9),
         seen(BASE + 2 * 10**9, BASE + 2 * 10**9 + 7),
     ]
-    found = list(settled(entries))
+    found = list(received_on_time(entries))
     assert [entry.received_ns - BASE for entry in found] == [1, 10 + USUAL_NS, 10**9, 2 * 10**9 + 7]
     assert found[1].data == BASE + 10
 
 
 def test_a_clock_that_differs_is_no_lateness():
     entries = [seen(BASE - 2 * LATEST_NS, BASE), seen(BASE + 10**9, BASE + 5)]
-    assert list(settled(entries)) == entries
+    assert list(received_on_time(entries)) == entries
 
 
 def test_a_clock_that_was_set_back_does_not_mix_before_and_after():
     entries = [seen(BASE, BASE), seen(BASE + 10, BASE + 11), seen(BASE - 10**12, BASE - 10**12 + 1)]
-    assert list(settled(entries)) == entries
+    assert list(received_on_time(entries)) == entries
 
 
 @pytest.mark.parametrize("paced", [True, False])
@@ -100,8 +100,8 @@ def test_a_monitors_recording_is_left_as_it_is(paced: bool):
         seen(BASE + 2, BASE + 10**9),
         Pulse(BASE + 10**9 + 1, Turn.TIMER, 1),
     ]
-    assert (list(settled(entries)) == entries) == paced
+    assert (list(received_on_time(entries)) == entries) == paced
 
 
 def test_nothing_is_nothing():
-    assert list(settled([])) == []
+    assert list(received_on_time([])) == []

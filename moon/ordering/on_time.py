@@ -26,7 +26,7 @@ MAX_HELD = 200_000
 """Entries held at once, whatever the time."""
 
 
-def settled(entries: Iterable[Entry]) -> Iterator[Entry]:
+def received_on_time(entries: Iterable[Entry]) -> Iterator[Entry]:
     """``entries``, each when it would have been received; those of a monitor as they are.
 
     Args:
