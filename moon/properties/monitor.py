@@ -27,7 +27,7 @@ from moon.properties.network import NEVER, build_network
 from moon.properties.predicates import (
     ANY_CHANNEL,
     UNKNOWN_ERRORS,
-    Group,
+    PortGroup,
     PredicateError,
     bind,
     why_unknown,
@@ -62,8 +62,12 @@ class PropertySet:
         names = [item.name for item in self.properties]
         if len(set(names)) != len(names):
             raise ValueError("two properties have the same name")
-        self.cells = [MonitorGroup(members, ports) for members, ports in _together(self.properties)]
-        self._tables: dict[str, dict[ObservationKind, list[tuple[MonitorGroup, Any, Group]]]] = {}
+        self.groups = [
+            MonitorGroup(members, ports) for members, ports in _together(self.properties)
+        ]
+        self._tables: dict[
+            str, dict[ObservationKind, list[tuple[MonitorGroup, Any, PortGroup]]]
+        ] = {}
         self._sealed = -1
         self._earliest = 0
         """The least stamp that is not too late."""
@@ -121,19 +125,19 @@ class PropertySet:
         except KeyError:
             entries = self._route(observation.channel, observation.kind)
         found: list[tuple[str, Verdict]] = []
-        for cell, handler, group in entries:
-            if not cell.plain:
-                found += cell.observe(group, observation)
+        for group, handler, ports in entries:
+            if not group.plain:
+                found += group.observe(ports, observation)
                 continue
-            if cell.heap[0][0] < stamp:
-                found += cell.catch_up(stamp - 1)
+            if group.heap[0][0] < stamp:
+                found += group.catch_up(stamp - 1)
             try:
                 handler(stamp, observation.data, observation)
             except UnknownAtom:
-                found += cell.observe(group, observation)
+                found += group.observe(ports, observation)
             else:
-                if cell.changed:
-                    found += cell.report()
+                if group.changed:
+                    found += group.report()
         return found
 
     def _refuse(self, stamp: Any) -> NoReturn:
@@ -143,7 +147,7 @@ class PropertySet:
 
     def _latest(self) -> int:
         """The instant before which nothing is taken any more; of what has not begun, too."""
-        return max([self.sealed_ns, *(cell.reached for cell in self.cells)])
+        return max([self.sealed_ns, *(group.reached for group in self.groups)])
 
     def advance(self, now_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Nothing more with a stamp up to ``now_ns`` will come; returns the changed verdicts.
@@ -157,7 +161,7 @@ class PropertySet:
             raise TimeOrderError(f"cannot advance to {now_ns!r}: it is already {self.now_ns} ns")
         self._sealed = now_ns
         self._earliest = now_ns + 1
-        return [change for cell in self.cells for change in cell.advance(now_ns)]
+        return [change for group in self.groups for change in group.advance(now_ns)]
 
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Sequence[tuple[str, Verdict]]:
         """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost.
@@ -183,14 +187,16 @@ class PropertySet:
                 raise TimeOrderError(f"{stamp!r} is not a stamp in ns")
         if from_ns > until_ns:
             raise TimeOrderError(f"a loss in [{from_ns}, {until_ns}) has no beginning")
-        return [change for cell in self.cells for change in cell.lose(channel, from_ns, until_ns)]
+        return [
+            change for group in self.groups for change in group.lose(channel, from_ns, until_ns)
+        ]
 
     def next_deadline(self) -> int | None:
         """The earliest instant (ns) at which a verdict can change with no further observation.
 
         No verdict changes by itself before it; at it, call ``advance``.
         """
-        instant = min((cell.next_deadline() for cell in self.cells), default=NEVER)
+        instant = min((group.next_deadline() for group in self.groups), default=NEVER)
         return instant if instant < NEVER else None
 
     @property
@@ -201,30 +207,30 @@ class PropertySet:
     @property
     def is_certain(self) -> bool:
         """Whether nothing that matters is unknown (what is only waited for does not count)."""
-        return all(cell.plain or cell.started < 0 for cell in self.cells)
+        return all(group.plain or group.started < 0 for group in self.groups)
 
     @property
     def now_ns(self) -> int:
         """The latest instant up to which anything is known; -1 before the first."""
-        return max((cell.now for cell in self.cells), default=-1)
+        return max((group.now for group in self.groups), default=-1)
 
     def verdicts(self) -> dict[str, Verdict]:
         """The verdict of every property."""
         pairs = [
-            pair for cell in self.cells for pair in zip(cell.names, cell.verdicts, strict=True)
+            pair for group in self.groups for pair in zip(group.names, group.verdicts, strict=True)
         ]
         order = {item.name: place for place, item in enumerate(self.properties)}
         return dict(sorted(pairs, key=lambda pair: order[pair[0]]))
 
     def snapshot(self) -> tuple[Snapshot, ...]:
         """Where the monitors stand, for :meth:`restore`."""
-        return tuple(cell.snapshot() for cell in self.cells)
+        return tuple(group.snapshot() for group in self.groups)
 
     def restore(self, snapshot: Sequence[Snapshot]) -> None:
         """Go to where ``snapshot`` was taken, by this set or (if certain) by one of the same properties."""
-        for cell, state in zip(self.cells, snapshot, strict=True):
-            cell.restore(state)
-        self._sealed = max((cell.sealed for cell in self.cells), default=-1)
+        for group, state in zip(self.groups, snapshot, strict=True):
+            group.restore(state)
+        self._sealed = max((group.sealed for group in self.groups), default=-1)
         self._earliest = max(self._sealed + 1, self._latest())
 
     def listen_as(self, other: PropertySet) -> None:
@@ -236,23 +242,25 @@ class PropertySet:
 
     def channels(self) -> frozenset[str]:
         """The channels that matter; ``*`` if any may."""
-        return frozenset(group.channel for cell in self.cells for group in cell.binding.groups)
+        return frozenset(ports.channel for group in self.groups for ports in group.binding.groups)
 
-    def _route(self, channel: str, kind: ObservationKind) -> list[tuple[MonitorGroup, Any, Group]]:
+    def _route(
+        self, channel: str, kind: ObservationKind
+    ) -> list[tuple[MonitorGroup, Any, PortGroup]]:
         """Who takes observations of this channel and kind from now on.
 
         A call is observed at up to two ends; the end that is observed first counts from then on.
         """
         table = self._tables.setdefault(channel, {})
         entries = []
-        for cell in self.cells:
-            for group in cell.binding.groups:
-                if group.channel == ANY_CHANNEL:
-                    entries.append((cell, cell.handlers[group.name], group))
-                elif group.channel == channel and kind in group.kinds:
-                    rivals = [other for other in group.kinds if other != kind and table.get(other)]
+        for group in self.groups:
+            for ports in group.binding.groups:
+                if ports.channel == ANY_CHANNEL:
+                    entries.append((group, group.handlers[ports.name], ports))
+                elif ports.channel == channel and kind in ports.kinds:
+                    rivals = [other for other in ports.kinds if other != kind and table.get(other)]
                     if not rivals:
-                        entries.append((cell, cell.handlers[group.name], group))
+                        entries.append((group, group.handlers[ports.name], ports))
         table[kind] = entries
         return entries
 
@@ -274,12 +282,12 @@ class PropertyMonitor:
             formula = parse_formula(formula)
         self.property = formula if isinstance(formula, Property) else Property("property", formula)
         self._set = PropertySet([self.property])
-        self._cell = self._set.cells[0]
+        self._group = self._set.groups[0]
 
     @property
     def verdict(self) -> Verdict:
         """The verdict now."""
-        return self._cell.verdicts[0]
+        return self._group.verdicts[0]
 
     def observe(self, observation: Observation) -> Verdict:
         """Take ``observation`` in; the verdict after it.
@@ -288,7 +296,7 @@ class PropertyMonitor:
             TimeOrderError: its stamp lies before the last one, or not after the last ``advance``.
         """
         self._set.observe(observation)
-        return self._cell.verdicts[0]
+        return self._group.verdicts[0]
 
     def advance(self, now_ns: int) -> Verdict:
         """Nothing more with a stamp up to ``now_ns`` will come; the verdict then.
@@ -297,7 +305,7 @@ class PropertyMonitor:
             TimeOrderError: ``now_ns`` has passed.
         """
         self._set.advance(now_ns)
-        return self._cell.verdicts[0]
+        return self._group.verdicts[0]
 
     def lose(self, channel: str, from_ns: int, until_ns: int) -> Verdict:
         """Messages of ``channel`` stamped in ``[from_ns, until_ns)`` were lost (:meth:`PropertySet.lose`).
@@ -306,7 +314,7 @@ class PropertyMonitor:
             TimeOrderError: ``until_ns`` is before ``from_ns``, or one of them is no time.
         """
         self._set.lose(channel, from_ns, until_ns)
-        return self._cell.verdicts[0]
+        return self._group.verdicts[0]
 
     def next_deadline(self) -> int | None:
         """The earliest instant (ns) at which the verdict can change with no further observation."""

@@ -16,8 +16,8 @@ from moon.properties.predicates import (
     ANY_CHANNEL,
     ENVIRONMENT,
     UNKNOWN_ERRORS,
-    Group,
     KnownValues,
+    PortGroup,
     bind,
     handler_source,
     why_unknown,
@@ -158,7 +158,7 @@ class MonitorGroup:
         """Whether the compiled handlers take observations in."""
         return self._three_valued is None and self.started >= 0
 
-    def observe(self, group: Group, seen: Observation) -> list[tuple[str, Verdict]]:
+    def observe(self, group: PortGroup, seen: Observation) -> list[tuple[str, Verdict]]:
         """Take an observation of ``group`` in that its handler cannot; the verdicts that changed.
 
         That is: before the beginning, in three-valued evaluation, and where the handler has just met
@@ -192,7 +192,7 @@ class MonitorGroup:
         return found + self._evaluate(group, seen, values)
 
     def _evaluate(
-        self, group: Group, seen: Observation, values: dict[str, bool | None]
+        self, group: PortGroup, seen: Observation, values: dict[str, bool | None]
     ) -> list[tuple[str, Verdict]]:
         """Three-valued evaluation of an observation; ``values`` are what losses have changed by then."""
         assert self._three_valued is not None
@@ -386,7 +386,7 @@ class MonitorGroup:
                 values[text] = None
         return values
 
-    def _open(self, group: Group) -> dict[str, str]:
+    def _open(self, group: PortGroup) -> dict[str, str]:
         """The ports of ``group`` that a lost message may set now, and why."""
         gaps = self._gaps.open
         return {port.name: gaps[port.name][1] for port in group.ports if port.name in gaps}

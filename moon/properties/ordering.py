@@ -233,7 +233,7 @@ class OrderedProperties:
         kept: list[State] = []
         futures = []
         for state in states:
-            future = [cell.future for cell in state]
+            future = [group.future for group in state]
             if future not in futures:
                 futures.append(future)
                 kept.append(state)
@@ -274,8 +274,8 @@ class OrderedProperties:
         return True
 
     def _verdicts_of(self, state: State) -> dict[str, Verdict]:
-        names = [name for cell in self._set.cells for name in cell.names]
-        verdicts = [verdict for cell in state for verdict in cell.verdicts]
+        names = [name for group in self._set.groups for name in group.names]
+        verdicts = [verdict for group in state for verdict in group.verdicts]
         return dict(zip(names, verdicts, strict=True))
 
 

@@ -310,7 +310,7 @@ ANY_CHANNEL = "*"
 """Of ports that were not declared: their field may come on any channel."""
 
 
-class Group(msgspec.Struct, frozen=True):
+class PortGroup(msgspec.Struct, frozen=True):
     """Ports that the same observations set."""
 
     name: str
@@ -337,7 +337,7 @@ class Binding(msgspec.Struct, frozen=True):
     ports: dict[str, Port]
     atoms: dict[str, Predicate]
     events: frozenset[str]
-    groups: tuple[Group, ...]
+    groups: tuple[PortGroup, ...]
     evaluate: dict[str, Callable[[dict[str, Any]], bool]]
     conditions: dict[str, Callable[[Any], bool]]
 
@@ -371,7 +371,7 @@ def bind(formulas: Iterable[Formula], ports: Iterable[Port]) -> Binding:
     for port in used.values():
         grouped.setdefault((port.channel, port.kinds), []).append(port)
     groups = tuple(
-        Group(
+        PortGroup(
             f"on_{number}",
             channel,
             kinds,
@@ -495,7 +495,7 @@ class KnownValues:
         return value
 
 
-def handler_source(group: Group, binding: Binding, index_of: dict[str, int]) -> str:
+def handler_source(group: PortGroup, binding: Binding, index_of: dict[str, int]) -> str:
     """The function ``<group.name>(t, data, obs)`` of ``group``; ``t`` has not passed.
 
     Args:

@@ -199,8 +199,9 @@ class Claims:
         self.reported: set[int] = set()
         self.monitors = PropertySet(triple.properties)
         self.names = [item.name for item in triple.properties]
-        self.cells = [
-            next(cell for cell in self.monitors.cells if name in cell.names) for name in self.names
+        self.groups = [
+            next(group for group in self.monitors.groups if name in group.names)
+            for name in self.names
         ]
         self.standing = [Status.INCONCLUSIVE for _ in self.names]
         self.final: dict[int, Verdict] = {}
@@ -223,9 +224,9 @@ class Claims:
             message = self.triple.messages[number]
             changes = self.monitors.observe(self.triple.observation(message))
             self.changed(changes, message.stamp, number, None)
-        for item, cell in enumerate(self.cells):
-            if item not in self.begun and cell.started >= 0:
-                self.begun[item], self.started[item] = place, cell.started
+        for item, group in enumerate(self.groups):
+            if item not in self.begun and group.started >= 0:
+                self.begun[item], self.started[item] = place, group.started
 
     def changed(self, changes, until: int | None, place: int | None, loss: Loss | None) -> None:
         for item, name in enumerate(self.names):
@@ -255,7 +256,7 @@ class Claims:
     def hears(self, item: int, place: int) -> bool:
         """Whether the network of property ``item`` listens to the channel of message ``place``."""
         channel = f"/{self.triple.messages[place].name}"
-        return any(group.channel == channel for group in self.cells[item].binding.groups)
+        return any(ports.channel == channel for ports in self.groups[item].binding.groups)
 
     def pass_to(self, item: int, instant: int) -> None:
         """Up to ``instant`` nothing has changed what stands."""
@@ -306,22 +307,22 @@ class Reference:
             message, _ = rest.popleft()
             values[message.name] = message.value
         self.monitors.restore(self.fresh)
-        (cell,) = self.monitors.cells
-        known = {name: value for name, value in values.items() if name in cell.binding.ports}
-        cell._known.values.update(known)  # as if observed before
+        (group,) = self.monitors.groups
+        known = {name: value for name, value in values.items() if name in group.binding.ports}
+        group._known.values.update(known)  # as if observed before
         if what == "advance":
             self.monitors.advance(self.start)
         else:
             message, place = rest.popleft()
             self.monitors.observe(self.triple.observation(message))
-            if cell.started < 0:  # what made it begin is of a property that shares its network
-                cell.begin(self.start)
-                cell._program.settle(self.start)
+            if group.started < 0:  # what made it begin is of a property that shares its network
+                group.begin(self.start)
+                group._program.settle(self.start)
             if place is not None:
-                after[place] = bool(cell._program.values()[0])
+                after[place] = bool(group._program.values()[0])
         # from here on without verdicts and their witnesses: the network's functions are asked
-        program = cell._program
-        handlers = {group.channel: cell.handlers[group.name] for group in cell.binding.groups}
+        program = group._program
+        handlers = {ports.channel: group.handlers[ports.name] for ports in group.binding.groups}
         for tick in range(self.start, self.triple.end + 1):
             while rest and rest[0][0].stamp == tick:
                 message, place = rest.popleft()

@@ -202,7 +202,7 @@ def test_memory_holds_what_the_bounds_can_see_and_no_more(source):
     monitor = PropertyMonitor(source)
     for t in range(20_000):
         monitor.observe(seen(t * SECOND, p=t % 3 != 0, q=t % 7 == 0))
-    variables = monitor._cell._program.read().values()
+    variables = monitor._group._program.read().values()
     assert all(len(value) < 10 for value in variables if hasattr(value, "popleft"))
 
 
@@ -211,10 +211,10 @@ def test_memory_forgets_what_lies_beyond_the_bounds():
     longest = 0
     for t in range(20_000):
         monitor.observe(seen(t * SECOND // 2, p=t % 10 == 0))
-        variables = monitor._cell._program.read().values()
+        variables = monitor._group._program.read().values()
         longest = max(longest, *(len(value) for value in variables if hasattr(value, "popleft")))
     assert 2 <= longest <= 5
-    assert len(monitor._cell._program.heap) < 20
+    assert len(monitor._group._program.heap) < 20
 
 
 @pytest.mark.parametrize("initial", [{}, {"initial": 5}])
