@@ -6,9 +6,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from m2c.model.certainty import Certainty, Fit
-from m2c.model.datatypes import ANY, INT64, STRING, DataType, Structure, describe, is_integer
+from m2c.model.datatypes import (
+    ANY,
+    INT64,
+    NUMBER,
+    STRING,
+    DataType,
+    Structure,
+    describe,
+    is_integer,
+)
 from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.expressions import Variable
+from m2c.model.expressions import Expression, Variable
 from m2c.model.initial import initial_value, is_settled
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -29,7 +38,7 @@ from m2c.model.machine import (
 from m2c.model.scopes import event_parts, output_data_type
 from m2c.model.typing import Scope, check_expression, nearest
 from m2c.model.vocabulary import OUTPUTS, STATUSES
-from m2c.runtime.conversion import ExecutionError
+from m2c.runtime.conversion import STATUS_NUMBERS, ExecutionError
 
 _TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
 _LOOKUP = {
@@ -183,11 +192,28 @@ class _TypeCheck:
         kind = output_data_type(emit.kind, emit.interface, self._machine, self._library)
         if kind is None:
             for field in emit.fields:
-                if emit.kind is not OutputKind.BT_RETURN_STATUS:
+                if emit.kind is OutputKind.BT_RETURN_STATUS:
+                    self._status(field.value, tag)
+                else:
                     what = f"this output has no field `{field.name}`"
                     self._log.error("unknown-field", field.position, "field", what)
             return
         self._fields(emit, tag, kind, scope)
+
+    def _status(self, value: Expression, tag: str) -> None:
+        """A status is named, or a variable holds one: a string with its name, or its number."""
+        if not isinstance(value, Variable):
+            return
+        kind = self._variables.get(value.name)
+        if kind in (STRING, NUMBER, ANY) or (kind is not None and is_integer(kind)):
+            return
+        what = f"`{value.name}` is not a status"
+        hint = f"one of {', '.join(STATUSES)}, or a variable that holds one"
+        if kind is not None:
+            what = f"`{value.name}` has type {describe(kind)}, which holds no status"
+            numbers = ", ".join(f"{number} for {name}" for name, number in STATUS_NUMBERS.items())
+            hint = f"a status is a string, {', '.join(STATUSES)}, or an integer, {numbers}"
+        self._log.error("bad-status", value.position, tag, what, hint)
 
     def _child(self, written: str, position: Position, tag: str) -> None:
         """A child is named by its number, or by a variable that has the number."""

@@ -132,6 +132,12 @@ class ExpressionCompiler:
         code = self._compile(node).text
         return code if self._certain(node).kind == STRING else self._runtime("to_string", code)
 
+    def status(self, node: Expression) -> str:
+        """Python source of the status that ``node`` is: a literal, or a variable that holds one."""
+        if isinstance(node, Literal):
+            return self._compile(node).text
+        return self._runtime("to_status", self._compile(node).text, fails=True)
+
     def condition(self, node: Expression, operand_of: str = "") -> str:
         """Python source of ``node`` as a condition, or as an operand of ``and`` (or another operator)."""
         return self._truth(node).within(_PRECEDENCE[operand_of] if operand_of else 0)

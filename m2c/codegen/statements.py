@@ -159,7 +159,7 @@ class StatementLowering:
         for name, _ in port.parameters:
             match name:
                 case "status":
-                    arguments.append(compiler.value(emit.fields[0].value))
+                    arguments.append(compiler.status(emit.fields[0].value))
                 case "value":
                     kind = self._context.output_ports.get(emit.interface)
                     arguments.append(compiler.value(emit.fields[0].value, kind))

@@ -238,13 +238,11 @@ class ContentReader:
         fields: tuple[Field, ...] = ()
         match output.kind:
             case OutputKind.BT_RETURN_STATUS:
-                status = require(element, "status", self._log)
-                if status and status not in STATUSES:
-                    what = f"`{status}` is not a status"
-                    hint = f"one of {', '.join(STATUSES)}"
-                    at = element.at("status")
-                    self._log.error("bad-status", at, element.tag, what, hint)
-                value = Literal(value=status, position=element.at("status"))
+                status = require(element, "status", self._log).strip()
+                at = element.at("status")
+                value: Expression = Variable(name=status, position=at)
+                if not status or status in STATUSES:
+                    value = Literal(value=status, position=at)
                 fields = (Field("status", value, element.position),)
             case OutputKind.BT_SET_OUTPUT:
                 interface = require(element, "key", self._log)

@@ -126,9 +126,7 @@ class OutputKind(StrEnum):
     CANCEL = "cancel"
     START_THREAD = "start_thread"
     THREAD_FREE = "thread_free"
-    BT_RETURN_STATUS = (
-        "bt_return_status"  # fields: status (a string literal SUCCESS/FAILURE/RUNNING)
-    )
+    BT_RETURN_STATUS = "bt_return_status"  # fields: status (a literal of STATUSES, or a variable)
     BT_RETURN_HALTED = "bt_return_halted"
     BT_SET_OUTPUT = "bt_set_output"  # interface: the port's key; fields: value
     BT_TICK_CHILD = "bt_tick_child"  # interface: the child's index

@@ -177,6 +177,26 @@ def type_name(value: Any) -> str:
             return "object"
 
 
+STATUS_NUMBERS = {"SUCCESS": 1, "FAILURE": 2, "RUNNING": 3}
+"""The statuses of a behaviour tree's nodes by name, and the numbers that stand for them in AS2FM."""
+_STATUS_NAMES: dict[int | float, str] = {number: name for name, number in STATUS_NUMBERS.items()}
+
+
+def to_status(value: Any) -> str:
+    """The name of a status that a variable holds, by name or by number.
+
+    Raises:
+        ExecutionError: it is neither.
+    """
+    name = value if isinstance(value, str) else None
+    if value.__class__ is int or value.__class__ is float:
+        name = _STATUS_NAMES.get(value)
+    if name not in STATUS_NUMBERS:
+        raise unfit(value, "a status")
+    assert name is not None
+    return name
+
+
 # -- to a declared type -----------------------------------------------------------------------------
 
 Convert = Callable[[Any], Any]

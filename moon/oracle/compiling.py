@@ -441,6 +441,9 @@ def _message_writer(
     if structure is None:
         if not emit.fields:
             return lambda step: None
+        if emit.kind is OutputKind.BT_RETURN_STATUS:
+            status = closures.status(emit.fields[0].value)
+            return lambda step: {"status": status(step)}
         values = [(field.name, closures.value(field.value, port)) for field in emit.fields]
         return lambda step: {name: value(step) for name, value in values}
     template = zero(structure)

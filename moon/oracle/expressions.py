@@ -98,6 +98,22 @@ class Closures:
 
         return converted
 
+    def status(self, node: Expression) -> Evaluate:
+        """A closure for the name of the status that ``node`` is: a literal, or a variable that holds one."""
+        evaluate = self._compile(node)
+        if isinstance(node, Literal):
+            return evaluate
+
+        def name(step: Step) -> Any:
+            value = evaluate(step)
+            if not unknowns.is_unknown(value):
+                return ecmascript.to_status(value)
+            if not step.either():
+                raise ecmascript.ExecutionError("a value that is not known may be no status")
+            return unknowns.anything()
+
+        return name
+
     def _array(self, elements: tuple[Expression, ...], target: Array) -> Evaluate:
         if not elements and target.fixed:
             return lambda step: zero(target)
