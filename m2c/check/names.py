@@ -72,6 +72,7 @@ def _check_machine(machine: Machine, log: DiagnosticLog) -> bool:
 
 
 def _check_declarations(machine: Machine, naming: Naming, log: DiagnosticLog) -> None:
+    declared = {port.key for port in machine.ports}
     for interface in machine.interfaces:
         is_timer = interface.kind is InterfaceKind.TIMER
         at = interface.position
@@ -83,7 +84,7 @@ def _check_declarations(machine: Machine, naming: Naming, log: DiagnosticLog) ->
             if fine and not is_timer:
                 kind = CHANNEL_KINDS[interface.kind]
                 check_channel(kind, interface.channel, at, "", naming, log)
-        if interface.port is not None:
+        if interface.port is not None and interface.port not in declared:
             _check(interface.port, "the port", at, "", log)
     for port in machine.ports:
         _check(port.key, "the port", port.position, "", log)

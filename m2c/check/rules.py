@@ -117,6 +117,7 @@ _WARNINGS = {
     "xml-prologue": "blank lines before the XML declaration",
     "xml-namespace": "the namespace is not SCXML's",
     "leaf-kind": "a leaf is written as a condition and served as an action, or the other way round",
+    "output-read": "a plugin reads one of its output ports",
     "unset-port": "a plugin's port reads an entry of the blackboard that nothing sets",
     "unserved-leaf": "no node of the system answers the leaf's ticks",
 }

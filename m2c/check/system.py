@@ -66,7 +66,7 @@ def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) 
     ]
     _check_ends(ends, log)
     if not incomplete:
-        _check_counterparts(ends, system.policy is not None, log)
+        _check_counterparts(ends, _named_by_ports(system), system.policy is not None, log)
 
 
 def _check_policy_node(system: System, log: DiagnosticLog) -> None:
@@ -115,7 +115,22 @@ def _check_ends(ends: list[_End], log: DiagnosticLog) -> None:
                 )
 
 
-def _check_counterparts(ends: list[_End], whole: bool, log: DiagnosticLog) -> None:
+def _named_by_ports(system: System) -> set[tuple[InterfaceKind, str]]:
+    """Kind and type of the ends whose channels only the policy names."""
+    return {
+        (interface.kind, interface.type_name)
+        for plugin in system.plugins
+        for interface in plugin.interfaces
+        if interface.channel is None
+    }
+
+
+def _check_counterparts(
+    ends: list[_End],
+    named_by_ports: set[tuple[InterfaceKind, str]],
+    whole: bool,
+    log: DiagnosticLog,
+) -> None:
     for end in ends:
         if end.interface.kind not in _COUNTERPARTS:
             continue
@@ -123,6 +138,8 @@ def _check_counterparts(ends: list[_End], whole: bool, log: DiagnosticLog) -> No
         others = [other for other in ends if other.interface.kind is wanted]
         if any(other.channel == end.channel for other in others):
             continue
+        if (wanted, end.interface.type_name) in named_by_ports:
+            continue  # it may be this one
         near = [
             other.channel
             for other in others

@@ -15,6 +15,7 @@ from m2c.model.datatypes import (
     Structure,
     describe,
     is_integer,
+    is_number,
 )
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.expressions import Expression, Variable
@@ -35,9 +36,10 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.scopes import event_parts, output_data_type
+from m2c.model.scopes import event_parts, output_data_type, readable_ports
 from m2c.model.typing import Scope, check_expression, nearest
 from m2c.model.vocabulary import OUTPUTS, STATUSES
+from m2c.model.walk import ports_read
 from m2c.runtime.conversion import STATUS_NUMBERS, ExecutionError
 
 _TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
@@ -69,10 +71,35 @@ def check_types(machine: Machine, library: InterfaceLibrary, log: DiagnosticLog)
             known = False
     if not known:
         return False
+    _check_given_by_ports(machine, log)
+    inputs = {port.key for port in machine.ports if not port.output}
+    outputs = {port.key for port in machine.ports if port.output} - inputs
+    for key, position in ports_read(machine).items():
+        if key in outputs:
+            what = f"`{key}` is an output port, which BehaviorTree.CPP does not let a node read"
+            hint = "its blackboard entry is read; zero or empty until something sets it"
+            log.warning("output-read", position, "bt_get_input", what, hint)
     _TypeCheck(machine, library, log).run()
     for thread in machine.threads:
         _TypeCheck(thread.machine, library, log).run()
     return True
+
+
+def _check_given_by_ports(machine: Machine, log: DiagnosticLog) -> None:
+    """Report interfaces whose channel or rate comes from a port that is not declared, or of another type."""
+    ports = {port.key: port.type for port in machine.ports if not port.output}
+    for interface in machine.interfaces:
+        if interface.port is None:
+            continue
+        kind = ports.get(interface.port)
+        if kind is None:
+            hint = nearest(interface.port, ports) or "declare it with <bt_declare_port_in>"
+            what = f"port `{interface.port}` is not declared"
+            log.error("undeclared-port", interface.position, "", what, hint)
+        elif interface.kind is InterfaceKind.TIMER and kind != ANY and not is_number(kind):
+            what = f"the rate of `{interface.name}` is the value of port `{interface.port}`"
+            hint = f"it has type {describe(kind)}; a rate is a number"
+            log.error("type-mismatch", interface.position, "", what, hint)
 
 
 class _TypeCheck:
@@ -81,7 +108,7 @@ class _TypeCheck:
         self._library = library
         self._log = log
         self._variables: dict[str, DataType] = {data.name: data.type for data in machine.data}
-        self._ports = {port.key: port.type for port in machine.ports if not port.output}
+        self._ports = readable_ports(machine)
 
     def run(self) -> None:
         known: dict[str, DataType] = {}

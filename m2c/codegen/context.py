@@ -10,6 +10,7 @@ from m2c.model.datatypes import ANY, Array, DataType, Structure
 from m2c.model.expressions import Literal, Unary
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Assign, Data, Machine
+from m2c.model.scopes import readable_ports
 from m2c.model.typing import Scope
 from m2c.model.walk import root_of, statements_of
 
@@ -49,7 +50,7 @@ class MachineContext:
         for state in machine.states:
             taken = self._state_names.values()
             self._state_names[state.name] = constant(state.name, taken)
-        self._ports = {port.key: port.type for port in machine.ports if not port.output}
+        self._ports = readable_ports(machine)
         self.output_ports = {port.key: port.type for port in machine.ports if port.output}
 
     def attribute(self, variable: str) -> Source:

@@ -148,6 +148,7 @@ class _NodeFacts:
             tuple((name(word), handler) for word, handler in named.items() if handler is not None),
             interface.name if timer else "",
             interface.rate_hz,
+            interface.port if timer else None,
             self._each(EventKind.TIMER, interface) if timer else (),
         )
 

@@ -213,6 +213,7 @@ class Endpoint(Fact, frozen=True):
             response and error; of an action server: goal and cancel.
         named: handlers of an action client, by keyword.
         timer: the model's name of a timer; ``rate_hz``: how often a second it fires.
+        rate_port: the port that says so instead.
         each: methods of each thread that a timer calls: the node's attribute with the threads, method.
     """
 
@@ -223,6 +224,7 @@ class Endpoint(Fact, frozen=True):
     named: Parameters = ()
     timer: str = ""
     rate_hz: float = 0.0
+    rate_port: str | None = None
     each: Parameters = ()
 
 

@@ -8,6 +8,7 @@ from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.expressions import ArrayLiteral, Expression, Literal, ObjectLiteral, PortInput
 from m2c.model.interfaces import InterfaceLibrary, canonical
 from m2c.model.machine import Data, Interface, InterfaceKind, Port
+from m2c.model.naming import absolute
 from m2c.model.structure import check_element, number, require
 from m2c.model.types import parse_type
 from m2c.model.typing import Scope, type_of
@@ -37,7 +38,9 @@ class DeclarationReader:
             self._declare_channel(element)
         elif element.tag == "ros_time_rate":
             name = require(element, "name", self._log)
-            written = require(element, "rate_hz", self._log)
+            written, port = self._given(element, "rate_hz")
+            if not written and not port:
+                require(element, "rate_hz", self._log)
             rate = number(written)
             if written and (rate is None or rate <= 0):
                 self._log.error(
@@ -53,7 +56,8 @@ class DeclarationReader:
                     name=name,
                     position=element.position,
                     channel=name,
-                    rate_hz=rate or 1.0,
+                    port=port or None,
+                    rate_hz=0.0 if port else rate or 1.0,
                 )
             )
         elif element.tag in ("bt_declare_port_in", "bt_declare_port_out"):
@@ -65,23 +69,15 @@ class DeclarationReader:
     def _declare_channel(self, element: Element) -> None:
         kind, attribute, folder = DECLARATIONS[element.tag]
         short = attribute.removesuffix("_name")
-        channel = element.get(attribute) or element.get(short)
-        port = ""
-        child = element.first(attribute) or element.first(short)
-        if child is not None:
-            lookup = child.first("bt_get_input")
-            port = require(lookup, "key", self._log) if lookup is not None else ""
-            channel = channel or child.text.strip()
-        type_child = element.first("type")
-        written = element.get("type") or (type_child.text.strip() if type_child is not None else "")
+        channel, port = self._given(element, attribute, short)
+        written, _ = self._given(element, "type")
         if not written:
             require(element, "type", self._log)
         if not channel and not port:
             hint = f'write {attribute}="/…"'
             what = f"the attribute `{attribute}` is missing"
             self._log.error("missing-attribute", element.position, element.tag, what, hint)
-        if channel and not channel.startswith("/"):
-            channel = f"/{channel}"
+        channel = absolute(channel) if channel else ""
         self._add(
             Interface(
                 kind=kind,
@@ -92,6 +88,16 @@ class DeclarationReader:
                 port=port or None,
             )
         )
+
+    def _given(self, element: Element, *names: str) -> tuple[str, str]:
+        """What an attribute or a child of one of these names says, and the port that says it at run time."""
+        written = next((element.get(name) for name in names if element.get(name)), "")
+        child = next(iter(element.all(*names)), None)
+        if child is None:
+            return written, ""
+        lookup = child.first("bt_get_input")
+        port = require(lookup, "key", self._log) if lookup is not None else ""
+        return written or child.text.strip(), port
 
     def _add(self, interface: Interface) -> None:
         for known in self.interfaces:

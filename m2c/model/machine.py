@@ -61,8 +61,8 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
             outputs refer to this name, which is unique within one ``kind`` of a machine.
         channel: absolute channel name; None where ``port`` gives it at run time; the timer's name.
         type_name: canonical ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``; "" for timers.
-        port: the BT input port whose value is the channel (``<bt_get_input key=…/>``), if any.
-        rate_hz: timers only.
+        port: the BT input port whose value is the channel, or the timer's rate (``<bt_get_input key=…/>``).
+        rate_hz: timers only; 0 where ``port`` gives it.
         best_effort, transient_local: topics only: messages may be dropped; who comes late gets the last one.
     """
 

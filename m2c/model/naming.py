@@ -39,6 +39,11 @@ ANYWHERE = Naming()
 """No transport is asked: only what none of them takes is refused."""
 
 
+def absolute(channel: str) -> str:
+    """The name of a channel as others know it: where it is written, its first ``/`` may be left out."""
+    return channel if channel.startswith("/") else f"/{channel}"
+
+
 def check_node(
     name: str, position: Position, element: str, naming: Naming, log: DiagnosticLog
 ) -> None:

@@ -38,6 +38,12 @@ _OUTPUT_INTERFACES = {
 }
 
 
+def readable_ports(machine: Machine) -> dict[str, DataType]:
+    """Type of every port of ``machine`` that ``<bt_get_input>`` reads, outputs included."""
+    by_direction = sorted(machine.ports, key=lambda port: not port.output)
+    return {port.key: port.type for port in by_direction}
+
+
 def interface_kind_of(kind: EventKind | OutputKind) -> InterfaceKind | None:
     """The kind of interface that an event comes from or an output leaves by; None if by none."""
     if isinstance(kind, EventKind):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from m2c.model.expressions import Expression, Index, Member, Variable, children
+from m2c.model.diagnostics import Position
+from m2c.model.expressions import Expression, Index, Member, PortInput, Variable, children
 from m2c.model.machine import (
     Assign,
     Emit,
@@ -63,6 +64,15 @@ def expressions_of(machine: Machine) -> Iterator[Expression]:
                 yield from (test for test, _ in branches if test is not None)
             case Log(value=value) if value is not None:
                 yield value
+
+
+def ports_read(machine: Machine) -> dict[str, Position]:
+    """The ports that ``<bt_get_input>`` reads in content and data, and where first."""
+    found: dict[str, Position] = {}
+    for expression in expressions_of(machine):
+        if isinstance(expression, PortInput):
+            found.setdefault(expression.key, expression.position)
+    return found
 
 
 def events_of(machine: Machine) -> list[Event]:

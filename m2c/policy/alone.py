@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.naming import ANYWHERE, Naming, check_channel
+from m2c.model.naming import ANYWHERE, Naming, absolute, check_channel
 from m2c.model.system import MODEL_SUFFIXES, POLICY_ROOT
 from m2c.model.xml import Element, read_xml
 from m2c.policy.tree import BUILTINS, LeafKind, PolicyFile
@@ -47,8 +47,9 @@ def check_policy(path: Path, log: DiagnosticLog, naming: Naming = ANYWHERE) -> N
         for key in _ADDRESSES:
             address = leaf.get(key)
             if address and not address.startswith("{"):
-                channel = address if address.startswith("/") else f"/{address}"
-                check_channel("service", channel, leaf.position, leaf.element, naming, log)
+                check_channel(
+                    "service", absolute(address), leaf.position, leaf.element, naming, log
+                )
     what = (
         "checked without its system: not whether its leaves are served, their types and their ports"
     )

@@ -15,6 +15,7 @@ from m2c.model.datatypes import is_integer
 from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.interfaces import ServiceType
 from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.naming import absolute
 from m2c.model.system import System
 from m2c.model.typing import nearest
 from m2c.policy.plugins import PortValue, check_children, port_values, referenced_entry
@@ -263,7 +264,7 @@ class _Binder:
         return ""
 
     def _channel(self, node: LeafNode, written: str) -> str:
-        channel = written if written.startswith("/") else f"/{written}"
+        channel = absolute(written)
         if channel.endswith(_MONITOR_SUFFIX) and channel not in self._servers:
             what = f"the suffix `{_MONITOR_SUFFIX}` of {channel} is ignored"
             hint = "moon monitors passively"

@@ -119,7 +119,7 @@ class _Place:
 
     def start(self) -> None:
         """Start the machine; one that was there before is heard no more."""
-        self._talk = _Talk(self._transport)
+        self._talk = _Talk(self._transport, self._inputs)
         self._machine = self._node_class(
             self._transport, self._talk, NodeSettings(self._timeout_s), self._inputs
         )
@@ -168,8 +168,10 @@ class _Place:
         self.children.halt_all()
 
     def _read_inputs(self) -> None:
+        newer = self._talk.not_yet_written() if self._machine is not None else ()
         for port in self._leaf.inputs:
-            self._inputs[port.key] = read_port(port, self.node)
+            if port.key not in newer:
+                self._inputs[port.key] = read_port(port, self.node)
 
     def _ask(self, event: Callable[[], object]) -> str | None:
         """Send ``event`` and do what the machine says until it answers; None if it does not."""
@@ -227,11 +229,13 @@ class _Place:
 class _Talk:
     """What one machine says; ``send`` is the tree's end, all else runs on the executor.
 
-    A machine that the tree has given up talks to nobody.
+    A machine that the tree has given up talks to nobody. ``inputs`` are the values of its ports: what it
+    writes to a port that it reads, it reads from then on.
     """
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Transport, inputs: dict[str, Any]) -> None:
         self._transport = transport
+        self._inputs = inputs
         self._said: list[_Said] = []
         self._waiting: Completion | None = None
 
@@ -250,6 +254,10 @@ class _Talk:
         self._transport.post(begin)
         return waiting
 
+    def not_yet_written(self) -> set[str]:
+        """The output ports whose values have not reached the blackboard."""
+        return {what.key for what in tuple(self._said) if isinstance(what, _Output)}
+
     def return_status(self, status: str) -> None:
         self._say(_Answer(status))
 
@@ -257,6 +265,8 @@ class _Talk:
         self._say(_Answer("HALTED"))
 
     def set_output(self, key: str, value: object) -> None:
+        if key in self._inputs:
+            self._inputs[key] = value
         self._say(_Output(key, value))
 
     def tick_child(self, child: int) -> None:

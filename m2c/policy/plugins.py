@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 
 import msgspec
 
 from m2c.model.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive, describe
 from m2c.model.diagnostics import DiagnosticLog
-from m2c.model.machine import EventKind, Machine, OutputKind
-from m2c.model.walk import emits_of, events_of
+from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
+from m2c.model.naming import absolute
+from m2c.model.walk import emits_of, events_of, ports_read
 from m2c.policy.tree import LeafNode
 
 CHILDREN_COUNT = "CHILDREN_COUNT"
 """The input port by which a control node learns how many children it has (AS2FM)."""
 
 _REFERENCE = re.compile(r"\{\s*(=|@?[A-Za-z_][\w.]*)\s*\}")
+_ZEROS: dict[str, bool | int | float | str] = {"bool": False, "int": 0, "double": 0.0, "string": ""}
 _CHILD_EVENTS = (EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED)
 _CHILD_OUTPUTS = (OutputKind.BT_TICK_CHILD, OutputKind.BT_HALT_CHILD)
 
@@ -28,13 +31,15 @@ class PortValue(msgspec.Struct, frozen=True, kw_only=True):
         key: the port.
         kind: ``bool``, ``int``, ``double`` or ``string``: how its value is kept on the blackboard.
         entry: the blackboard entry it is connected to; empty if it has a value of its own.
-        value: that value.
+        value: that value; with an entry that ``may_be_missing``, the value meanwhile.
+        may_be_missing: whether the port can be read while its entry does not exist.
     """
 
     key: str
     kind: str
     entry: str = ""
     value: bool | int | float | str = ""
+    may_be_missing: bool = False
 
 
 def referenced_entry(written: str, key: str) -> str:
@@ -75,7 +80,15 @@ def port_values(
 
     Rule reported: ``leaf-port``.
     """
-    channels = {interface.port for interface in plugin.interfaces if interface.port}
+    channels = {item.port for item in plugin.interfaces if item.kind is not InterfaceKind.TIMER}
+    rates = {item.port for item in plugin.interfaces if item.kind is InterfaceKind.TIMER}
+    fixed = {
+        **dict.fromkeys(rates, "a timer's rate"),
+        **dict.fromkeys(channels, "a channel's name"),
+    }
+    owners = (plugin, *(thread.machine for thread in plugin.threads))
+    read = {key for owner in owners for key in ports_read(owner)}
+    read_back = read - {port.key for port in plugin.ports if not port.output}
     inputs: list[PortValue] = []
     outputs: list[PortValue] = []
     known = {port.key for port in plugin.ports} | {CHILDREN_COUNT}
@@ -109,22 +122,32 @@ def port_values(
                 f"the output port `{port.key}` is `{text}`, which is not a blackboard entry",
                 f'write {port.key}="{{{port.key}}}"',
             )
-        elif entry and port.key in channels:
+        elif entry and port.key in fixed:
             problem = (
                 f"`{port.key}` is the blackboard entry `{text}`",
-                f"`{plugin.name}` takes a channel's name from it: write it out",
+                f"`{plugin.name}` takes {fixed[port.key]} from it: write it out",
             )
         if problem is None and kind is not None and text is not None:
             if port.output:
                 outputs.append(PortValue(key=port.key, kind=kind, entry=entry))
+                if port.key in read_back:
+                    zero = _ZEROS[kind]
+                    made = PortValue(
+                        key=port.key, kind=kind, entry=entry, value=zero, may_be_missing=True
+                    )
+                    inputs.append(made)
                 continue
             value = "" if entry else _value(text, kind)
-            if port.key in channels and not text.startswith("/"):
-                value = f"/{text}"  # a channel's name is absolute, as where a model writes it
-            if value is not None:
+            if port.key in channels:
+                value = absolute(text)
+            is_rate = port.key in rates and isinstance(value, int | float)
+            if value is not None and not (is_rate and not 0 < float(value) < math.inf):
                 inputs.append(PortValue(key=port.key, kind=kind, entry=entry, value=value))
                 continue
-            problem = (f"`{port.key}` is `{text}`", f"the port has type {describe(port.type)}")
+            wanted = f"the port has type {describe(port.type)}"
+            if is_rate:
+                wanted = f"`{plugin.name}` takes a timer's rate from it: a number greater than 0"
+            problem = (f"`{port.key}` is `{text}`", wanted)
         assert problem is not None
         log.error("leaf-port", node.position, node.element, *problem)
         return None

@@ -115,7 +115,7 @@ def _check_channels(
         (plugin.name, interface.port): CHANNEL_KINDS[interface.kind]
         for plugin in system.plugins
         for interface in plugin.interfaces
-        if interface.port
+        if interface.port and interface.kind in CHANNEL_KINDS
     }
     for leaf in leaves:
         named = [("service", leaf.tick), ("service", leaf.halt)]

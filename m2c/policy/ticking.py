@@ -39,6 +39,10 @@ class PolicyError(Exception):
     """BehaviorTree.CPP refuses the tree, or cannot go on with it; the text says why."""
 
 
+_MISSING = "Missing key"
+"""What BehaviorTree.CPP says of an entry that does not exist."""
+
+
 class PortError(Exception):
     """A value cannot be read from or written to the blackboard; the text names port and entry."""
 
@@ -87,7 +91,7 @@ def read_port(port: PortValue, node: TreeNode) -> bool | int | float | str:
     """The value of an input port, from the blackboard that ``node`` sees.
 
     Raises:
-        PortError: the entry does not exist, or is not of the port's type.
+        PortError: the entry does not exist and must, or is not of the port's type.
     """
     if not port.entry:
         return port.value
@@ -95,6 +99,8 @@ def read_port(port: PortValue, node: TreeNode) -> bool | int | float | str:
     try:
         value: bool | int | float | str = getattr(board, f"get_{port.kind}")(port.entry)
     except RuntimeError as error:
+        if port.may_be_missing and _MISSING in str(error):
+            return port.value
         raise PortError(
             f"its port `{port.key}` cannot be read from the blackboard entry `{port.entry}` "
             f"as {port.kind}: {error}"

@@ -30,7 +30,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.scopes import event_parts, output_data_type
+from m2c.model.scopes import event_parts, output_data_type, readable_ports
 from m2c.model.typing import Scope, type_of
 from m2c.model.values import zero
 from m2c.model.walk import flat, root_of, variables_of
@@ -264,7 +264,7 @@ class Compiler:
         return program
 
     def _closures(self, parts: Mapping[str, DataType]) -> Closures:
-        ports = {port.key: port.type for port in self._machine.ports if not port.output}
+        ports = readable_ports(self._machine)
         return Closures(self._variables, Scope(self._types, parts, ports), self._symbolic)
 
     def _transition(self, transition: Transition) -> TransitionProgram:
@@ -507,7 +507,7 @@ def live_variables(
         for name in variables_of(transition.cond)
     }
     types = {data.name: data.type for data in machine.data}
-    ports = {port.key: port.type for port in machine.ports if not port.output}
+    ports = readable_ports(machine)
     assigns: list[Assign] = []
     for statement, parts in _statements(machine, library, owner or machine):
         certainty = Certainty(Scope(types, parts, ports))

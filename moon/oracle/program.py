@@ -14,7 +14,7 @@ from m2c.model.datatypes import BOOL, STRING, DataType, Structure, is_integer
 from m2c.model.expressions import ObjectLiteral
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import ActionThread, Assign, EventKind, InterfaceKind, Machine, OutputKind
-from m2c.model.scopes import event_parts, interface_kind_of
+from m2c.model.scopes import event_parts, interface_kind_of, readable_ports
 from m2c.model.typing import Scope
 from m2c.model.values import zero
 from m2c.model.walk import root_of, statements_of
@@ -103,7 +103,7 @@ class MachineProgram:
         """The datamodel before the first step."""
         made: list[Any] = []
         step = Step(self.initial, (), None, {}, [])
-        ports = {port.key: port.type for port in self.machine.ports if not port.output}
+        ports = readable_ports(self.machine)
         closures = Closures(self.variables, Scope(self._types, {}, ports), True)
         for data in self.machine.data:
             if isinstance(data.initial, ObjectLiteral) and not data.initial.entries:

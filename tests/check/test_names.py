@@ -46,6 +46,7 @@ def model(names: dict[str, str]) -> bytes:
     etree.SubElement(root, "bt_declare_port_in", key=of("in"), type="int32")
     etree.SubElement(root, "bt_declare_port_out", key=of("out"), type="int32")
     etree.SubElement(root, "ros_time_rate", name=of("timer"), rate_hz="1")
+    etree.SubElement(root, "bt_declare_port_in", key=of("lookup"), type="string")
     topic = f"/{of('topic')}"
     attributes = {"name": of("publisher"), "topic": topic, "type": "std_msgs/Int32"}
     etree.SubElement(root, "ros_topic_publisher", attributes)

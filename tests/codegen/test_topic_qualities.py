@@ -62,6 +62,16 @@ def read(folder: Path, topic: str) -> System:
     return system
 
 
+def test_a_topic_may_be_named_without_its_first_slash(tmp_path: Path) -> None:
+    path = written(tmp_path, 'reliability="best_effort"')
+    path.write_text(path.read_text().replace('topic name="/t"', 'topic name="t"'))
+    log = DiagnosticLog()
+    system = load([path], log)
+    assert system is not None, log.diagnostics
+    lossy = [i.channel for machine in system.nodes for i in machine.interfaces if i.best_effort]
+    assert lossy == ["/t", "/t"]
+
+
 def node_classes(folder: Path, topic: str) -> list[Any]:
     """The generated node classes of the talker and the listener."""
     system = read(folder, topic)

@@ -313,6 +313,11 @@ RULE_EXAMPLES: dict[str, Example] = {
     "xml-prologue": Example({"m.scxml": f'\n<?xml version="1.0"?>{machine(STATE)}'}),
     "xml-namespace": Example({"m.scxml": f'<scxml xmlns="..." name="M">{STATE}</scxml>'}),
     "leaf-kind": main_tree(LEAF.replace("Action ID", "Condition ID")),
+    "output-read": model(
+        '<bt_declare_port_out key="n" type="int32"/><datamodel><data id="n" type="int32"/></datamodel>'
+        '<state id="a"><bt_tick><assign location="n"><expr><bt_get_input key="n"/></expr></assign>'
+        '<bt_set_output key="n" expr="n + 1"/><bt_return_status status="SUCCESS"/></bt_tick></state>'
+    ),
     "unset-port": main_tree('<Action ID="Visit" name="Go" poi="{poi}"/>'),
     "unserved-leaf": main_tree(LEAF.replace("/Skill", "/Skil")),
     "ignored-element": system(extra="<properties/>"),
