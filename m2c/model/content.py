@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.durations import parse_duration
 from m2c.model.ecmascript import parse_expression, parse_location
-from m2c.model.expressions import Expression, Literal, PortInput, Variable
+from m2c.model.expressions import EventPart, Expression, Literal, PortInput, Variable
+from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,
     Cancel,
@@ -22,6 +23,7 @@ from m2c.model.machine import (
     Raise,
     Statement,
 )
+from m2c.model.scopes import parts_in_data
 from m2c.model.structure import check_element, require
 from m2c.model.typing import nearest
 from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, STATUSES, UNSUPPORTED
@@ -33,11 +35,25 @@ _LEGACY_SENDS = {
 
 
 class ContentReader:
-    """Reads expressions and statements of one machine, given its declared interfaces."""
+    """Reads expressions and statements of one machine, given its declared interfaces.
 
-    def __init__(self, log: DiagnosticLog, interfaces: tuple[Interface, ...]) -> None:
+    ``parts_in_data``: see :func:`m2c.model.ecmascript.parse_expression`.
+    """
+
+    def __init__(
+        self,
+        log: DiagnosticLog,
+        interfaces: tuple[Interface, ...],
+        parts_in_data: Collection[EventPart] = (),
+    ) -> None:
         self._log = log
         self._interfaces = interfaces
+        self._parts_in_data = parts_in_data
+
+    def inside(self, event: Event | None, library: InterfaceLibrary) -> ContentReader:
+        """A reader of what stands in a transition on ``event``."""
+        parts = () if event is None else parts_in_data(event, self._interfaces, library)
+        return ContentReader(self._log, self._interfaces, parts)
 
     # -- names --------------------------------------------------------------------------------
 
@@ -86,7 +102,7 @@ class ContentReader:
         """The expression in ``attribute``, in a child ``<expr>`` or ``<bt_get_input>``."""
         if attribute in element.attributes:
             text = element.attributes[attribute]
-            return parse_expression(text, element.at(attribute), element.tag, self._log)
+            return self._parsed(text, element.at(attribute), element)
         if attribute == "expr":
             holder = element.first("expr") or element
             lookup = holder.first("bt_get_input")
@@ -95,10 +111,13 @@ class ContentReader:
                 return PortInput(key=require(lookup, "key", self._log), position=lookup.position)
             text = holder.text.strip()
             if text:
-                return parse_expression(text, holder.position, element.tag, self._log)
+                return self._parsed(text, holder.position, element)
         if not optional:
             require(element, attribute, self._log)
         return None
+
+    def _parsed(self, text: str, position: Position, element: Element) -> Expression | None:
+        return parse_expression(text, position, element.tag, self._log, self._parts_in_data)
 
     def fields_of(self, element: Element, tag: str) -> tuple[Field, ...]:
         """The ``<field>`` or ``<param>`` children of ``element``."""

@@ -7,6 +7,7 @@ models use and reports everything else. Nothing is ever evaluated here.
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from typing import Any, cast
 
 from m2c.model.diagnostics import DiagnosticLog, Position
@@ -93,9 +94,15 @@ class _Outside(Exception):
 
 
 def parse_expression(
-    text: str, position: Position, element: str, log: DiagnosticLog
+    text: str,
+    position: Position,
+    element: str,
+    log: DiagnosticLog,
+    parts_in_data: Collection[EventPart] = (),
 ) -> Expression | None:
     """Parse ``text``, which starts at ``position`` in an attribute of ``element``.
+
+    ``parts_in_data`` are parts of the event that ``_event.data`` has as well.
 
     Returns None after reporting rule ``bad-expression`` (not ECMAScript) or
     ``unsupported-expression`` (outside the sub-language).
@@ -108,7 +115,7 @@ def parse_expression(
     try:
         _bound(stripped)
         tree = _parse_text(stripped)
-        return _Converter(stripped, position, lead).convert(tree)
+        return _Converter(stripped, position, lead, parts_in_data).convert(tree)
     except _Outside as outside:
         at = _shift(position, lead + outside.offset)
         shown = stripped if len(stripped) <= 80 else stripped[:77] + "..."
@@ -201,9 +208,12 @@ def _shift(position: Position, columns: int) -> Position:
 class _Converter:
     """ESTree to our tree."""
 
-    def __init__(self, text: str, position: Position, lead: int) -> None:
+    def __init__(
+        self, text: str, position: Position, lead: int, parts_in_data: Collection[EventPart]
+    ) -> None:
         self._text = text
         self._start = _shift(position, lead)
+        self._parts_in_data = parts_in_data
 
     def convert(self, node: Any) -> Expression:
         method = getattr(self, f"_{node.type}", None)
@@ -287,7 +297,12 @@ class _Converter:
             raise self._unsupported(node, f"`Math.{name}` is not a constant")
         if inner.type == "Identifier" and inner.name in _ROOTS - _DATA_ROOTS:
             return self._event_member(node, inner.name, name)
-        return Member(object=self.convert(inner), name=name, position=self._at(node))
+        holder = self.convert(inner)
+        if isinstance(holder, EventData) and holder.spelling == "_event.data":
+            part = next((part for part in self._parts_in_data if part == name), None)
+            if part is not None:
+                return EventData(part=part, spelling=f"_event.data.{name}", position=self._at(node))
+        return Member(object=holder, name=name, position=self._at(node))
 
     def _event_member(self, node: Any, root: str, name: str) -> Expression:
         at = self._at(node)

@@ -114,7 +114,7 @@ class MachineReader:
         if not elements:
             self._log.error("no-states", root.position, root.tag, "the machine has no <state>")
             return None
-        reader = StateReader(self._log, content, names)
+        reader = StateReader(self._log, content, names, self._library)
         states = tuple(reader.read(element) for element in elements)
         seen: set[str] = set()
         for element, name in zip(elements, names, strict=True):

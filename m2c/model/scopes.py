@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from m2c.model.datatypes import ANY, INT32, INT64, STRING, DataType, Structure
+from m2c.model.expressions import EventPart
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Event, EventKind, InterfaceKind, Machine, OutputKind
+from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine, OutputKind
 
 _EVENT_INTERFACES = {
     EventKind.MESSAGE: InterfaceKind.SUBSCRIBER,
@@ -67,6 +70,14 @@ def event_parts(
         return {"status": STRING}
     data = event_data_type(event, machine, library)
     parts: dict[str, DataType] = {} if data is None else {"data": data}
+    for part, kind in _action_parts(event).items():
+        parts[part] = kind
+    return parts
+
+
+def _action_parts(event: Event) -> dict[EventPart, DataType]:
+    """What an event of an action has besides its message."""
+    parts: dict[EventPart, DataType] = {}
     kind = interface_kind_of(event.kind)
     if kind in (InterfaceKind.ACTION_SERVER, InterfaceKind.ACTION_CLIENT):
         parts["goal_id"] = INT64
@@ -77,13 +88,37 @@ def event_parts(
     return parts
 
 
+def parts_in_data(
+    event: Event, interfaces: Iterable[Interface], library: InterfaceLibrary
+) -> frozenset[EventPart]:
+    """Parts of ``event`` that are written as fields of its data too, ``_event.data.thread_id`` (as in AS2FM).
+
+    A field of that name in the message itself comes first.
+    """
+    parts = _action_parts(event)
+    kind = interface_kind_of(event.kind)
+    declared = (known for known in interfaces if known.kind is kind and known.name == event.name)
+    interface = next(declared, None)
+    if not parts or interface is None:
+        return frozenset()
+    try:
+        data = _data_type(event.kind, interface, library)
+    except KeyError:
+        data = None  # reported where it is declared
+    return frozenset(part for part in parts if data is None or data.field(part) is None)
+
+
 def event_data_type(event: Event, machine: Machine, library: InterfaceLibrary) -> Structure | None:
     """The message type that ``event`` carries, if it carries one."""
     kind = _EVENT_INTERFACES.get(event.kind)
     interface = machine.interface(event.name, kind) if kind is not None else None
-    if interface is None:
-        return None
-    match event.kind:
+    return None if interface is None else _data_type(event.kind, interface, library)
+
+
+def _data_type(
+    kind: EventKind, interface: Interface, library: InterfaceLibrary
+) -> Structure | None:
+    match kind:
         case EventKind.MESSAGE:
             return library.message(interface.type_name)
         case EventKind.REQUEST:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from m2c.model.content import ContentReader
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.durations import parse_duration
+from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, InterfaceKind, State, Target, Transition
 from m2c.model.structure import check_element, number, require
 from m2c.model.typing import nearest
@@ -21,9 +22,16 @@ LEGACY_EVENTS = {
 class StateReader:
     """Reads the states of one machine; ``names`` are the ids of all of them."""
 
-    def __init__(self, log: DiagnosticLog, content: ContentReader, names: list[str]) -> None:
+    def __init__(
+        self,
+        log: DiagnosticLog,
+        content: ContentReader,
+        names: list[str],
+        library: InterfaceLibrary,
+    ) -> None:
         self._log = log
         self._content = content
+        self._library = library
         self._names = frozenset(names)
 
     def read(self, element: Element) -> State:
@@ -76,13 +84,15 @@ class StateReader:
         tag = element.tag
         if tag == "ros_action_handle_goal_response":
             return self._goal_response(element)
-        cond = self._content.expression_of(element, "cond", optional=True)
-        targets = self._targets(element)
-        body = self._content.block([child for child in element.children if child.tag != "target"])
+        handled = self._content.handler_event(element) if tag in HANDLERS else None
+        content = self._content.inside(handled, self._library)
+        cond = content.expression_of(element, "cond", optional=True)
+        targets = self._targets(element, content)
+        body = content.block([child for child in element.children if child.tag != "target"])
         events: list[Event | None]
         after = None
-        if tag in HANDLERS:
-            events = [self._content.handler_event(element)]
+        if handled is not None:
+            events = [handled]
         elif element.get("after"):
             after = parse_duration(element.get("after"))
             if after is None:
@@ -128,18 +138,19 @@ class StateReader:
         ):
             target = require(element, attribute, self._log)
             self._check_target(target, element, attribute)
+            event = Event(kind, interface)
             found.append(
                 Transition(
-                    event=Event(kind, interface),
+                    event=event,
                     position=element.position,
                     targets=(Target(target),),
-                    body=self._content.block(element.children),
+                    body=self._content.inside(event, self._library).block(element.children),
                     element=element.tag,
                 )
             )
         return found
 
-    def _targets(self, element: Element) -> tuple[Target, ...]:
+    def _targets(self, element: Element, content: ContentReader) -> tuple[Target, ...]:
         written = element.get("target")
         children = list(element.all("target"))
         if written and children:
@@ -170,7 +181,7 @@ class StateReader:
             if probability is None:
                 probability = max(left, 0.0)
             left -= probability
-            targets.append(Target(name, probability, self._content.block(child.children)))
+            targets.append(Target(name, probability, content.block(child.children)))
         if len(targets) == 1:
             return (Target(targets[0].state, None, targets[0].body),)
         if children and abs(left) > 1e-9:

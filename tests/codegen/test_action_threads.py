@@ -1,0 +1,119 @@
+"""Threads of an action server in virtual time, with the oracle watching: whose goal it is and which thread's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from m2c.check import check_system
+from m2c.launch.in_process import SimulatedRun, compile_system
+from m2c.model import DiagnosticLog, load
+from moon.monitor.models import ModelMonitor
+from moon.verdict import Outcome
+from transports.interface import ObservationKind
+from transports.simulated import SimulatedTransport, SimulatedWorld
+
+HEAD = '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="{}" initial="idle">'
+SERVER = (
+    HEAD.format("Server")
+    + """
+<ros_action_server name="act" action_name="/do" type="t/Do"/>
+<ros_topic_publisher topic="/freed" type="std_msgs/Int32"/>
+<ros_action_thread name="act" n_threads="3" initial="ready">
+  <datamodel><data id="goal" type="int64"/><data id="me" type="int64"/></datamodel>
+  <state id="ready"><ros_action_handle_thread_start name="act" target="done">
+    <assign location="goal" expr="{root}.goal_id"/><assign location="me" expr="{root}.thread_id"/>
+  </ros_action_handle_thread_start></state>
+  <state id="done"><transition target="ready">
+    <ros_action_succeed name="act" goal_id="goal"><field name="n" expr="me"/></ros_action_succeed>
+    <ros_action_thread_free name="act"/>
+  </transition></state>
+</ros_action_thread>
+<datamodel><data id="next" type="int64" expr="2"/></datamodel>
+<state id="idle">
+  <ros_action_handle_goal name="act">
+    <ros_action_accept_goal name="act" goal_id="{root}.goal_id"/>
+    <ros_action_start_thread name="act" goal_id="{root}.goal_id" thread_id="next">
+      <field name="n" expr="_goal.n"/>
+    </ros_action_start_thread>
+  </ros_action_handle_goal>
+  <ros_action_handle_thread_free name="act" cond="{root}.thread_id &gt; 0">
+    <assign location="next" expr="{root}.thread_id - 1"/>
+    <ros_topic_publish name="/freed"><field name="data" expr="{root}.thread_id"/></ros_topic_publish>
+  </ros_action_handle_thread_free>
+</state></scxml>"""
+)
+CLIENT = (
+    HEAD.format("Client")
+    + """
+<ros_action_client name="act" action_name="do" type="t/Do"/>
+<ros_topic_publisher topic="/got" type="std_msgs/Int32MultiArray"/>
+<datamodel><data id="goal" type="int64"/></datamodel>
+<state id="idle"><onentry>
+  <ros_action_send_goal name="act"><field name="n" expr="1"/></ros_action_send_goal></onentry>
+  <ros_action_handle_goal_response name="act" accept="sent" reject="idle">
+    <assign location="goal" expr="_event.data.goal_id"/>
+  </ros_action_handle_goal_response>
+</state>
+<state id="sent">
+  <ros_action_handle_success_result name="act" cond="_event.data.goal_id == goal" target="rest">
+    <ros_topic_publish name="/got">
+      <field name="data" expr="[_event.data.n, _event.data.goal_id, _event.data.code]"/>
+    </ros_topic_publish>
+  </ros_action_handle_success_result>
+</state>
+<state id="rest"><transition after="200ms" target="idle"/></state></scxml>"""
+)
+ACTION = "int32 n\n---\nint32 n\n---\nint32 n\n"
+
+
+def ran(folder: Path, server: str, action: str = ACTION) -> tuple[dict[str, list[Any]], list[Any]]:
+    """What was published by topic, and the violations that the oracles of both nodes saw."""
+    path = folder / "interfaces" / "t" / "action" / "Do.action"
+    path.parent.mkdir(parents=True)
+    path.write_text(action)
+    (folder / "Server.scxml").write_text(server)
+    (folder / "Client.scxml").write_text(CLIENT)
+    log = DiagnosticLog()
+    system = load([folder], log)
+    assert system is not None, log.diagnostics
+    check_system(system, log)
+    assert not log.has_errors, log.diagnostics
+    world = SimulatedWorld(seed=1)
+    monitor = ModelMonitor(system.nodes, system.library, synchronised=True)
+    verdicts: list[Any] = []
+    published: dict[str, list[Any]] = {"/freed": [], "/got": []}
+
+    def hear(observation: Any) -> None:
+        verdicts.extend(monitor.feed(observation))
+        if observation.kind is ObservationKind.MESSAGE and observation.channel in published:
+            published[observation.channel].append(observation.data["data"])
+
+    for oracle in monitor.oracles.values():
+        oracle.start(world.now_ns)
+    listener = SimulatedTransport(world, "listener")
+    listener.tap([], hear)
+    listener.every(0.02, lambda: verdicts.extend(monitor.advance(world.now_ns)))
+    SimulatedRun(compile_system(system), world).run(0.9)
+    world.close()
+    return published, [item for item in verdicts if item.outcome is Outcome.VIOLATED]
+
+
+@pytest.mark.parametrize("root", ["_event", "_event.data"])
+def test_event_data_has_the_goal_and_the_thread_by_either_name(root: str, tmp_path: Path) -> None:
+    published, violations = ran(tmp_path, SERVER.replace("{root}", root))
+    assert published["/freed"] == [2, 1]
+    assert published["/got"][:3] == [[2, 1, 4], [1, 2, 4], [0, 3, 4]]
+    assert violations == []
+
+
+def test_a_field_of_the_goal_itself_is_that_field(tmp_path: Path) -> None:
+    action = f"int32 thread_id\n{ACTION}"
+    server = SERVER.replace("{root}", "_event").replace(
+        'location="me" expr="_event.thread_id"', 'location="me" expr="_event.data.thread_id"'
+    )
+    published, violations = ran(tmp_path, server, action)
+    assert [sent[0] for sent in published["/got"][:3]] == [0, 0, 0]
+    assert violations == []
