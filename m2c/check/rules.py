@@ -116,6 +116,7 @@ _WARNINGS = {
     "path-case": "a path differs from the one on disk by case",
     "xml-prologue": "blank lines before the XML declaration",
     "xml-namespace": "the namespace is not SCXML's",
+    "braced-entry": "an entry's name stands in braces where BehaviorTree.CPP takes it without",
     "leaf-kind": "a leaf is written as a condition and served as an action, or the other way round",
     "output-read": "a plugin reads one of its output ports",
     "unset-port": "a plugin's port reads an entry of the blackboard that nothing sets",

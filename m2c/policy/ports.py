@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from m2c.model.diagnostics import DiagnosticLog, shortened
 from m2c.model.xml import Element
+from m2c.policy.plugins import referenced_entry
+from m2c.policy.tree import BLACKBOARD_CHECK
 
 _STATUSES = ("SUCCESS", "FAILURE", "SKIPPED", "RUNNING")
 _REQUIRED = {
@@ -17,6 +19,7 @@ _REQUIRED = {
     "Script": ("code",),
     "ScriptCondition": ("code",),
     "Precondition": ("if",),
+    BLACKBOARD_CHECK: ("value_A", "value_B"),
     "SetBlackboard": ("value", "output_key"),
     "UnsetBlackboard": ("key",),
     **dict.fromkeys(("SkipUnlessUpdated", "WaitValueUpdate", "WasEntryUpdated"), ("entry",)),
@@ -26,7 +29,7 @@ _STATUS_PORTS = {
     ("Precondition", "else"),
     *((f"Loop{kind}", "if_empty") for kind in ("Int", "Bool", "Double", "String")),
 }
-_NAME_PORTS = {("SetBlackboard", "output_key"), ("UnsetBlackboard", "key")}
+_NAME_PORTS = {("UnsetBlackboard", "key")}
 _COUNT_PORTS = {
     ("Parallel", "success_count"),
     ("Parallel", "failure_count"),
@@ -59,6 +62,20 @@ def check_ports(element: Element, tag: str, ports: dict[str, str], log: Diagnost
             many = len(element.children)
             there = "1 child" if many == 1 else f"{many} children"
             _bad(element, key, value, f"{tag} has {there} here", log)
+
+
+def bare_entry(element: Element, key: str, value: str, log: DiagnosticLog) -> str:
+    """The name of the entry that ``value`` writes as ``{name}``, with the warning ``braced-entry``.
+
+    BehaviorTree.CPP would take the name from that entry; nobody means that, and AS2FM wants the braces.
+    """
+    name = referenced_entry(value, key)
+    if not name:
+        return value
+    what = f"`{key}` is `{value}`: the entry `{name}` is set"
+    hint = f'BehaviorTree.CPP wants the name without braces, {key}="{name}"'
+    log.warning("braced-entry", element.at(key), element.tag, what, hint)
+    return name
 
 
 def _bad(element: Element, key: str, value: str, hint: str, log: DiagnosticLog) -> None:

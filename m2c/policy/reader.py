@@ -14,11 +14,13 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
+from m2c.policy.blackboard_check import blackboard_check
 from m2c.policy.entries import check_entries
 from m2c.policy.includes import elements_of
 from m2c.policy.nesting import check_nesting
-from m2c.policy.ports import check_ports
+from m2c.policy.ports import bare_entry, check_ports
 from m2c.policy.tree import (
+    BLACKBOARD_CHECK,
     BUILTINS,
     CONDITIONS,
     MANY,
@@ -182,7 +184,8 @@ class _PolicyReader:
         if tag in TIMED:
             return self._read_timed(self._read_builtin(element, tag))
         if tag in BUILTINS:
-            return self._read_builtin(element, tag)
+            node = self._read_builtin(element, tag)
+            return blackboard_check(element, node, self._log) if tag == BLACKBOARD_CHECK else node
         if element.tag in _LEAF_KINDS or self._is_leaf(element, tag):
             return self._read_leaf(element, tag)
         known = [*BUILTINS, *_VERSION_3, *self._declared, *self._plugins, "SubTree"]
@@ -273,6 +276,8 @@ class _PolicyReader:
                 self._keep(element, written, key, kept)
             else:
                 self._unknown_port(element, written, tag, (*ports, *CONDITIONS))
+        if tag == "SetBlackboard" and "output_key" in kept:
+            kept["output_key"] = bare_entry(element, "output_key", kept["output_key"], self._log)
         check_ports(element, tag, kept, self._log)
         return tuple(kept.items())
 

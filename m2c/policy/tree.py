@@ -43,6 +43,8 @@ _CONTROL = Builtin(1, MANY)
 _DECORATOR = Builtin(1, 1)
 _LEAF = Builtin(0, 0)
 _LOOP = Builtin(1, 1, ("queue", "value", "if_empty"))
+BLACKBOARD_CHECK = "BlackboardCheckInt"
+"""A node of version 3 only: see ``m2c.policy.blackboard_check``."""
 
 BUILTINS: dict[str, Builtin] = {
     **dict.fromkeys(
@@ -71,6 +73,7 @@ BUILTINS: dict[str, Builtin] = {
     "Timeout": Builtin(1, 1, ("msec",)),
     "RunOnce": Builtin(1, 1, ("then_skip",)),
     "Precondition": Builtin(1, 1, ("if", "else")),
+    BLACKBOARD_CHECK: Builtin(1, 1, ("value_A", "value_B", "return_on_mismatch")),
     "SkipUnlessUpdated": Builtin(1, 1, ("entry",)),
     "WaitValueUpdate": Builtin(1, 1, ("entry",)),
     **{f"Loop{kind}": _LOOP for kind in ("Int", "Bool", "Double", "String")},
@@ -83,7 +86,8 @@ BUILTINS: dict[str, Builtin] = {
     "WasEntryUpdated": Builtin(0, 0, ("entry",)),
     "Sleep": Builtin(0, 0, ("msec",)),
 }
-"""The node types that every policy can use (registered by BehaviorTree.CPP 4 itself)."""
+"""The node types that every policy can use (registered by BehaviorTree.CPP 4 itself, but for
+``BLACKBOARD_CHECK``)."""
 
 TIMED = {"Sleep": "msec", "Delay": "delay_msec", "Timeout": "msec"}
 """Node types that wait, and the port that says how long (ms). BehaviorTree.CPP's own wait by the

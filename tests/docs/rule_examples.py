@@ -312,6 +312,7 @@ RULE_EXAMPLES: dict[str, Example] = {
     ),
     "xml-prologue": Example({"m.scxml": f'\n<?xml version="1.0"?>{machine(STATE)}'}),
     "xml-namespace": Example({"m.scxml": f'<scxml xmlns="..." name="M">{STATE}</scxml>'}),
+    "braced-entry": main_tree('<SetBlackboard output_key="{n}" value="1"/>'),
     "leaf-kind": main_tree(LEAF.replace("Action ID", "Condition ID")),
     "output-read": model(
         '<bt_declare_port_out key="n" type="int32"/><datamodel><data id="n" type="int32"/></datamodel>'
