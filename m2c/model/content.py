@@ -30,8 +30,10 @@ from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, STATUSES, UNSUPP
 from m2c.model.xml import Element
 
 _LEGACY_SENDS = {
-    "bt_halt_response": OutputKind.BT_RETURN_HALTED,
+    "bt_halt_response": (OutputKind.BT_RETURN_HALTED, ""),
+    **{f"bt_{name.lower()}": (OutputKind.BT_RETURN_STATUS, name) for name in STATUSES},
 }
+"""How early plugins spell their answers to the tree; see ``m2c.model.states.LEGACY_EVENTS``."""
 
 
 class ContentReader:
@@ -220,7 +222,10 @@ class ContentReader:
             return None
         event = require(element, "event", self._log)
         if event in _LEGACY_SENDS:
-            return Emit(kind=_LEGACY_SENDS[event], interface="", position=element.position)
+            kind, status = _LEGACY_SENDS[event]
+            named = Literal(value=status, position=element.at("event"))
+            answer = (Field("status", named, element.position),) if status else ()
+            return Emit(kind=kind, interface="", position=element.position, fields=answer)
         fields = list(self.fields_of(element, "param"))
         for name in element.get("namelist").split():
             value = Variable(name=name, position=element.at("namelist"))

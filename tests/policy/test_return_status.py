@@ -53,6 +53,24 @@ def test_the_oracle_has_the_same_status(plugin: str) -> None:
     assert said == ["RUNNING", "SUCCESS", "FAILURE"]
 
 
+EARLY = (
+    HEAD.format("Early", "wait")
+    + """
+<datamodel><data id="n" type="int8" expr="0"/></datamodel>
+<state id="wait"><transition event="bt_tick" target="wait">
+  <assign location="n" expr="n + 1"/>
+  <if cond="n == 1"><send event="bt_running"/><elseif cond="n == 2"/><send event="bt_success"/>
+  <else/><send event="bt_failure"/></if>
+</transition></state></scxml>"""
+)
+
+
+def test_the_events_by_which_early_plugins_answer_a_tick_are_its_status(tmp_path: Path) -> None:
+    system = written(tmp_path, "<Early/>", {"Early": EARLY})
+    assert checked(system)[1] == []
+    assert statuses(simulated(system, 3.0)) == ["RUNNING", "SUCCESS", "FAILURE"]
+
+
 @pytest.mark.parametrize(
     ("kind", "value"), [("string", "'DONE'"), ("int8", "0"), ("int8", "4"), ("float64[]", "")]
 )
