@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from m2c.check.answers import check_answers
-from m2c.check.paths import leaving_at_once, reachable, shadows, truth
+from m2c.check.paths import reachable, shadows, truth
 from m2c.check.responses import check_responses
 from m2c.check.unused import check_interfaces
 from m2c.model.diagnostics import DiagnosticLog
@@ -65,11 +65,12 @@ def _report_shadowed(transition: Transition, before: Transition, log: Diagnostic
 
 
 def _check_eventless_cycles(machine: Machine, log: DiagnosticLog) -> None:
-    """A cycle of eventless transitions that always hold never ends."""
+    """A cycle of eventless transitions that always hold, and come before all that may, never ends."""
     following: dict[str, Transition] = {}
     for state in machine.states:
-        transition = leaving_at_once(state)
-        if transition is not None:
+        eventless = (item for item in state.transitions if item.event is None)
+        transition = next((item for item in eventless if truth(item.cond) is not False), None)
+        if transition is not None and truth(transition.cond):
             following[state.name] = transition
     reported: set[str] = set()
     for start in following:

@@ -297,3 +297,19 @@ def test_a_state_that_is_left_at_once_discards_no_request(tmp_path: Path) -> Non
     for cond, count in (("", 0), ('cond="1 == 1"', 0), ('cond="false"', 1)):
         body = f'{TICK}<state id="a">{take}{go}</state><state id="b"><transition {cond} target="a"/></state>'
         assert len(found(tmp_path, body, "request-discarded")) == count
+
+
+@pytest.mark.parametrize(
+    ("transitions", "endless"),
+    [
+        ('<transition target="a"/><transition cond="n == 1" target="b"/>', True),
+        ('<transition cond="n == 1" target="b"/><transition target="a"/>', False),
+        ('<transition cond="1 == 2" target="b"/><transition target="a"/>', True),
+    ],
+)
+def test_a_loop_that_an_earlier_transition_may_leave_is_not_called_endless(
+    tmp_path: Path, transitions: str, endless: bool
+) -> None:
+    data = '<datamodel><data id="n" type="int8"/></datamodel>'
+    body = f'{data}<state id="a">{transitions}</state><state id="b"/>'
+    assert bool(found(tmp_path, body, "eventless-cycle")) is endless
