@@ -12,6 +12,12 @@ from m2c.inputs import Inputs, input_options
 @click.command()
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option(
+    "--all",
+    "each",
+    is_flag=True,
+    help="Show each finding of a mistake that is repeated.  [default: the first of more than three]",
+)
+@click.option(
     "--format",
     "form",
     type=click.Choice(["text", "json", "sarif"]),
@@ -28,6 +34,7 @@ from m2c.inputs import Inputs, input_options
 def check(
     inputs: Inputs,
     strict: bool,
+    each: bool,
     form: str,
     transport: str | None,
 ) -> None:
@@ -63,7 +70,7 @@ def check(
     elif form == "sarif":
         show(*as_sarif(found).splitlines())
     else:
-        print_findings(found, sys.stdout, notes=True)
-        show(summary(1, found, "policy") if alone else summary(models, found))
+        print_findings(found, sys.stdout, notes=True, each=each, option="--all")
+        show(*(summary(1, found, "policy") if alone else summary(models, found)))
     failed = count(found, Severity.ERROR) or (strict and count(found, Severity.WARNING))
     sys.exit(2 if failed else 0)

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from typing import Any, TextIO
 from urllib.parse import quote
 
+from m2c.check.grouping import Group, by_rule, grouped
 from m2c.check.rules import RULES, Rule
 from m2c.json_format import VERSION, VERSION_KEY
 from m2c.model.diagnostics import Diagnostic, Severity
@@ -17,20 +18,39 @@ from m2c.printable import printable
 from m2c.terminal import show_painted
 
 _COLOURS = {Severity.ERROR: "\x1b[31m", Severity.WARNING: "\x1b[33m", Severity.NOTE: "\x1b[36m"}
+MOST_LISTED = 10
+"""Findings that are seen at a glance; of more, and of several rules, a line says how many each rule has."""
 _LEVELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.NOTE: "note"}
 
 
 def print_findings(
-    diagnostics: Sequence[Diagnostic], stream: TextIO | None = None, notes: bool = False
+    diagnostics: Sequence[Diagnostic],
+    stream: TextIO | None = None,
+    *,
+    notes: bool = False,
+    each: bool = False,
+    option: str = "m2c check --all",
 ) -> None:
-    """A line per finding, in file order; coloured on a terminal. Notes only on request."""
+    """Findings in file order, a line for each; coloured on a terminal.
+
+    Args:
+        diagnostics: what was found.
+        stream: where to; standard error by default.
+        notes: show notes too.
+        each: show each finding of a mistake that is repeated, not only the first.
+        option: how the user gets to see each.
+    """
     out = stream if stream is not None else sys.stderr
     colour = out.isatty()
     lines = []
-    for found in sorted(diagnostics, key=lambda item: (item.position, item.rule)):
-        if found.severity is Severity.NOTE and not notes:
-            continue
-        lines.append(_line(found, colour))
+    shown = [found for found in diagnostics if notes or found.severity is not Severity.NOTE]
+    ordered = sorted(shown, key=lambda item: (item.position, item.rule))
+    for group in [Group(found, ()) for found in ordered] if each else grouped(ordered):
+        lines.append(_line(group.first, colour))
+        if group.others:
+            files = _counted(len({found.position.file for found in group.others}), "file")
+            more = f"... and {len(group.others)} more like this in {files}"
+            lines.append(f"  {more} ({option} shows each)")
     show_painted(*lines, stream=out)
 
 
@@ -66,11 +86,20 @@ def _entry(found: Diagnostic) -> dict[str, Any]:
     }
 
 
-def summary(read: int, diagnostics: Sequence[Diagnostic], what: str = "model") -> str:
-    """``17 models, 1 error, 2 warnings``; ``what`` is the noun of what was ``read``."""
+def summary(read: int, diagnostics: Sequence[Diagnostic], what: str = "model") -> list[str]:
+    """``17 models, 1 error, 2 warnings``; ``what`` is the noun of what was ``read``.
+
+    Before it, where there are more than ``MOST_LISTED`` findings of several rules, how many each has.
+    """
     errors, warnings = count(diagnostics, Severity.ERROR), count(diagnostics, Severity.WARNING)
     counts = ((read, what), (errors, "error"), (warnings, "warning"))
-    return ", ".join(f"{number} {noun}{'' if number == 1 else 's'}" for number, noun in counts)
+    last = ", ".join(_counted(number, noun) for number, noun in counts)
+    several = len({found.rule for found in diagnostics}) > 1
+    return [by_rule(diagnostics), last] if several and len(diagnostics) > MOST_LISTED else [last]
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def as_sarif(diagnostics: Sequence[Diagnostic]) -> str:

@@ -21,6 +21,7 @@ from m2c.codegen.package import node_texts
 from m2c.model.diagnostics import DiagnosticLog, ModelError
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from m2c.model.typing import nearest
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.runner import PolicyRunner, TreeTick
 from m2c.runtime.binding import NodeSettings
@@ -49,7 +50,7 @@ class Program(msgspec.Struct, frozen=True):
     def replacing(self, name: str, node: NodeClass) -> Program:
         """The same system with another class for the node ``name`` (KeyError if there is none)."""
         if name not in self.nodes:
-            raise KeyError(f"no node `{name}`; there are: {', '.join(sorted(self.nodes))}")
+            raise KeyError(f"no node `{name}`; {nearest(name, self.nodes)}")
         return msgspec.structs.replace(self, nodes={**self.nodes, name: node})
 
 

@@ -12,6 +12,7 @@ from m2c.model.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.naming import absolute
+from m2c.model.typing import nearest
 from m2c.model.walk import emits_of, events_of, ports_read
 from m2c.policy.tree import LeafNode
 
@@ -154,7 +155,7 @@ def port_values(
     for key, text in node.attributes:
         if referenced_entry(text, key) and key not in known and not key.startswith("_"):
             what = f"`{plugin.name}` has no port `{key}`"
-            hint = f"known: {', '.join(sorted(known - {CHILDREN_COUNT}))}"
+            hint = nearest(key, known - {CHILDREN_COUNT})
             log.error("leaf-port", node.position, node.element, what, hint)
             return None
     return tuple(inputs), tuple(outputs)

@@ -81,6 +81,7 @@ def replay(
     """
     from m2c.model.diagnostics import DiagnosticLog
     from m2c.model.interfaces import InterfaceLibrary
+    from m2c.model.typing import nearest
     from moon.recording.reader import RecordingError
     from moon.replay.script import Selected, read_script
 
@@ -103,8 +104,8 @@ def replay(
     nodes = script.nodes()
     for name in (*played, *without):
         if name not in nodes:
-            known = ", ".join(sorted(filter(None, nodes))) or "none by name"
-            fail(f"{recording}: no node {name} in it; there are: {known}")
+            hint = nearest(name, filter(None, nodes)) or "there are: none by name"
+            fail(f"{recording}: no node {name} in it; {hint}")
     if not (script.topics or script.calls or script.goals):
         fail(f"{recording}: nothing in it can be replayed")
     with connected(network, "moon_replay", "what is replayed") as conductor:

@@ -14,6 +14,7 @@ from m2c.cli import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "commands" / "m2c-check.md").read_text()
 MODEL = re.findall(r"```xml\n(.*?)```", PAGE, re.DOTALL)[0]
+CORRECTED = MODEL.replace("percentage", "data").replace('expr="1"', 'expr="true"')
 RUNS = re.findall(r"```\n\$ m2c (check .*?)\n(.*?)```", PAGE, re.DOTALL)
 
 
@@ -22,12 +23,20 @@ def test_the_page_s_output_is_the_command_s(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "alarm.scxml"
-    corrected = MODEL.replace("percentage", "data").replace('expr="1"', 'expr="true"')
-    for (command, output), text in zip(RUNS, (MODEL, corrected), strict=True):
+    skills = tmp_path / "skills"
+    skills.mkdir()
+    for number in range(1, 41):
+        text = CORRECTED.replace("Alarm", f"Alarm{number:02}").replace(
+            "/alarm", f"/alarm{number:02}"
+        )
+        (skills / f"alarm{number:02}.scxml").write_text(text)
+    for (command, output), (text, code) in zip(
+        RUNS, ((MODEL, 2), (MODEL, 0), (CORRECTED, 2)), strict=True
+    ):
         path.write_text(text)
         result = CliRunner().invoke(main, command.split())
         assert result.output == output
-        assert result.exit_code == 2
+        assert result.exit_code == code
 
 
 def test_the_page_names_every_option() -> None:

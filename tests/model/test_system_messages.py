@@ -22,7 +22,7 @@ MODEL = '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="A"><state id="a"/>
         ('<roaml><node_models><input type="ros-scxml"/></node_models></roaml>', ['system.xml:1:21: error: <input>: the attribute `src` is missing [missing-attribute]']),
         ('<roaml><node_models><input type="ros-scxml" src="b.scxml"/></node_models></roaml>', ['system.xml:1:50: error: <input>: b.scxml does not exist; did you mean a.scxml? [missing-file]']),
         ('<roaml><behavior_tree><input type="bt-xml" src="b.xml"/></behavior_tree></roaml>', ['system.xml:1:23: error: <input>: unknown input type `bt-xml`; did you mean bt.cpp-xml? [unknown-tag]']),
-        ('<roaml><interfaces><input type="ros-interfaces" src="types"/></interfaces></roaml>', ['system.xml:1:54: error: <input>: types does not exist; known: a.scxml, system.xml [missing-file]']),
+        ('<roaml><interfaces><input type="ros-interfaces" src="types"/></interfaces></roaml>', ['system.xml:1:54: error: <input>: types does not exist; known: system.xml, a.scxml [missing-file]']),
         ('<roaml><interfaces><input type="ros-interfaces" src="a.scxml"/></interfaces></roaml>', ['system.xml:1:54: error: <input>: this interface folder is not a folder [missing-file]']),
         ('<roaml><node_models><input type="ros-scxml" src="."/></node_models></roaml>', ['system.xml:1:50: error: <input>: cannot read the file: Is a directory [unreadable-file]']),
         ('<roaml><node_models><input type="ros-scxml" src="a.scxml"/><input type="ros-scxml" src="a.scxml"/></node_models></roaml>', ['system.xml:1:89: warning: <input>: this model is listed twice [duplicate-input]']),

@@ -119,7 +119,7 @@ def test_every_form_has_its_type(text: str, kind: DataType) -> None:
 @pytest.mark.parametrize(
     ("text", "expected", "message"),
     [
-        ("m", None, "1:1: error: <log>: `m` is not declared; known: a, any, b, d, f, n, p, path, s, three, u [undeclared-variable]"),
+        ("m", None, "1:1: error: <log>: `m` is not declared; known: a, any, b, d, f and 6 more [undeclared-variable]"),
         ("pth", None, "1:1: error: <log>: `pth` is not declared; did you mean path? [undeclared-variable]"),
         ("p.z", None, "1:1: error: <log>: g/msg/Point has no field `z`; known: x, y [unknown-field]"),
         ("path.nam", None, "1:1: error: <log>: g/msg/Path has no field `nam`; did you mean name? [unknown-field]"),
@@ -223,9 +223,10 @@ def test_a_constant_is_a_literal_with_a_sign_or_not(text: str, value: float | No
     assert constant_value(parsed(text)) == value
 
 
-def test_a_hint_names_the_nearest_or_lists_a_dozen() -> None:
+def test_a_hint_names_the_nearest_or_lists_five_nearest_first() -> None:
     assert nearest("levle", ["level", "other"]) == "did you mean level?"
     assert nearest("xyz", ["b", "a"]) == "known: a, b"
     assert nearest("xyz", []) == ""
     many = [f"name{i:02}" for i in range(30)]
-    assert nearest("q", many) == f"known: {', '.join(many[:12])} and 18 more"
+    assert nearest("q", many) == f"known: {', '.join(many[:5])} and 25 more"
+    assert nearest("q17", many) == "known: name17, name01, name07, name10, name11 and 25 more"
