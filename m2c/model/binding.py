@@ -43,6 +43,23 @@ _SUFFIXES: dict[str, tuple[InterfaceKind, EventKind | OutputKind]] = {
 }
 
 
+Meaning = tuple[InterfaceKind, str, EventKind | OutputKind]
+"""The interface's kind, its channel, and what goes over it."""
+
+
+def meaning_of(event: str, skill: str) -> Meaning | None:
+    """What ``event`` of the plain machine of ``skill`` means; None if it is the machine's own."""
+    if event in _TREE_EVENTS:
+        service, incoming = _TREE_EVENTS[event]
+        direction = EventKind.REQUEST if incoming else OutputKind.RESPONSE
+        return InterfaceKind.SERVER, f"/{skill}/{service}", direction
+    parts = event.split(".")
+    if len(parts) >= 3 and parts[-1] in _SUFFIXES:
+        kind, direction_of_suffix = _SUFFIXES[parts[-1]]
+        return kind, "/" + "/".join(parts[:-1]), direction_of_suffix
+    return None
+
+
 def bind_plain_events(
     machine: Machine,
     library: InterfaceLibrary,
@@ -92,17 +109,9 @@ class _Binder:
         self._name = reference.name if reference is not None else name
         self._interfaces: dict[tuple[InterfaceKind, str], Interface] = {}
 
-    def meaning(self, event: str) -> tuple[InterfaceKind, str, EventKind | OutputKind] | None:
-        """Kind, channel and direction of ``event``; None if it is the machine's own."""
-        if event in _TREE_EVENTS:
-            service, incoming = _TREE_EVENTS[event]
-            direction = EventKind.REQUEST if incoming else OutputKind.RESPONSE
-            return InterfaceKind.SERVER, f"/{self._name}/{service}", direction
-        parts = event.split(".")
-        if len(parts) >= 3 and parts[-1] in _SUFFIXES:
-            kind, direction = _SUFFIXES[parts[-1]]
-            return kind, "/" + "/".join(parts[:-1]), direction
-        return None
+    def meaning(self, event: str) -> Meaning | None:
+        """See :func:`meaning_of`."""
+        return meaning_of(event, self._name)
 
     def bind(self) -> Machine:
         states = tuple(self._state(state) for state in self._machine.states)

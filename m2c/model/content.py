@@ -29,7 +29,7 @@ from m2c.model.typing import nearest
 from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, STATUSES, UNSUPPORTED
 from m2c.model.xml import Element
 
-_LEGACY_SENDS = {
+LEGACY_SENDS = {
     "bt_halt_response": (OutputKind.BT_RETURN_HALTED, ""),
     **{f"bt_{name.lower()}": (OutputKind.BT_RETURN_STATUS, name) for name in STATUSES},
 }
@@ -221,8 +221,8 @@ class ContentReader:
             self._log.error("unsupported-element", element.at(name), "send", what, "use `event`")
             return None
         event = require(element, "event", self._log)
-        if event in _LEGACY_SENDS:
-            kind, status = _LEGACY_SENDS[event]
+        if event in LEGACY_SENDS:
+            kind, status = LEGACY_SENDS[event]
             named = Literal(value=status, position=element.at("event"))
             answer = (Field("status", named, element.position),) if status else ()
             return Emit(kind=kind, interface="", position=element.position, fields=answer)

@@ -32,12 +32,19 @@ _MAX_SHOWN = 200
 _ANCESTORS = 3
 """How many folders above a model an ``interfaces`` folder is looked for."""
 
-_NODE_TYPES = ("ros-scxml", "ros-ascxml", "scxml", "ascxml")
-_PLUGIN_TYPES = ("bt-plugin-ros-scxml", "bt-plugin-ros-ascxml")
+# the first is the current name of its kind; the others are older, and read as it
+_NODE_TYPES = ("ros-ascxml", "ros-scxml", "scxml", "ascxml")
+_PLUGIN_TYPES = ("bt-plugin-ros-ascxml", "bt-plugin-ros-scxml")
 _IGNORED = {
     "properties": "properties are checked by moon, not by m2c",
     "generated_files": "",
 }
+
+
+def current_input_type(written: str) -> str:
+    """The newest name of the input type ``written``; itself if there is no other."""
+    kind = next((names for names in (_NODE_TYPES, _PLUGIN_TYPES) if written in names), (written,))
+    return kind[0]
 
 
 class System(msgspec.Struct, frozen=True, kw_only=True):
@@ -350,14 +357,7 @@ def library_for(
     files: Sequence[Path], directories: Sequence[Path], log: DiagnosticLog
 ) -> InterfaceLibrary:
     """The interface types for ``files``: ``directories``, and ``interfaces`` folders near them."""
-    folders = list(directories)
-    for file in files:
-        parents = file.resolve().parents
-        for parent in parents[: _ANCESTORS + 1]:
-            candidate = parent / "interfaces"
-            if candidate.is_dir() and any(candidate.glob("*/[msa]*/*")):
-                folders.append(candidate)
-                break
+    folders = [*directories, *interfaces_near(files)]
     usable = []
     for folder in dict.fromkeys(folders):
         if os.path.isdir(folder):
@@ -367,6 +367,18 @@ def library_for(
             what = f"this interface folder {missing}"
             log.error("missing-file", Position(str(folder)), "", what, meant(folder))
     return InterfaceLibrary.load(list(dict.fromkeys(usable)), log)
+
+
+def interfaces_near(files: Iterable[Path]) -> list[Path]:
+    """The folders ``interfaces`` beside ``files``, or up to three folders above them."""
+    folders = []
+    for file in files:
+        for parent in file.resolve().parents[: _ANCESTORS + 1]:
+            candidate = parent / "interfaces"
+            if candidate.is_dir() and any(candidate.glob("*/[msa]*/*")):
+                folders.append(candidate)
+                break
+    return list(dict.fromkeys(folders))
 
 
 def read_with_reference(

@@ -34,6 +34,7 @@ __all__ = [
     "hardened_parser",
     "parse_xml",
     "read_xml",
+    "tree_with_comments",
 ]
 
 MAX_BYTES = 4 * 1024 * 1024
@@ -151,11 +152,24 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
     return root
 
 
-def hardened_parser(*, recover: bool = False) -> etree.XMLParser:
+def tree_with_comments(content: bytes) -> etree._Element:
+    """The tree of ``content``, for who writes it again: with comments and processing instructions.
+
+    Raises:
+        XmlFault: :func:`parse_xml` refuses it.
+    """
+    text = decoded(content)
+    begin = len(text) - len(text.lstrip(_BLANKS))
+    start_tags(text, begin)
+    return _parsed(text, begin, comments=True)
+
+
+def hardened_parser(*, recover: bool = False, comments: bool = False) -> etree.XMLParser:
     """A parser of UTF-8 that resolves no entity, opens no other file and keeps libxml2's bounds.
 
     Args:
         recover: go on after an error, which then stands in the parser's ``error_log`` only.
+        comments: keep comments and processing instructions.
     """
     return etree.XMLParser(
         encoding="utf-8",
@@ -164,18 +178,18 @@ def hardened_parser(*, recover: bool = False) -> etree.XMLParser:
         no_network=True,
         load_dtd=False,
         huge_tree=False,
-        remove_comments=True,
-        remove_pis=True,
+        remove_comments=not comments,
+        remove_pis=not comments,
     )
 
 
-def _parsed(text: str, begin: int) -> etree._Element:
+def _parsed(text: str, begin: int, *, comments: bool = False) -> etree._Element:
     """The tree of ``text`` from ``begin`` on; an undeclared prefix is the one fault that is forgiven.
 
     Raises:
         MalformedXml: libxml2 finds another.
     """
-    parser = hardened_parser(recover=True)
+    parser = hardened_parser(recover=True, comments=comments)
     content = text[begin:]
     try:
         tree = etree.fromstring(content.encode(), parser)

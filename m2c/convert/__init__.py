@@ -1,0 +1,1 @@
+"""Writing accepted models in one dialect."""
