@@ -124,6 +124,7 @@ _WARNINGS = {
 }
 
 _NOTES = {
+    "older-spelling": "an older or foreign spelling, and what it is read as",
     "ignored-element": "an element that another tool reads",
     "monitored-leaf": "the mark of the earlier monitor is ignored",
     "policy-alone": "a policy was checked without its system",

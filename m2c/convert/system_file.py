@@ -10,11 +10,9 @@ from lxml import etree
 
 from m2c.convert.trees import document, drop_prefixes, elements, with_root
 from m2c.model.diagnostics import DiagnosticLog
-from m2c.model.system import SYSTEM_ROOTS, current_input_type, resolve
+from m2c.model.system import SYSTEM_ROOT, SYSTEM_ROOTS, current_input_type, resolve
 from m2c.model.xml import Element
 
-ROOT = "roaml"
-"""The current name of a system file's root."""
 CURRENT_TAGS = {"mc_parameters": "parameters"}
 _REFERENCES = ("src", "path")
 """Attributes that name a file or folder."""
@@ -53,7 +51,7 @@ def converted_system_file(
             _name_durability(node)
     if interfaces and not is_full_model:
         _name_interfaces(tree, [_relative(folder, to.parent) for folder in interfaces])
-    return document(tree, with_root(tree, str(tree.tag) if is_full_model else ROOT))
+    return document(tree, with_root(tree, str(tree.tag) if is_full_model else SYSTEM_ROOT))
 
 
 def _elements(element: Element) -> list[Element]:

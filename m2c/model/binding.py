@@ -28,6 +28,7 @@ from m2c.model.machine import (
     Target,
     Transition,
 )
+from m2c.model.structure import note_read_as
 
 _TREE_EVENTS = {
     "CMD_TICK": ("tick", True),
@@ -42,6 +43,15 @@ _SUFFIXES: dict[str, tuple[InterfaceKind, EventKind | OutputKind]] = {
     "Sub": (InterfaceKind.SUBSCRIBER, EventKind.MESSAGE),
 }
 
+_SAID = {
+    (InterfaceKind.SERVER, True): "a request to",
+    (InterfaceKind.SERVER, False): "a response of",
+    (InterfaceKind.CLIENT, True): "a response of",
+    (InterfaceKind.CLIENT, False): "a call of",
+    (InterfaceKind.SUBSCRIBER, True): "a message on",
+    (InterfaceKind.PUBLISHER, False): "a message on",
+}
+"""What goes over an interface, in words; True: to the machine."""
 
 Meaning = tuple[InterfaceKind, str, EventKind | OutputKind]
 """The interface's kind, its channel, and what goes over it."""
@@ -107,6 +117,7 @@ class _Binder:
         for suffix in ("Condition", "Action"):
             name = name.removesuffix(suffix)
         self._name = reference.name if reference is not None else name
+        self._noted: set[str] = set()
         self._interfaces: dict[tuple[InterfaceKind, str], Interface] = {}
 
     def meaning(self, event: str) -> Meaning | None:
@@ -114,6 +125,9 @@ class _Binder:
         return meaning_of(event, self._name)
 
     def bind(self) -> Machine:
+        at, name = self._machine.position, self._machine.name
+        if name != self._name:
+            note_read_as(at, "scxml", name, f"the skill `{self._name}`", self._log)
         states = tuple(self._state(state) for state in self._machine.states)
         return msgspec.structs.replace(
             self._machine,
@@ -122,7 +136,8 @@ class _Binder:
             interfaces=tuple(self._interfaces.values()),
         )
 
-    def _interface(self, kind: InterfaceKind, channel: str, at: Position, event: str) -> str:
+    def _interface(self, meaning: Meaning, at: Position, event: str) -> str:
+        kind, channel, direction = meaning
         if (kind, channel) not in self._interfaces:
             type_name = self._type(kind, channel)
             if type_name is None:
@@ -139,6 +154,15 @@ class _Binder:
                 )
             self._interfaces[kind, channel] = Interface(
                 kind=kind, name=channel, position=at, channel=channel, type_name=type_name or ""
+            )
+        if event not in self._noted:
+            self._noted.add(event)
+            note_read_as(
+                at,
+                "",
+                event,
+                f"{_SAID[kind, isinstance(direction, EventKind)]} {channel}",
+                self._log,
             )
         return channel
 
@@ -165,7 +189,7 @@ class _Binder:
         if event is not None and event.kind is EventKind.INTERNAL:
             meaning = self.meaning(event.name)
             if meaning is not None and isinstance(meaning[2], EventKind):
-                name = self._interface(meaning[0], meaning[1], transition.position, event.name)
+                name = self._interface(meaning, transition.position, event.name)
                 event = Event(meaning[2], name)
         targets = tuple(
             Target(target.state, target.probability, self._block(target.body))
@@ -185,7 +209,7 @@ class _Binder:
                 meaning = self.meaning(event)
                 if meaning is None or not isinstance(meaning[2], OutputKind):
                     return statement
-                name = self._interface(meaning[0], meaning[1], position, event)
+                name = self._interface(meaning, position, event)
                 return Emit(kind=meaning[2], interface=name, position=position, fields=fields)
             case _:
                 return statement

@@ -6,8 +6,8 @@ from collections.abc import Collection, Sequence
 
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.durations import parse_duration
-from m2c.model.ecmascript import parse_expression, parse_location
-from m2c.model.expressions import EventPart, Expression, Literal, PortInput, Variable
+from m2c.model.ecmascript import parse_expression, parse_location, python_boolean
+from m2c.model.expressions import EventPart, Expression, Literal, PortInput, Variable, nodes
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,
@@ -24,7 +24,7 @@ from m2c.model.machine import (
     Statement,
 )
 from m2c.model.scopes import parts_in_data
-from m2c.model.structure import check_element, require
+from m2c.model.structure import check_element, note_read_as, require
 from m2c.model.typing import nearest
 from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, STATUSES, UNSUPPORTED
 from m2c.model.xml import Element
@@ -119,7 +119,13 @@ class ContentReader:
         return None
 
     def _parsed(self, text: str, position: Position, element: Element) -> Expression | None:
-        return parse_expression(text, position, element.tag, self._log, self._parts_in_data)
+        found = parse_expression(text, position, element.tag, self._log, self._parts_in_data)
+        for node in nodes(found) if found is not None else ():
+            written = python_boolean(node, text[node.position.column - position.column :].lstrip())
+            if written:
+                meaning = f"`{written.lower()}`"
+                note_read_as(node.position, element.tag, written, meaning, self._log)
+        return found
 
     def fields_of(self, element: Element, tag: str) -> tuple[Field, ...]:
         """The ``<field>`` or ``<param>`` children of ``element``."""
@@ -223,6 +229,8 @@ class ContentReader:
         event = require(element, "event", self._log)
         if event in LEGACY_SENDS:
             kind, status = LEGACY_SENDS[event]
+            meaning = f'<bt_return_status status="{status}">' if status else "<bt_return_halted>"
+            note_read_as(element.at("event"), "send", event, meaning, self._log)
             named = Literal(value=status, position=element.at("event"))
             answer = (Field("status", named, element.position),) if status else ()
             return Emit(kind=kind, interface="", position=element.position, fields=answer)

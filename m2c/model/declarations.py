@@ -9,7 +9,7 @@ from m2c.model.expressions import ArrayLiteral, Expression, Literal, ObjectLiter
 from m2c.model.interfaces import InterfaceLibrary, canonical
 from m2c.model.machine import Data, Interface, InterfaceKind, Port
 from m2c.model.naming import absolute
-from m2c.model.structure import check_element, number, require
+from m2c.model.structure import check_element, note_read_as, number, require
 from m2c.model.types import parse_type
 from m2c.model.typing import Scope, type_of
 from m2c.model.vocabulary import DECLARATIONS
@@ -69,6 +69,8 @@ class DeclarationReader:
     def _declare_channel(self, element: Element) -> None:
         kind, attribute, folder = DECLARATIONS[element.tag]
         short = attribute.removesuffix("_name")
+        if short != attribute and (element.get(short) or element.first(short) is not None):
+            note_read_as(element.at(short), element.tag, short, f"`{attribute}`", self._log)
         channel, port = self._given(element, attribute, short)
         written, _ = self._given(element, "type")
         if not written:

@@ -126,6 +126,13 @@ def parse_expression(
         return None
 
 
+def python_boolean(node: Expression, text: str) -> str:
+    """``True`` or ``False`` if ``text``, which begins with ``node``, says it as Python does; else ""."""
+    if not (isinstance(node, Literal) and isinstance(node.value, bool)):
+        return ""
+    return next((word for word in ("True", "False") if text.startswith(word)), "")
+
+
 def parse_location(
     text: str, position: Position, element: str, log: DiagnosticLog
 ) -> Location | None:

@@ -8,6 +8,7 @@ root the model used: ``_msg.x``, ``_req.x``, ``_res.x``, ``_feedback.x``, ``_goa
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal as OneOf
 
 import msgspec
@@ -171,3 +172,10 @@ def children(expression: Expression) -> tuple[Expression, ...]:
             return tuple(value for _, value in entries)
         case _:
             return ()
+
+
+def nodes(expression: Expression) -> Iterator[Expression]:
+    """``expression`` and every expression in it."""
+    yield expression
+    for child in children(expression):
+        yield from nodes(child)

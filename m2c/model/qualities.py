@@ -9,7 +9,7 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
-from m2c.model.structure import require
+from m2c.model.structure import note_read_as, require
 from m2c.model.typing import nearest
 from m2c.model.xml import Element
 
@@ -51,6 +51,9 @@ def read_qualities(element: Element, log: DiagnosticLog) -> list[TopicQuality]:
             if name not in _ATTRIBUTES:
                 what, hint = f"unknown attribute `{name}`", nearest(name, _ATTRIBUTES)
                 log.error("unknown-attribute", child.at(name), child.tag, what, hint)
+        if child.get("latched") == "true":
+            meaning = '`durability="transient_local"`'
+            note_read_as(child.at("latched"), child.tag, 'latched="true"', meaning, log)
         written = require(child, "name", log)
         topic = absolute(written) if written else ""
         said = {name: _value(child, name, log) for name in _VALUES}

@@ -7,7 +7,7 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.durations import parse_duration
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, InterfaceKind, State, Target, Transition
-from m2c.model.structure import check_element, number, require
+from m2c.model.structure import check_element, note_read_as, number, require
 from m2c.model.typing import nearest
 from m2c.model.vocabulary import HANDLERS, STATE_CHILDREN, UNSUPPORTED
 from m2c.model.xml import Element
@@ -109,6 +109,8 @@ class StateReader:
             events = [Event(EventKind.AFTER, f"{state}#{index}")]
         else:
             written = element.get("event").split()
+            for event in LEGACY_EVENTS.keys() & set(written):
+                note_read_as(element.at("event"), tag, event, f"<{event}>", self._log)
             events = [
                 Event(
                     LEGACY_EVENTS.get(event, EventKind.INTERNAL),

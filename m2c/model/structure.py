@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.typing import nearest
 from m2c.model.vocabulary import ATTRIBUTES
 from m2c.model.xml import Element
+
+_MAX_SHOWN = 80
+"""Characters of a name that a note repeats."""
 
 
 def check_element(
@@ -56,6 +59,19 @@ def require(element: Element, attribute: str, log: DiagnosticLog) -> str:
         what = f"the attribute `{attribute}` is missing"
         log.error("missing-attribute", element.position, element.tag, what)
     return value
+
+
+def note_read_as(
+    position: Position,
+    element: str,
+    written: str,
+    meaning: str,
+    log: DiagnosticLog,
+    hint: str = "`m2c convert` writes it so",
+) -> None:
+    """Note ``older-spelling``: that ``written`` is read as ``meaning``, which is today's way to say it."""
+    what = f"`{shortened(written, _MAX_SHOWN)}` is read as {meaning}"
+    log.note("older-spelling", position, element, what, hint)
 
 
 def number(text: str) -> float | None:

@@ -19,14 +19,15 @@ from m2c.model.qualities import (
     with_qualities,
 )
 from m2c.model.reader import machine_of
-from m2c.model.structure import number
+from m2c.model.structure import note_read_as, number
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
 
 DEFAULT_TICK_RATE_HZ = 1.0
 MODEL_SUFFIXES = (".scxml", ".ascxml")
 POLICY_ROOT = "root"
-SYSTEM_ROOTS = ("convince_mc_tc", "roaml")
+SYSTEM_ROOT = "roaml"
+SYSTEM_ROOTS = ("convince_mc_tc", SYSTEM_ROOT)
 _MAX_SHOWN = 200
 """Characters of a path that a message repeats."""
 _ANCESTORS = 3
@@ -177,9 +178,11 @@ class _SystemReader:
         self._rate = DEFAULT_TICK_RATE_HZ
 
     def read(self, root: Element, interface_directories: Sequence[Path]) -> System:
+        self._note(root, root.tag, SYSTEM_ROOT)
         for child in root.children:
             match child.tag:
                 case "mc_parameters" | "parameters":
+                    self._note(child, child.tag, "parameters")
                     self._parameters(child)
                 case "behavior_tree":
                     self._tree(child)
@@ -227,6 +230,10 @@ class _SystemReader:
             sources=tuple(sources),
             qualities=tuple(self._qualities),
         )
+
+    def _note(self, element: Element, written: str, current: str, attribute: str = "") -> None:
+        if written != current:
+            note_read_as(element.at(attribute), element.tag, written, f"`{current}`", self._log)
 
     def _parameters(self, element: Element) -> None:
         for child in element.all("bt_tick_rate"):
@@ -277,6 +284,7 @@ class _SystemReader:
                 what = "this model is listed twice"
                 self._log.warning("duplicate-input", child.at("src"), child.tag, what)
             elif path is not None:
+                self._note(child, kind, current_input_type(kind), "type")
                 found.append(path)
         return found
 

@@ -130,6 +130,7 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
         tags = start_tags(text, begin)
         tree = _parsed(text, begin)
         root = _elements_of(tree, tags, places)
+        _note_prefixes(tags, places, log)
     except MalformedXml as fault:
         at = Position(file, fault.line, fault.column)
         log.error("malformed-xml", at, "", fault.message, fault.hint)
@@ -150,6 +151,19 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
             f'xmlns="{SCXML_NAMESPACE}" is the standard\'s',
         )
     return root
+
+
+def _note_prefixes(tags: Sequence[StartTag], places: _Places, log: DiagnosticLog) -> None:
+    """Note each prefix of elements once: names are read without it."""
+    seen = {""}
+    for tag in tags:
+        prefix = tag.name.rpartition(":")[0]
+        if prefix not in seen:
+            seen.add(prefix)
+            written, name = shortened(tag.name, _MAX_SHOWN), shortened(_local(tag.name), _MAX_SHOWN)
+            what = f"`{written}` is read as `{name}`"
+            at = places.at(tag.offset)
+            log.note("older-spelling", at, name, what, "names are read without their prefix")
 
 
 def tree_with_comments(content: bytes) -> etree._Element:

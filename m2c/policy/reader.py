@@ -12,6 +12,7 @@ from types import MappingProxyType
 import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.structure import note_read_as
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
 from m2c.policy.blackboard_check import blackboard_check
@@ -49,6 +50,7 @@ _VERSION_3_PORTS = {
     ("SubTree", "__autoremap"): "_autoremap",
     ("SubTree", "__shared_blackboard"): "_autoremap",
 }
+_CALLED = "BehaviorTree.CPP 4 calls it so"
 _LEAF_KINDS = {"Action": LeafKind.ACTION, "Condition": LeafKind.CONDITION}
 _EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 _ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
@@ -176,7 +178,10 @@ class _PolicyReader:
                 what = "the attribute `ID` is missing"
                 self._log.error("missing-attribute", element.position, element.tag, what)
                 return None
-        tag = _VERSION_3.get(tag, tag)
+        if tag in _VERSION_3:
+            meaning = f"`{_VERSION_3[tag]}`"
+            note_read_as(element.position, element.tag, tag, meaning, self._log, _CALLED)
+            tag = _VERSION_3[tag]
         if tag == "SubTree":
             return self._read_sub_tree(element)
         if tag in self._plugins:
@@ -225,6 +230,9 @@ class _PolicyReader:
             what = f"`{written}` is the port `{key}`, which is given already"
             self._log.error("unknown-port", element.at(written), element.tag, what, "give it once")
             return
+        if key != written:
+            at = element.at(written)
+            note_read_as(at, element.tag, written, f"`{key}`", self._log, _CALLED)
         kept[key] = element.attributes[written]
 
     def _read_builtin(self, element: Element, tag: str) -> BuiltinNode:

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from m2c.cli import main as m2c
 from m2c.codegen.package import node_modules
-from m2c.model import DiagnosticLog, System, load
+from m2c.model import DiagnosticLog, Severity, System, load
 from m2c.model.system import read_with_reference
 from moon.cli import main as moon
 from moon.monitor.reading import judgeable
@@ -39,7 +39,7 @@ LISTENER = (
 </ros_topic_callback></state></scxml>"""
 )
 SYSTEM = """<roaml><node_models>
-  <input type="ros-scxml" src="Talker.scxml"/><input type="ros-scxml" src="Listener.scxml"/>
+  <input type="ros-ascxml" src="Talker.scxml"/><input type="ros-ascxml" src="Listener.scxml"/>
 </node_models>{0}</roaml>"""
 
 _numbers = itertools.count()
@@ -58,7 +58,7 @@ def read(folder: Path, topic: str) -> System:
     log = DiagnosticLog()
     system = load([written(folder, topic)], log)
     assert system is not None
-    assert log.diagnostics == []
+    assert all(item.severity is Severity.NOTE for item in log.diagnostics)
     return system
 
 
@@ -174,7 +174,7 @@ def test_a_model_in_the_place_of_another_has_the_qualities_of_the_system(tmp_pat
         ('<topics/>', "4:6: error: <topics>: not an element of <qos>; use <topic> [unknown-tag]"),
         ('<topic name="/t" latch="true"/>', "4:30: error: <topic>: unknown attribute `latch`; did you mean latched? [unknown-attribute]"),
         ('<topic name="/t" latched="yes"/>', "4:32: error: <topic>: latched cannot be `yes`; one of false, true [bad-quality]"),
-        ('<topic name="/x"/>', "4:19: error: <topic>: no model publishes or subscribes to `/x`; known: /plain, /t [unknown-topic]"),
+        ('<topic name="/x"/>', "4:19: error: <topic>: no model publishes or subscribes to `/x`; known: /t, /plain [unknown-topic]"),
     ],
 )  # fmt: skip
 def test_a_fault_in_the_qualities_has_its_place(tmp_path: Path, topics: str, expected: str) -> None:

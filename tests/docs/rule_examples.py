@@ -62,14 +62,14 @@ PLUGIN = machine(
 
 def system(*models: str, policy: str = "", extra: str = "", plugin: str = "") -> Example:
     """A system file with ``models`` and perhaps a policy."""
-    nodes = "".join(f'<input type="ros-scxml" src="{i}.scxml"/>' for i in range(len(models)))
+    nodes = "".join(f'<input type="ros-ascxml" src="{i}.scxml"/>' for i in range(len(models)))
     files = {f"{i}.scxml": text for i, text in enumerate(models)}
     tree = '<input type="bt.cpp-xml" src="policy.xml"/>' if policy else ""
     if policy:
         files["policy.xml"] = policy
     if plugin:
         files["plugin.scxml"] = plugin
-        tree += '<input type="bt-plugin-ros-scxml" src="plugin.scxml"/>'
+        tree += '<input type="bt-plugin-ros-ascxml" src="plugin.scxml"/>'
     tree = f"<behavior_tree>{tree}</behavior_tree>" if tree else ""
     text = f"<roaml>{tree}<node_models>{nodes}</node_models>{extra}</roaml>"
     interfaces = {
@@ -306,7 +306,7 @@ RULE_EXAMPLES: dict[str, Example] = {
     ),
     "path-case": Example(
         {
-            "system.xml": '<roaml><node_models><input type="ros-scxml" src="M.scxml"/></node_models></roaml>',
+            "system.xml": '<roaml><node_models><input type="ros-ascxml" src="M.scxml"/></node_models></roaml>',
             "m.scxml": machine(STATE),
         }
     ),
@@ -321,6 +321,15 @@ RULE_EXAMPLES: dict[str, Example] = {
     ),
     "unset-port": main_tree('<Action ID="Visit" name="Go" poi="{poi}"/>'),
     "unserved-leaf": main_tree(LEAF.replace("/Skill", "/Skil")),
+    "older-spelling": Example(
+        {
+            "m.scxml": machine(
+                '<state id="a"><transition event="CMD_TICK"><send event="TICK_RESPONSE">'
+                '<param name="status" expr="0"/></send></transition></state>',
+                "Fill",
+            )
+        }
+    ),
     "ignored-element": system(extra="<properties/>"),
     "monitored-leaf": main_tree(LEAF.replace("/>", ' isMonitored="true"/>')),
     "policy-alone": Example(

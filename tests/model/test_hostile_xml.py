@@ -178,7 +178,8 @@ def test_an_inclusion_is_an_element_like_any_other() -> None:
     root, said = parsed(
         b'<a xmlns:xi="http://www.w3.org/2001/XInclude"><xi:include href="/etc/passwd"/></a>'
     )
-    assert said == []
+    what = "`xi:include` is read as `include`; names are read without their prefix"
+    assert said == [f"f:1:47: note: <include>: {what} [older-spelling]"]
     assert root is not None
     assert [(child.tag, child.attributes) for child in root.children] == [
         ("include", {"href": "/etc/passwd"})
@@ -263,7 +264,7 @@ def test_prefixes_need_no_declaration_and_count_for_nothing() -> None:
     root, said = parsed(
         b'<a b:x="1" xmlns:c="urn:c" c:y="2" xml:lang="en" xsi:z="3" q="4">t<b:d/>u<c:e/>v</a>'
     )
-    assert said == []
+    assert all("[older-spelling]" in line for line in said)
     assert root is not None
     assert root.attributes == {"x": "1", "y": "2", "q": "4"}
     assert [child.tag for child in root.children] == ["d", "e"]

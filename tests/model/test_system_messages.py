@@ -37,5 +37,9 @@ def test_a_fault_of_a_system_file_is_reported_once(
     path.write_text(text)
     log = DiagnosticLog()
     load([path], log)
-    found = [str(item).replace(f"{tmp_path}/", "") for item in log.diagnostics]
+    found = [
+        str(item).replace(f"{tmp_path}/", "")
+        for item in log.diagnostics
+        if item.rule != "older-spelling"
+    ]
     assert [item.replace(str(tmp_path), ".") for item in found] == expected

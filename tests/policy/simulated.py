@@ -23,7 +23,7 @@ def written(
     trees = tree if "<BehaviorTree" in tree else f'<BehaviorTree ID="M">{tree}</BehaviorTree>'
     (folder / "policy.xml").write_text(f'<root main_tree_to_execute="M">{trees}</root>')
     nodes = {"Node": NODE} if nodes is None else nodes
-    inputs = {"bt-plugin-ros-scxml": plugins, "ros-scxml": nodes}
+    inputs = {"bt-plugin-ros-ascxml": plugins, "ros-ascxml": nodes}
     lines = dict.fromkeys(inputs, "")
     for kind, models in inputs.items():
         for name, text in models.items():
@@ -32,8 +32,8 @@ def written(
     system = folder / "system.xml"
     system.write_text(
         '<roaml><parameters><bt_tick_rate value="1"/></parameters><behavior_tree>'
-        f'<input type="bt.cpp-xml" src="policy.xml"/>{lines["bt-plugin-ros-scxml"]}</behavior_tree>'
-        f"<node_models>{lines['ros-scxml']}</node_models></roaml>"
+        f'<input type="bt.cpp-xml" src="policy.xml"/>{lines["bt-plugin-ros-ascxml"]}</behavior_tree>'
+        f"<node_models>{lines['ros-ascxml']}</node_models></roaml>"
     )
     return system
 

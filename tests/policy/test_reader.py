@@ -171,7 +171,7 @@ def test_a_policy_that_cannot_run_is_reported_with_its_place(
 ) -> None:
     policy, found = read(system, tmp_path, text)
     assert policy is None
-    assert found == [expected]
+    assert [line for line in found if "[older-spelling]" not in line] == [expected]
 
 
 def test_what_is_written_in_a_policy_reaches_its_engine_as_it_was(
