@@ -32,6 +32,7 @@ _ERRORS = {
     "missing-file": "a file or folder that is referred to does not exist",
     "missing-element": "a full model lacks its `<model>`",
     "duplicate-policy": "a system has more than one behaviour tree",
+    "bad-parameter": "a parameter of the system with a value that it cannot have",
     "bad-quality": "a quality of a topic that is none",
     "duplicate-quality": "the qualities of a topic are given twice",
     "unknown-topic": "qualities are given for a topic that no model has",

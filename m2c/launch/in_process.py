@@ -166,13 +166,16 @@ class SimulatedRun:
         world.run_for(0.0)
 
     def run(self, seconds: float) -> None:
-        """Let ``seconds`` of virtual time pass; the policy ticks at the system's rate."""
+        """Let ``seconds`` of virtual time pass; the policy ticks at the system's rate until it is over."""
         if self._policy is None:
             self.world.run_for(seconds)
             return
         end = self.world.now_ns + round(seconds * 1e9)
         period_ns = round(1e9 / self._rate_hz)
         while self.world.now_ns < end:
+            if self._policy.is_over:
+                self.world.run(lambda: False, end)
+                return
             due = self.world.now_ns + period_ns
             self.ticks.append(self._policy.tick())
             self.world.run(lambda: False, min(max(due, self.world.now_ns), end))

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.inputs import resolve
 from m2c.model.machine import InterfaceKind
 from m2c.model.structure import require
-from m2c.model.system import System, library_for, read_machines, resolve
+from m2c.model.system import System, library_for, read_machines
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
 

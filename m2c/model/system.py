@@ -8,10 +8,16 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position, shortened
+from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position
+from m2c.model.inputs import resolve
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Dialect, Machine
-from m2c.model.paths import entries_below, meant, why_no_file, why_no_folder
+from m2c.model.parameters import (
+    DEFAULT_ARRAY_SIZE,
+    DEFAULT_TICK_RATE_HZ,
+    read_parameters,
+)
+from m2c.model.paths import entries_below, meant, why_no_file
 from m2c.model.qualities import (
     TopicQuality,
     read_qualities,
@@ -19,23 +25,20 @@ from m2c.model.qualities import (
     with_qualities,
 )
 from m2c.model.reader import machine_of
-from m2c.model.structure import note_read_as, number
+from m2c.model.structure import note_read_as
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
 
-DEFAULT_TICK_RATE_HZ = 1.0
 MODEL_SUFFIXES = (".scxml", ".ascxml")
 POLICY_ROOT = "root"
 SYSTEM_ROOT = "roaml"
 SYSTEM_ROOTS = ("convince_mc_tc", SYSTEM_ROOT)
-_MAX_SHOWN = 200
-"""Characters of a path that a message repeats."""
 _ANCESTORS = 3
 """How many folders above a model an ``interfaces`` folder is looked for."""
 
 # the first is the current name of its kind; the others are older, and read as it
-_NODE_TYPES = ("ros-ascxml", "ros-scxml", "scxml", "ascxml")
-_PLUGIN_TYPES = ("bt-plugin-ros-ascxml", "bt-plugin-ros-scxml")
+_NODE_TYPES = ("node-ascxml", "ros-ascxml", "ros-scxml", "scxml", "ascxml")
+_PLUGIN_TYPES = ("bt-plugin-ascxml", "bt-plugin-ros-ascxml", "bt-plugin-ros-scxml")
 _IGNORED = {
     "properties": "properties are checked by moon, not by m2c",
     "generated_files": "",
@@ -58,6 +61,9 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
         plugins: behaviour-tree plugins, by machine name the leaf's ID.
         policy: the behaviour tree's XML file, if there is one.
         tick_rate_hz: how often the tree is ticked.
+        tick_if_not_running: whether the tree is ticked again after it has ended.
+        max_time_s: how long a run in virtual time lasts, in seconds; None if the system does not say it.
+        max_array_size: elements of an array without a bound, for tools that need one.
         library: the interface types that the models use.
         sources: every file that was read, models and policy.
         qualities: what is asked of the middleware for single topics; the machines have it too.
@@ -70,6 +76,9 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     plugins: tuple[Machine, ...] = ()
     policy: Path | None = None
     tick_rate_hz: float = DEFAULT_TICK_RATE_HZ
+    tick_if_not_running: bool = True
+    max_time_s: float | None = None
+    max_array_size: int = DEFAULT_ARRAY_SIZE
     library: InterfaceLibrary
     sources: tuple[Path, ...] = ()
     qualities: tuple[TopicQuality, ...] = ()
@@ -175,7 +184,7 @@ class _SystemReader:
         self._policy: Path | None = None
         self._qualities: list[TopicQuality] = []
         self._names_any = False
-        self._rate = DEFAULT_TICK_RATE_HZ
+        self._parameters: list[Element] = []
 
     def read(self, root: Element, interface_directories: Sequence[Path]) -> System:
         self._note(root, root.tag, SYSTEM_ROOT)
@@ -183,7 +192,7 @@ class _SystemReader:
             match child.tag:
                 case "mc_parameters" | "parameters":
                     self._note(child, child.tag, "parameters")
-                    self._parameters(child)
+                    self._parameters += child.children
                 case "behavior_tree":
                     self._tree(child)
                 case "node_models":
@@ -207,6 +216,7 @@ class _SystemReader:
                     )
                     what = f"not an element of <{root.tag}>"
                     self._log.error("unknown-tag", child.position, tag, what, nearest(tag, known))
+        parameters = read_parameters(self._parameters, self._log)
         if not self._names_any and not self._log.has_errors:
             hint = 'name them: <node_models><input type="ros-scxml" src="…"/></node_models>'
             self._log.error("no-models", root.position, root.tag, "no model in this system", hint)
@@ -225,7 +235,10 @@ class _SystemReader:
             nodes=tuple(with_qualities(node, self._qualities) for node in nodes),
             plugins=tuple(with_qualities(plugin, self._qualities) for plugin in plugins),
             policy=self._policy,
-            tick_rate_hz=self._rate,
+            tick_rate_hz=parameters.tick_rate_hz,
+            tick_if_not_running=parameters.tick_if_not_running,
+            max_time_s=parameters.max_time_s,
+            max_array_size=parameters.max_array_size,
             library=library,
             sources=tuple(sources),
             qualities=tuple(self._qualities),
@@ -234,20 +247,6 @@ class _SystemReader:
     def _note(self, element: Element, written: str, current: str, attribute: str = "") -> None:
         if written != current:
             note_read_as(element.at(attribute), element.tag, written, f"`{current}`", self._log)
-
-    def _parameters(self, element: Element) -> None:
-        for child in element.all("bt_tick_rate"):
-            rate = number(child.get("value"))
-            if rate is None or rate <= 0:
-                self._log.error(
-                    "bad-rate",
-                    child.at("value"),
-                    child.tag,
-                    f"`{child.get('value')}` is not a rate",
-                    "ticks a second, greater than 0",
-                )
-            else:
-                self._rate = rate
 
     def _tree(self, element: Element) -> None:
         policies = self._inputs(element, ("bt.cpp-xml",), others=_PLUGIN_TYPES)
@@ -295,70 +294,6 @@ class _SystemReader:
             kind = child.get("type")
             what, hint = f"unknown input type `{kind}`", nearest(kind, types)
         self._log.error("unknown-tag", child.position, child.tag, what, hint)
-
-
-def resolve(
-    folder: Path, source: str, element: Element, log: DiagnosticLog, *, wants_folder: bool = False
-) -> Path | None:
-    """The file ``source``, or with ``wants_folder`` the folder, relative to ``folder``.
-
-    A path that differs from an existing one only by case is accepted with a warning: published
-    systems were written on file systems that do not tell them apart.
-    """
-    at = element.at("src" if "src" in element.attributes else "path")
-    if not source:
-        what = "the attribute `src` is missing"
-        log.error("missing-attribute", element.position, element.tag, what)
-        return None
-    path: Path | None = folder / source
-    try:
-        (folder / source).stat()
-    except (FileNotFoundError, NotADirectoryError):
-        path = _in_another_case(folder, source, element, at, log)
-    except (OSError, ValueError):
-        pass  # told below: a loop of links, a name that is too long
-    if path is None:
-        return None
-    why = why_no_folder(path) if wants_folder else why_no_file(path)
-    if why and wants_folder:
-        log.error("missing-file", at, element.tag, f"this interface folder {why}")
-    elif why:
-        log.error("unreadable-file", at, element.tag, f"cannot read the file: {why}")
-    return None if why else path
-
-
-def _in_another_case(
-    folder: Path, source: str, element: Element, at: Position, log: DiagnosticLog
-) -> Path | None:
-    current = folder
-    for part in Path(source).parts:
-        exact = current / part
-        if part == ".." or os.path.exists(exact):
-            current = exact
-            continue
-        near = [item for item in _entries(current) if item.name.lower() == part.lower()]
-        if len(near) != 1:
-            hint = meant(folder / source).replace(f"{folder}{os.sep}", "")
-            hint = hint or nearest(part, (item.name for item in _entries(current)))
-            what = f"{shortened(str(folder / source), _MAX_SHOWN)} does not exist"
-            log.error("missing-file", at, element.tag, what, hint)
-            return None
-        current = near[0]
-    log.warning(
-        "path-case",
-        at,
-        element.tag,
-        f"`{source}` is written {current} on disk",
-        "use the same case",
-    )
-    return current
-
-
-def _entries(folder: Path) -> Iterable[Path]:
-    try:
-        return list(folder.iterdir())
-    except OSError:  # none, or not ours to look into
-        return ()
 
 
 def library_for(

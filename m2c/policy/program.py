@@ -61,13 +61,17 @@ class Leaf(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Policy(msgspec.Struct, frozen=True):
-    """A behaviour tree ready to run; ``main`` is the tree of ``xml`` that is executed."""
+    """A behaviour tree ready to run; ``main`` is the tree of ``xml`` that is executed.
+
+    ``tick_if_not_running``: whether it is ticked again after it has ended.
+    """
 
     name: str
     main: str
     xml: str
     leaves: tuple[Leaf, ...]
     tick_rate_hz: float = 1.0
+    tick_if_not_running: bool = True
 
 
 def read_policy(
@@ -97,7 +101,14 @@ def read_policy(
             direct = {plugin.name for plugin in system.plugins if only_forwards(plugin)}
             leaves = {leaf.name: _runnable(leaf, system.library, direct) for leaf in bound.values()}
             xml = normalised(file, bound)
-            policy = Policy(path.stem, file.main, xml, tuple(leaves.values()), system.tick_rate_hz)
+            policy = Policy(
+                path.stem,
+                file.main,
+                xml,
+                tuple(leaves.values()),
+                system.tick_rate_hz,
+                system.tick_if_not_running,
+            )
             check_loading(file, xml, tuple(leaves), own)
             if own.has_errors:
                 policy = None

@@ -83,6 +83,8 @@ class PolicyRunner:
         self._publisher = transport.publisher(TICKS)
         self._ticked: list[LeafTick] = []
         self._count = 0
+        self._ends = not policy.tick_if_not_running
+        self._has_ended = False
         self._faults: list[Exception] = []
         self._stopped: Completion = transport.completion()
         self._wakes = may_wake(policy)
@@ -165,6 +167,7 @@ class PolicyRunner:
         self._ticked = []
         status = tick_tree(self._tree, self._wakes)
         self._count += 1
+        self._has_ended = status != "RUNNING"
         record = TreeTick(self._count, status, self._ticked)
         self._publisher.publish(record)
         if self._report is not None:
@@ -173,8 +176,14 @@ class PolicyRunner:
             raise self._faults.pop(0)
         return record
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the tree has ended and the policy does not tick it again."""
+        return self._ends and self._has_ended
+
     def run(self, rate_hz: float, ticks: int | None = None) -> int:
-        """Tick at ``rate_hz`` until :meth:`stop`, for ``ticks`` ticks or until a tick raises.
+        """Tick at ``rate_hz`` until :meth:`stop`, for ``ticks`` ticks, until a tick raises or the
+        policy is over.
 
         However it ends, the tree is halted, so that no skill goes on without its policy.
 
@@ -188,6 +197,8 @@ class PolicyRunner:
         try:
             while ticks is None or self._count < ticks:
                 self.tick()
+                if self.is_over:
+                    break
                 now_ns = self._transport.now_ns()
                 due = min(
                     max(due + period_ns, now_ns), now_ns + period_ns

@@ -63,8 +63,8 @@ def folder_of(tmp_path: Path, *models: str) -> tuple[int, list[str]]:
 def system_of(tmp_path: Path, nodes: list[str], plugins: list[str]) -> tuple[int, list[str]]:
     inputs = {"node_models": "", "behavior_tree": '<input type="bt.cpp-xml" src="policy.xml"/>'}
     for kind, tag, models in (
-        ("ros-ascxml", "node_models", nodes),
-        ("bt-plugin-ros-ascxml", "behavior_tree", plugins),
+        ("node-ascxml", "node_models", nodes),
+        ("bt-plugin-ascxml", "behavior_tree", plugins),
     ):
         for index, text in enumerate(models):
             name = f"{tag}{index}.scxml"

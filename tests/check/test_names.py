@@ -187,7 +187,7 @@ def test_a_plain_machine_must_have_a_name_without_its_suffix(tmp_path: Path) -> 
 
 SYSTEM = (
     '<roaml><behavior_tree><input type="bt.cpp-xml" src="tree.xml"/></behavior_tree>'
-    '<node_models><input type="ros-ascxml" src="m.scxml"/></node_models></roaml>'
+    '<node_models><input type="node-ascxml" src="m.scxml"/></node_models></roaml>'
 )
 
 

@@ -133,7 +133,7 @@ PLUGIN = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="A
 </scxml>
 """
 SYSTEM = """<roaml><behavior_tree><input type="bt.cpp-xml" src="policy.xml"/>
-<input type="bt-plugin-ros-ascxml" src="ask.scxml"/></behavior_tree></roaml>
+<input type="bt-plugin-ascxml" src="ask.scxml"/></behavior_tree></roaml>
 """
 
 
@@ -195,7 +195,7 @@ def test_every_command_that_is_told_the_transport_refuses_what_it_does_not_take(
 ) -> None:
     (tmp_path / "tank.scxml").write_text(MODEL.format(name="Tank", topic="/fill-level"))
     (tmp_path / "s.xml").write_text(
-        '<roaml><node_models><input type="ros-ascxml" src="tank.scxml"/></node_models></roaml>'
+        '<roaml><node_models><input type="node-ascxml" src="tank.scxml"/></node_models></roaml>'
     )
     ros2 = ("--transport", "ros2")
     for arguments in (

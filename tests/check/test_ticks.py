@@ -42,7 +42,7 @@ def findings(folder: Path, package: str = "bt_interfaces", **definitions: str) -
     )
     (folder / "system.xml").write_text(
         '<roaml><behavior_tree><input type="bt.cpp-xml" src="policy.xml"/></behavior_tree>'
-        '<node_models><input type="ros-ascxml" src="skill.scxml"/></node_models></roaml>'
+        '<node_models><input type="node-ascxml" src="skill.scxml"/></node_models></roaml>'
     )
     for name, text in definitions.items():
         path = folder / "interfaces" / package / "srv" / f"{name}.srv"

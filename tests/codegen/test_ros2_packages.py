@@ -35,8 +35,8 @@ TWO_SKILLS = """<roaml>
   <parameters><bt_tick_rate value="20"/></parameters>
   <behavior_tree><input type="bt.cpp-xml" src="policy.xml"/></behavior_tree>
   <node_models>
-    <input type="ros-ascxml" src="{0}/skills/BatteryLevelSkill.scxml"/>
-    <input type="ros-ascxml" src="{0}/skills/WaitSkill.scxml"/>
+    <input type="node-ascxml" src="{0}/skills/BatteryLevelSkill.scxml"/>
+    <input type="node-ascxml" src="{0}/skills/WaitSkill.scxml"/>
   </node_models>
   <interfaces><input type="ros-interfaces" src="{0}/interfaces"/></interfaces>
 </roaml>

@@ -39,7 +39,7 @@ LISTENER = (
 </ros_topic_callback></state></scxml>"""
 )
 SYSTEM = """<roaml><node_models>
-  <input type="ros-ascxml" src="Talker.scxml"/><input type="ros-ascxml" src="Listener.scxml"/>
+  <input type="node-ascxml" src="Talker.scxml"/><input type="node-ascxml" src="Listener.scxml"/>
 </node_models>{0}</roaml>"""
 
 _numbers = itertools.count()

@@ -14,7 +14,7 @@ from moon.cli import main as moon
 
 MODEL = '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Tank"><state id="a"/></scxml>'
 FILES = {
-    "system.xml": '<roaml><node_models><input type="ros-ascxml" src="models/tank.scxml"/></node_models></roaml>',
+    "system.xml": '<roaml><node_models><input type="node-ascxml" src="models/tank.scxml"/></node_models></roaml>',
     "models/tank.scxml": MODEL,
     "run.mcap": "",
     "properties.xml": "<properties/>",

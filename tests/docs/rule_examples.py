@@ -62,14 +62,14 @@ PLUGIN = machine(
 
 def system(*models: str, policy: str = "", extra: str = "", plugin: str = "") -> Example:
     """A system file with ``models`` and perhaps a policy."""
-    nodes = "".join(f'<input type="ros-ascxml" src="{i}.scxml"/>' for i in range(len(models)))
+    nodes = "".join(f'<input type="node-ascxml" src="{i}.scxml"/>' for i in range(len(models)))
     files = {f"{i}.scxml": text for i, text in enumerate(models)}
     tree = '<input type="bt.cpp-xml" src="policy.xml"/>' if policy else ""
     if policy:
         files["policy.xml"] = policy
     if plugin:
         files["plugin.scxml"] = plugin
-        tree += '<input type="bt-plugin-ros-ascxml" src="plugin.scxml"/>'
+        tree += '<input type="bt-plugin-ascxml" src="plugin.scxml"/>'
     tree = f"<behavior_tree>{tree}</behavior_tree>" if tree else ""
     text = f"<roaml>{tree}<node_models>{nodes}</node_models>{extra}</roaml>"
     interfaces = {
@@ -171,6 +171,9 @@ RULE_EXAMPLES: dict[str, Example] = {
     "duplicate-policy": system(
         extra='<behavior_tree><input type="bt.cpp-xml" src="system.xml"/>'
         '<input type="bt.cpp-xml" src="system.xml"/></behavior_tree>'
+    ),
+    "bad-parameter": system(
+        machine(STATE), extra='<parameters><max_time value="ten" unit="s"/></parameters>'
     ),
     "bad-quality": qos('<topic name="/t" reliability="best"/>'),
     "duplicate-quality": qos('<topic name="/t"/><topic name="/t" durability="transient_local"/>'),
@@ -306,7 +309,7 @@ RULE_EXAMPLES: dict[str, Example] = {
     ),
     "path-case": Example(
         {
-            "system.xml": '<roaml><node_models><input type="ros-ascxml" src="M.scxml"/></node_models></roaml>',
+            "system.xml": '<roaml><node_models><input type="node-ascxml" src="M.scxml"/></node_models></roaml>',
             "m.scxml": machine(STATE),
         }
     ),

@@ -52,7 +52,7 @@ def read(folder: Path, trees: str) -> tuple[Policy | None, list[str]]:
     (folder / "policy.xml").write_text(f"{root}{trees}</root>")
     for name in ANSWERS:
         (folder / f"{name}.scxml").write_text(skill(name))
-    nodes = "".join(f'<input type="ros-ascxml" src="{name}.scxml"/>' for name in ANSWERS)
+    nodes = "".join(f'<input type="node-ascxml" src="{name}.scxml"/>' for name in ANSWERS)
     (folder / "system.xml").write_text(SYSTEM.format(nodes))
     log = DiagnosticLog()
     system = load([folder / "system.xml"], log)

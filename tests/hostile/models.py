@@ -168,7 +168,7 @@ class _Writer:
             file = self._slot(f"{name} file", "file", "files")
             files[f"{folder}/models/{file}.scxml"] = etree.tostring(machine, encoding="utf-8")
             is_plugin = name.startswith("plugin")
-            kind = "bt-plugin-ros-ascxml" if is_plugin else "ros-ascxml"
+            kind = "bt-plugin-ascxml" if is_plugin else "node-ascxml"
             parent = tree if is_plugin else nodes
             etree.SubElement(parent, "input", type=kind, src=f"models/{file}.scxml")
         if tree is not None:

@@ -103,9 +103,9 @@ class System:
         self.path.write_text(
             '<roaml><parameters><bt_tick_rate value="50"/></parameters><behavior_tree>'
             '<input type="bt.cpp-xml" src="policy.xml"/>'
-            '<input type="bt-plugin-ros-ascxml" src="Invert.scxml"/></behavior_tree>'
-            '<node_models><input type="ros-ascxml" src="LevelSkill.scxml"/>'
-            '<input type="ros-ascxml" src="MoveSkill.scxml"/></node_models>'
+            '<input type="bt-plugin-ascxml" src="Invert.scxml"/></behavior_tree>'
+            '<node_models><input type="node-ascxml" src="LevelSkill.scxml"/>'
+            '<input type="node-ascxml" src="MoveSkill.scxml"/></node_models>'
             '<interfaces><input type="ros-interfaces" src="interfaces"/></interfaces></roaml>'
         )
 

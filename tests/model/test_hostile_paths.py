@@ -62,10 +62,10 @@ def system_with(folder: Path, inside: str) -> list[str]:
 @pytest.mark.parametrize(
     ("before", "after"),
     [
-        ('<roaml><node_models><input type="ros-ascxml" src="', '"/></node_models></roaml>'),
+        ('<roaml><node_models><input type="node-ascxml" src="', '"/></node_models></roaml>'),
         ('<roaml><behavior_tree><input type="bt.cpp-xml" src="', '"/></behavior_tree></roaml>'),
         (
-            '<roaml><behavior_tree><input type="bt-plugin-ros-ascxml" src="',
+            '<roaml><behavior_tree><input type="bt-plugin-ascxml" src="',
             '"/></behavior_tree></roaml>',
         ),
         (

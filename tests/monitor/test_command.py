@@ -58,7 +58,7 @@ def test_a_policy_with_errors_is_refused(tmp_path) -> None:
     system = tmp_path / "system.xml"
     system.write_text(
         '<roaml><behavior_tree><input type="bt.cpp-xml" src="policy.xml"/></behavior_tree>'
-        '<node_models><input type="ros-ascxml" src="Level.scxml"/></node_models></roaml>'
+        '<node_models><input type="node-ascxml" src="Level.scxml"/></node_models></roaml>'
     )
     checked = CliRunner().invoke(m2c, ["check", str(system)])
     refused = CliRunner().invoke(moon, ["monitor", str(system)])

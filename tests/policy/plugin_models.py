@@ -174,7 +174,7 @@ def written(folder: Path, trees: str) -> Path:
     inputs = ""
     for name, text in PLUGINS.items():
         (folder / f"{name}.scxml").write_text(text)
-        inputs += f'<input type="bt-plugin-ros-ascxml" src="{name}.scxml"/>'
+        inputs += f'<input type="bt-plugin-ascxml" src="{name}.scxml"/>'
     (folder / "Node.scxml").write_text(
         HEAD.format(name="Node", initial="a") + '<state id="a"/></scxml>'
     )
@@ -182,7 +182,7 @@ def written(folder: Path, trees: str) -> Path:
     system.write_text(
         '<roaml><behavior_tree><input type="bt.cpp-xml" src="policy.xml"/>'
         f"{inputs}</behavior_tree><node_models>"
-        '<input type="ros-ascxml" src="Node.scxml"/></node_models></roaml>'
+        '<input type="node-ascxml" src="Node.scxml"/></node_models></roaml>'
     )
     return system
 

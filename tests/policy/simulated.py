@@ -23,7 +23,7 @@ def written(
     trees = tree if "<BehaviorTree" in tree else f'<BehaviorTree ID="M">{tree}</BehaviorTree>'
     (folder / "policy.xml").write_text(f'<root main_tree_to_execute="M">{trees}</root>')
     nodes = {"Node": NODE} if nodes is None else nodes
-    inputs = {"bt-plugin-ros-ascxml": plugins, "ros-ascxml": nodes}
+    inputs = {"bt-plugin-ascxml": plugins, "node-ascxml": nodes}
     lines = dict.fromkeys(inputs, "")
     for kind, models in inputs.items():
         for name, text in models.items():
@@ -32,7 +32,7 @@ def written(
     system = folder / "system.xml"
     system.write_text(
         '<roaml><parameters><bt_tick_rate value="1"/></parameters><behavior_tree>'
-        f'<input type="bt.cpp-xml" src="policy.xml"/>{lines["bt-plugin-ros-ascxml"]}</behavior_tree>'
+        f'<input type="bt.cpp-xml" src="policy.xml"/>{lines["bt-plugin-ascxml"]}</behavior_tree>'
         f"<node_models>{lines['ros-ascxml']}</node_models></roaml>"
     )
     return system

@@ -13,7 +13,7 @@ PLUGIN = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="{
 <bt_declare_port_{way} key="limit" type="int32"/>
 <state id="a"><bt_tick>{body}<bt_return_status status="SUCCESS"/></bt_tick></state></scxml>"""
 SYSTEM = """<roaml><behavior_tree><input type="bt.cpp-xml" src="policy.xml"/>
-<input type="bt-plugin-ros-ascxml" src="get.scxml"/><input type="bt-plugin-ros-ascxml" src="set.scxml"/>
+<input type="bt-plugin-ascxml" src="get.scxml"/><input type="bt-plugin-ascxml" src="set.scxml"/>
 </behavior_tree></roaml>"""
 GET = '<Action ID="Get" name="Get" limit="{limit}"/>'
 SUB = '</BehaviorTree><BehaviorTree ID="Sub">'

@@ -171,6 +171,15 @@ def test_the_tree_is_halted_after_its_last_tick() -> None:
     assert transport.calls == ["/A/tick", "/A/halt"]
 
 
+@pytest.mark.parametrize(("answer", "ticks"), [(0, 1), (1, 1), (2, 5)])
+def test_a_policy_that_is_not_to_tick_again_ends_with_its_tree(answer: int, ticks: int) -> None:
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="M"><A/></BehaviorTree></root>'
+    policy = Policy("p", "M", xml, (leaf("A"),), tick_if_not_running=False)
+    tree = PolicyRunner(FakeTransport({"/A/tick": answer}), policy)
+    assert tree.run(1e6, 5) == ticks
+    assert tree.is_over is (answer != 2)
+
+
 def test_it_says_that_a_round_is_over_before_each_pause_and_not_without_one() -> None:
     tree, transport = runner("<A/>", {"/A/tick": 0}, leaf("A"))
     tree.run(1e6, 3)

@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import msgspec
 import pytest
 from click.testing import CliRunner
 
@@ -169,3 +170,17 @@ def test_a_simulated_run_is_the_same_for_the_same_seed() -> None:
     assert runs[0].ticks
     assert runs[0].world.events == runs[1].world.events
     assert runs[0].ticks == runs[1].ticks
+
+
+def test_time_passes_on_after_a_tree_that_is_not_ticked_again_has_ended() -> None:
+    system = m2c.read_system(TOUR / "system.xml")
+    ended = m2c.simulate(
+        msgspec.structs.replace(system, tick_if_not_running=False), SimulatedWorld(seed=3)
+    )
+    began_ns = ended.world.now_ns
+    ended.run(200.0)
+    assert [tick.status != "RUNNING" for tick in ended.ticks] == [
+        *[False] * (len(ended.ticks) - 1),
+        True,
+    ]
+    assert ended.world.now_ns - began_ns == 200_000_000_000
