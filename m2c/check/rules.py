@@ -26,6 +26,7 @@ _ERRORS = {
     # files
     "unreadable-file": "the file cannot be read",
     "malformed-xml": "the file is not XML",
+    "malformed-json": "the file is not JSON",
     "hostile-xml": "the file is too large or too deep, or declares a document type",
     "no-models": "a folder holds no model",
     "mixed-input": "a system file was given together with other files",
@@ -71,7 +72,9 @@ _ERRORS = {
     # interface definitions
     "unknown-type": "a type that no definition gives",
     "bad-interface": "an interface definition that cannot be read",
-    "recursive-type": "a message type contains itself",
+    "bad-structure": "a declaration of data structures that cannot be read",
+    "duplicate-type": "two data structures of one name",
+    "recursive-type": "a type contains itself",
     "tick-contract": "the type of a tick's service says something else than a policy understands",
     # systems
     "duplicate-node": "two nodes, or two plugins, of one name",

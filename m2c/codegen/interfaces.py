@@ -29,14 +29,17 @@ def needed_structures(roots: Iterable[Structure]) -> list[Structure]:
 
 
 def class_names(structures: Iterable[Structure], taken: Collection[str]) -> dict[str, str]:
-    """Class name per type name: the type's last part, with its package where that is ``taken``."""
+    """Class name per type name: the type's last part, with its package where that is ``taken``.
+
+    A structure that the system declares has no package: ``DataPose``.
+    """
     names: dict[str, str] = {}
     for structure in structures:
-        package, _, last = structure.name.partition("/")
-        short = camel(last.rpartition("/")[2])
+        package, _, last = structure.name.rpartition("/")
+        short = camel(last)
         used = {*taken, *names.values()}
         if short in used:
-            short = distinct(camel(package) + short, used)
+            short = distinct(camel(package.partition("/")[0] or "Data") + short, used)
         names[structure.name] = short
     return names
 

@@ -139,12 +139,14 @@ def _needs_another(name: str) -> bool:
 def field_attribute(name: str) -> str:
     """The attribute of a message class that holds field ``name``.
 
+    One that begins with a capital, as a member of a declared structure may, could be called like a class.
+
     Raises:
         ValueError: it is no name as interface definitions have them (their reader refuses others).
     """
     if not (name.isascii() and name.isidentifier()):
         raise ValueError(f"{name!r} is no name of a field")
-    return f"{name}_" if name in _FIELDS else name
+    return f"{name}_" if name in _FIELDS or name[0].isupper() else name
 
 
 def constant(name: str, taken: Container[str]) -> str:

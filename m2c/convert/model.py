@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from copy import deepcopy
 from itertools import groupby
@@ -23,6 +24,7 @@ ROOTS = {Dialect.ASCXML: "ascxml", Dialect.HL_SCXML: "scxml"}
 _HANDLER_TAGS = {handler.event: tag for tag, handler in HANDLERS.items()}
 _OUTPUT_TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
 _DECLARATION_TAGS = {kind: (tag, channel) for tag, (kind, channel, _) in DECLARATIONS.items()}
+_LENGTH = re.compile(r"\[(\d+)\]")
 _EXPRESSIONS = ("cond", "expr", "location", "delayexpr", "goal_id", "thread_id")
 """Attributes that are expressions."""
 _WITH_TEXT = ("data", "assign", "log", "param", "field", "bt_set_output", "expr")
@@ -52,6 +54,11 @@ def converted_model(
             _rename_channel(node)
         elif node.tag == "send":
             model.send(node)
+        elif node.tag == "data" and (machine.dialect, dialect) == (
+            Dialect.ASCXML,
+            Dialect.HL_SCXML,
+        ):
+            _bound_arrays(node)
     for node in list(elements(tree)):
         if node.tag == "transition":
             model.transition(node)
@@ -150,6 +157,12 @@ class _Model:
     def _use(self, interface: Interface) -> str:
         self._used.add((interface.kind, interface.name))
         return interface.name
+
+
+def _bound_arrays(node: etree._Element) -> None:
+    """``T[5]`` of ASCXML, an array of up to 5, as HL-SCXML says it."""
+    if "type" in node.attrib:
+        node.set("type", _LENGTH.sub(r"[<=\1]", node.get("type", "")))
 
 
 def _declaration(interface: Interface) -> etree._Element:

@@ -27,7 +27,10 @@ class Primitive(msgspec.Struct, frozen=True, tag="primitive"):
 
 
 class Array(msgspec.Struct, frozen=True, tag="array"):
-    """``element[]``, ``element[<=length]`` (bounded) or ``element[length]`` (fixed)."""
+    """``element[]``, ``element[<=length]`` (bounded) or ``element[length]`` (fixed).
+
+    Of several dimensions the outermost is written first: ``T[][5]`` is ``Array(Array(T, 5, True))``.
+    """
 
     element: DataType
     length: int | None = None
@@ -35,9 +38,10 @@ class Array(msgspec.Struct, frozen=True, tag="array"):
 
 
 class Structure(msgspec.Struct, frozen=True, tag="structure"):
-    """A message type such as ``geometry_msgs/msg/Pose``; ``fields`` are in definition order.
+    """A message type such as ``geometry_msgs/msg/Pose``, or a structure that a system declares.
 
-    ``defaults`` holds the fields' declared default values, ``constants`` the named constants.
+    ``fields`` are in definition order. ``defaults`` holds the fields' declared default values,
+    ``constants`` the named constants.
     An anonymous object (an untyped ``{a: 1}``) has an empty name.
     """
 
@@ -79,12 +83,9 @@ def is_number(kind: DataType) -> bool:
 
 def describe(kind: DataType) -> str:
     """``kind`` as a person writes it: ``int32``, ``string[<=3]``, ``geometry_msgs/msg/Pose``."""
-    match kind:
-        case Primitive(name):
-            return name
-        case Structure(name):
-            return name or "object"
-        case Array(element, None, _):
-            return f"{describe(element)}[]"
-        case Array(element, length, fixed):
-            return f"{describe(element)}[{'' if fixed else '<='}{length}]"
+    dimensions = ""
+    while isinstance(kind, Array):
+        length = "" if kind.length is None else f"{'' if kind.fixed else '<='}{kind.length}"
+        dimensions += f"[{length}]"
+        kind = kind.element
+    return f"{kind.name or 'object'}{dimensions}"

@@ -19,14 +19,25 @@ from m2c.model.xml import Element
 class DeclarationReader:
     """Collects the declarations of one machine element.
 
+    Args:
+        log: where faults go.
+        library: the types.
+        outer: interfaces of the machine around an action thread.
+        bounded: whether an array type ``T[n]`` has at most ``n`` elements (ASCXML).
+
     Attributes:
         interfaces: declared so far, those of the machine around an action thread first.
         ports: the behaviour-tree ports declared so far.
     """
 
     def __init__(
-        self, log: DiagnosticLog, library: InterfaceLibrary, outer: tuple[Interface, ...]
+        self,
+        log: DiagnosticLog,
+        library: InterfaceLibrary,
+        outer: tuple[Interface, ...],
+        bounded: bool,
     ) -> None:
+        self._bounded = bounded
         self._log = log
         self._library = library
         self.interfaces: list[Interface] = list(outer)
@@ -62,7 +73,7 @@ class DeclarationReader:
             )
         elif element.tag in ("bt_declare_port_in", "bt_declare_port_out"):
             key = require(element, "key", self._log)
-            kind = parse_type(element, self._library, self._log)
+            kind = parse_type(element, self._library, self._log, bounded=self._bounded)
             output = element.tag.endswith("out")
             self.ports.append(Port(key, kind or ANY, output, element.position))
 
@@ -134,7 +145,9 @@ class DeclarationReader:
 
     def _read_item(self, element: Element, content: ContentReader) -> Data:
         name = require(element, "id", self._log)
-        declared = parse_type(element, self._library, self._log) if element.get("type") else None
+        declared = None
+        if element.get("type"):
+            declared = parse_type(element, self._library, self._log, bounded=self._bounded)
         value = content.expression_of(element, "expr", optional=True)
         if value is None:
             value = _zero(declared, element.position)

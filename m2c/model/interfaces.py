@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,9 +85,16 @@ def canonical(name: str, kind: str) -> str:
 
 
 class InterfaceLibrary:
-    """The interface types that a set of models can refer to: without any, the built-in ones."""
+    """The interface types that a set of models can refer to: without any, the built-in ones.
+
+    Attributes:
+        structures: the data structures that the system declares (:mod:`m2c.model.structs`), by name.
+        lacks_structures: some could not be read, so that a name may be of one of them.
+    """
 
     def __init__(self) -> None:
+        self.structures: Mapping[str, Structure] = {}
+        self.lacks_structures = False
         self._files: dict[str, Path] = dict(BUILTIN)
         self._structures: dict[str, Structure] = {}
         self._open: list[str] = []

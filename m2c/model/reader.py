@@ -91,11 +91,13 @@ class MachineReader:
         log: DiagnosticLog,
         library: InterfaceLibrary,
         outer: tuple[Interface, ...] = (),
+        is_ascxml: bool = False,
     ) -> None:
         self._root = root
+        self._is_ascxml = is_ascxml or root.tag == "ascxml"
         self._log = log
         self._library = library
-        self._declarations = DeclarationReader(log, library, outer)
+        self._declarations = DeclarationReader(log, library, outer, self._is_ascxml)
 
     def read(self) -> Machine | None:
         """The machine; None if it has no usable state."""
@@ -179,9 +181,8 @@ class MachineReader:
                     "a whole number from 1",
                 )
                 count = 1
-            reader = MachineReader(
-                element, self._log, self._library, tuple(self._declarations.interfaces)
-            )
+            interfaces = tuple(self._declarations.interfaces)
+            reader = MachineReader(element, self._log, self._library, interfaces, self._is_ascxml)
             machine = reader.read()
             if machine is not None:
                 name = f"{self._root.get('name')}Thread"

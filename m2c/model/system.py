@@ -25,6 +25,7 @@ from m2c.model.qualities import (
     with_qualities,
 )
 from m2c.model.reader import machine_of
+from m2c.model.structs import declare_structures
 from m2c.model.structure import note_read_as
 from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
@@ -39,6 +40,7 @@ _ANCESTORS = 3
 # the first is the current name of its kind; the others are older, and read as it
 _NODE_TYPES = ("node-ascxml", "ros-ascxml", "ros-scxml", "scxml", "ascxml")
 _PLUGIN_TYPES = ("bt-plugin-ascxml", "bt-plugin-ros-ascxml", "bt-plugin-ros-scxml")
+_STRUCTURE_TYPES = ("xml", "json")
 _IGNORED = {
     "properties": "properties are checked by moon, not by m2c",
     "generated_files": "",
@@ -184,6 +186,8 @@ class _SystemReader:
         self._policy: Path | None = None
         self._qualities: list[TopicQuality] = []
         self._names_any = False
+        self._structures: list[tuple[Path, str]] = []
+        self._lacks_structures = False
         self._parameters: list[Element] = []
 
     def read(self, root: Element, interface_directories: Sequence[Path]) -> System:
@@ -197,6 +201,8 @@ class _SystemReader:
                     self._tree(child)
                 case "node_models":
                     self._nodes += self._inputs(child, _NODE_TYPES)
+                case "data_declarations":
+                    self._declarations(child)
                 case "interfaces":
                     self._interfaces += self._inputs(child, ("ros-interfaces",), wants_folder=True)
                 case "qos":
@@ -210,6 +216,7 @@ class _SystemReader:
                         "parameters",
                         "behavior_tree",
                         "node_models",
+                        "data_declarations",
                         "interfaces",
                         "qos",
                         "properties",
@@ -222,7 +229,12 @@ class _SystemReader:
             self._log.error("no-models", root.position, root.tag, "no model in this system", hint)
         models = [*self._nodes, *self._plugins]
         library = library_for(models, [*interface_directories, *self._interfaces], self._log)
-        sources = [self._path, *models, *([self._policy] if self._policy else [])]
+        declared = DiagnosticLog()
+        declare_structures(self._structures, library, declared)
+        self._log.diagnostics += declared.diagnostics
+        library.lacks_structures = self._lacks_structures or declared.has_errors
+        structures = [file for file, _ in self._structures]
+        sources = [self._path, *models, *structures, *([self._policy] if self._policy else [])]
         stem = self._path.stem
         folder = self._path.resolve().parent.name
         nodes = read_machines(self._nodes, library, self._log)
@@ -256,6 +268,15 @@ class _SystemReader:
             self._log.error("duplicate-policy", element.position, element.tag, what, "give one")
         self._policy = policies[0] if policies else self._policy
 
+    def _declarations(self, element: Element) -> None:
+        named = len(self._structures)
+        for kind in _STRUCTURE_TYPES:
+            others = _STRUCTURE_TYPES if kind == _STRUCTURE_TYPES[0] else None  # reported once
+            files = self._inputs(element, (kind,), others=others)
+            self._structures += [(file, kind) for file in files]
+        is_whole = len(self._structures) - named == len(element.children)
+        self._lacks_structures = self._lacks_structures or not is_whole
+
     def _inputs(
         self,
         element: Element,
@@ -270,7 +291,7 @@ class _SystemReader:
         """
         found: list[Path] = []
         for child in element.children:
-            self._names_any = self._names_any or not wants_folder
+            self._names_any = self._names_any or element.tag in ("behavior_tree", "node_models")
             kind = child.get("type")
             if child.tag != "input" or kind not in types:
                 if others is not None and (child.tag != "input" or kind not in others):

@@ -1,41 +1,67 @@
-"""Reading the ``type`` attribute of data and ports."""
+"""Reading the ``type`` attribute of data, ports and members."""
 
 from __future__ import annotations
 
+import math
 import re
 
-from m2c.model.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive
+from m2c.model.datatypes import ANY, FLOATS, INTEGER_RANGES, Array, DataType, Primitive
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.typing import nearest
 from m2c.model.xml import Element
-from m2c.runtime.conversion import MAX_LENGTH
+from m2c.runtime.conversion import MAX_DEPTH, MAX_LENGTH
 
-_ARRAY = re.compile(r"(.+?)\[(?:(<=)?(\d{1,9}))?\]\Z")
-_PRIMITIVES = {*INTEGER_RANGES, *FLOATS, "bool", "string"}
+PRIMITIVES = frozenset({*INTEGER_RANGES, *FLOATS, "bool", "string"})
+_ARRAY = re.compile(r"([^\[\]]+)((?:\[(?:<=)?\d{0,9}\])+)\Z", re.ASCII)
+_DIMENSION = re.compile(r"\[(<=)?(\d*)\]", re.ASCII)
 
 
-def parse_type(element: Element, library: InterfaceLibrary, log: DiagnosticLog) -> DataType | None:
-    """The type that ``element``'s attribute ``type`` names; None after reporting ``unknown-type``."""
+def parse_type(
+    element: Element, library: InterfaceLibrary, log: DiagnosticLog, *, bounded: bool = False
+) -> DataType | None:
+    """The type that ``element``'s attribute ``type`` names; None after reporting ``unknown-type``.
+
+    ``bounded``: ``T[n]`` has at most ``n`` elements; see :func:`type_of_text`.
+    """
     text = element.get("type")
-    kind = _parse(text, library)
+    kind = type_of_text(text, library, bounded=bounded)
     if isinstance(kind, str):
         log.error("unknown-type", element.at("type"), element.tag, f"unknown type `{text}`", kind)
         return None
     return kind
 
 
-def _parse(text: str, library: InterfaceLibrary) -> DataType | str:
+def type_of_text(text: str, library: InterfaceLibrary, *, bounded: bool = False) -> DataType | str:
+    """The type that ``text`` names, or what would be right.
+
+    Args:
+        text: a primitive, ``pkg/Message`` or a declared structure, with ``[]``, ``[<=n]`` or ``[n]`` for each
+            dimension of an array, the outermost first: ``T[][5]`` is any number of arrays of 5.
+        library: the messages and structures.
+        bounded: whether ``[n]`` means up to ``n`` elements, as ASCXML has it, and not always ``n``.
+    """
     match = _ARRAY.match(text)
-    if match is not None:
-        element = _parse(match[1], library)
-        if isinstance(element, str):
-            return element
-        length = int(match[3]) if match[3] else None
-        if length is not None and length > MAX_LENGTH:
-            return f"an array has at most {MAX_LENGTH} elements"
-        return Array(element, length, bool(match[3]) and not match[2])
-    if text in _PRIMITIVES:
+    if match is None:
+        return _element(text, library)
+    kind = _element(match[1], library)
+    dimensions = _DIMENSION.findall(match[2])
+    lengths = [int(digits) for _, digits in dimensions if digits]
+    if len(dimensions) > MAX_DEPTH:
+        return f"an array has at most {MAX_DEPTH} dimensions"
+    if max(lengths, default=0) > MAX_LENGTH or (not bounded and math.prod(lengths) > MAX_LENGTH):
+        return f"an array has at most {MAX_LENGTH} elements"
+    if ("<=", "") in dimensions:
+        return "a bound is written like [<=5]"
+    for bound, digits in reversed(dimensions):
+        if isinstance(kind, str):
+            break
+        kind = Array(kind, int(digits) if digits else None, bool(digits) and not (bound or bounded))
+    return kind
+
+
+def _element(text: str, library: InterfaceLibrary) -> DataType | str:
+    if text in PRIMITIVES:
         return Primitive(text)
     if "/" in text or "::" in text:
         try:
@@ -43,4 +69,8 @@ def _parse(text: str, library: InterfaceLibrary) -> DataType | str:
         except KeyError as error:
             near = str(error.args[0]).partition("; ")[2]
             return near or "give the folder of its definition with --interfaces"
-    return nearest(text, _PRIMITIVES)
+    if text in library.structures:
+        return library.structures[text]
+    if library.lacks_structures:
+        return ANY
+    return nearest(text, [*PRIMITIVES, *library.structures])

@@ -43,6 +43,10 @@ MAX_BYTES = 4 * 1024 * 1024
 SCXML_NAMESPACE = "http://www.w3.org/2005/07/scxml"
 
 _BLANKS = " \t\n"
+_JSON_HINT = (
+    "a JANI file has properties, a JSON Schema data types: "
+    'name them in <properties> and in <data_declarations>, as type="json"'
+)
 _MAX_SHOWN = 200
 """Characters that are repeated of what may be as long as the file: a namespace, libxml2's messages."""
 
@@ -117,6 +121,8 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
         begin = len(text) - len(text.lstrip(_BLANKS))
         if begin == len(text):
             raise MalformedXml(1, 1, "the file is empty")
+        if text.startswith("{", begin):
+            raise malformed(text, begin, "no XML but JSON", _JSON_HINT)
         places = _Places(text, file)
         prologue = places.at(begin)
         if prologue.line > 1 and text.startswith("<?xml", begin):

@@ -397,7 +397,7 @@ XML: list[Row] = [
     ("only blanks", TANK, None, "  \n",
      "malformed-xml models/tank.scxml:1:1 the file is empty"),
     ("JSON", TANK, None, '{"name": "Tank"}',
-     "malformed-xml models/tank.scxml:1:1 malformed XML: not well-formed (invalid token)"),
+     "malformed-xml models/tank.scxml:1:1 malformed XML: no XML but JSON"),
     ("Latin-1 that is declared UTF-8", TANK, None, _ACCENT.encode("latin-1"),
      "malformed-xml models/tank.scxml:6:8 the byte 0xe9, number 346 of the file, is not UTF-8, which it declares"),
     ("Latin-1 that is declared", TANK, None, _ACCENT.replace("UTF-8", "ISO-8859-1").encode("latin-1"),

@@ -277,6 +277,22 @@ def test_a_name_that_means_a_channel_in_the_other_dialect_is_an_error(tmp_path: 
     assert not (tmp_path / "out").exists()
 
 
+def test_an_array_of_up_to_so_many_is_written_so_in_hl_scxml(tmp_path: Path) -> None:
+    data = '<datamodel><data id="few" type="int32[][3]" expr="[[1]]"/></datamodel><state id="a"/>'
+    path = model(tmp_path, f'<ascxml {NS} name="M" initial="a">{data}</ascxml>', "m.ascxml")
+    code, output = run(path, "-o", tmp_path / "out", "--to", "hl-scxml")
+    assert code == 0, output
+    assert 'type="int32[][&lt;=3]"' in (tmp_path / "out" / "m.scxml").read_text()
+
+
+def test_an_array_of_always_so_many_cannot_be_said_in_ascxml(tmp_path: Path) -> None:
+    data = '<datamodel><data id="three" type="int32[3]"/></datamodel><state id="a"/>'
+    path = model(tmp_path, f'<scxml {NS} name="M" initial="a">{data}</scxml>')
+    code, output = run(path, "-o", tmp_path / "out")
+    assert code == 2
+    assert "this would not mean the same in ascxml" in output
+
+
 def test_models_that_are_refused_are_not_converted(tmp_path: Path) -> None:
     path = model(tmp_path, f'<scxml {NS} name="M" initial="b"><state id="a"/></scxml>')
     code, output = run(path, "-o", tmp_path / "out")

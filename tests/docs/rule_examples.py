@@ -87,6 +87,13 @@ def qos(topics: str) -> Example:
     )
 
 
+def declaring(kind: str, text: str) -> Example:
+    """A system whose data types are declared by ``text``."""
+    extra = f'<data_declarations><input type="{kind}" src="types.{kind}"/></data_declarations>'
+    declared = system(machine(STATE), extra=extra)
+    return Example({**declared.files, f"types.{kind}": text})
+
+
 def tree(*trees: str, attributes: str = 'main_tree_to_execute="Main"') -> Example:
     body = "".join(trees)
     policy = f'<root BTCPP_format="4" {attributes}>{body}</root>'
@@ -159,6 +166,7 @@ READER = machine(f'{IN}<state id="a"><ros_topic_callback name="/t"/></state>', "
 RULE_EXAMPLES: dict[str, Example] = {
     "unreadable-file": Example({}, ("none.scxml",)),
     "malformed-xml": Example({"m.scxml": "<scxml><state></scxml>"}),
+    "malformed-json": declaring("json", '{"title" "Point"}'),
     "hostile-xml": Example({"m.scxml": '<!DOCTYPE l [<!ENTITY a "ha">]><scxml/>'}),
     "no-models": Example({"models/readme.txt": ""}, ("models",)),
     "mixed-input": Example(
@@ -229,6 +237,11 @@ RULE_EXAMPLES: dict[str, Example] = {
     ),
     "unknown-type": data("intt8", "0"),
     "bad-interface": definition("Level", "int32\n"),
+    "bad-structure": declaring("json", '{"type": "object"}'),
+    "duplicate-type": declaring(
+        "xml",
+        "<types>{0}{0}</types>".format('<struct id="P"><member id="x" type="int8"/></struct>'),
+    ),
     "recursive-type": definition("Level", "Level below\n"),
     "tick-contract": Example(
         {

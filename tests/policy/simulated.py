@@ -33,7 +33,7 @@ def written(
     system.write_text(
         '<roaml><parameters><bt_tick_rate value="1"/></parameters><behavior_tree>'
         f'<input type="bt.cpp-xml" src="policy.xml"/>{lines["bt-plugin-ascxml"]}</behavior_tree>'
-        f"<node_models>{lines['ros-ascxml']}</node_models></roaml>"
+        f"<node_models>{lines['node-ascxml']}</node_models></roaml>"
     )
     return system
 
