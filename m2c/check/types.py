@@ -11,14 +11,17 @@ from m2c.model.datatypes import (
     INT64,
     NUMBER,
     STRING,
+    Array,
     DataType,
     Structure,
     describe,
     is_integer,
     is_number,
+    only_array,
+    part,
 )
 from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.expressions import Expression, Variable
+from m2c.model.expressions import Expression, Member, Variable
 from m2c.model.initial import initial_value, is_settled
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -37,7 +40,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
-from m2c.model.typing import Scope, check_expression, nearest
+from m2c.model.typing import Scope, check_expression, nearest, type_of
 from m2c.model.vocabulary import OUTPUTS, STATUSES
 from m2c.model.walk import ports_read
 from m2c.runtime.conversion import STATUS_NUMBERS, ExecutionError
@@ -193,6 +196,13 @@ class _TypeCheck:
             self._log.error("undeclared-variable", location.position, "assign", what, hint)
             check_expression(statement.value, scope, None, "assign", self._log)
             return
+        if isinstance(location, Member) and location.name == "length":
+            owner = type_of(location.object, scope)
+            if isinstance(owner, Structure) and only_array(owner) and not owner.field("length"):
+                what = f"the length of {describe(owner)} cannot be assigned"
+                hint = f"assign that of its array: .{only_array(owner)}.length"
+                self._log.error("bad-location", location.position, "assign", what, hint)
+                return
         kind = check_expression(location, scope, None, "assign", self._log)
         check_expression(statement.value, scope, None if kind == ANY else kind, "assign", self._log)
 
@@ -266,14 +276,13 @@ class _TypeCheck:
 
     def _field_type(self, field: Field, kind: Structure) -> DataType | None:
         current: DataType = kind
-        for part in field.name.split("."):
-            found = current.field(part) if isinstance(current, Structure) else None
+        for name in field.name.split("."):
+            found = part(current, name)
             if found is None:
-                names = (
-                    [name for name, _ in current.fields] if isinstance(current, Structure) else []
-                )
-                what = f"{describe(current)} has no field `{part}`"
-                hint = nearest(part, names) or "it has no fields"
+                inner = current.element if isinstance(current, Array) else current
+                names = [key for key, _ in inner.fields] if isinstance(inner, Structure) else []
+                what = f"{describe(current)} has no field `{name}`"
+                hint = nearest(name, names) or "it has no fields"
                 self._log.error("unknown-field", field.position, "field", what, hint)
                 return None
             current = found

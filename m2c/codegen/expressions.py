@@ -23,6 +23,8 @@ from m2c.model.datatypes import (
     Structure,
     is_integer,
     is_number,
+    only_array,
+    part,
 )
 from m2c.model.expressions import (
     ArrayLiteral,
@@ -283,6 +285,16 @@ class ExpressionCompiler:
             return Code(f"len({inner})")
         if isinstance(kind, Structure) and kind.name and kind.field(node.name) is not None:
             return Code(f"{inner}.{field_attribute(node.name)}")
+        is_certain = kind == declared
+        only = only_array(declared) if node.name == "length" else None
+        if only is not None and is_certain:
+            return Code(f"len({inner}.{field_attribute(only)})")
+        if only is not None:
+            inner = self._runtime("member", inner, quoted(only), fails=True)
+        elif isinstance(declared, Array) and part(declared, node.name) is not None:
+            if is_certain:
+                return Code(f"[row.{field_attribute(node.name)} for row in {inner}]")
+            return Code(self._runtime("column", inner, quoted(node.name), fails=True))
         fails = not isinstance(kind, Structure)
         return Code(self._runtime("member", inner, quoted(node.name), fails=fails))
 

@@ -10,7 +10,7 @@ from m2c.codegen.context import MachineContext
 from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.names import field_attribute
 from m2c.codegen.source import Source, quoted
-from m2c.model.datatypes import ANY, Array, DataType, Primitive, Structure
+from m2c.model.datatypes import ANY, Array, DataType, Primitive, Structure, part
 from m2c.model.diagnostics import Position
 from m2c.model.expressions import EventData, Expression, Index, Literal, Member, Variable, children
 from m2c.model.machine import Assign, Cancel, Emit, Field, If, Log, OutputKind, Raise, Statement
@@ -117,9 +117,9 @@ class StatementLowering:
                     return program.Assign(Source(f"{holder}.{field_attribute(name)}"), Source(new))
                 arguments = [holder, quoted(name)]
                 arguments.append(compiler.value(value, _static(location, variables)))
-                if isinstance(owner, Array) and name == "length":
+                if isinstance(owner, Array):
                     arguments += _growth(owner, compiler)
-                    if owner.fixed:
+                    if owner.fixed and name == "length":
                         arguments.append(f"least={owner.length}")
                 compiler.may_fail = True
                 return call("ecmascript.set_member", *arguments)
@@ -195,9 +195,25 @@ class StatementLowering:
                 arguments.append(f"{field_attribute(head)}={value}")
         for head, inner in nested.items():
             wanted = kind.field(head)
-            assert isinstance(wanted, Structure)
-            arguments.append(f"{field_attribute(head)}={self._message(wanted, inner, compiler)}")
+            if isinstance(wanted, Array):
+                value = self._rows(wanted, inner, compiler)
+            else:
+                assert isinstance(wanted, Structure)
+                value = self._message(wanted, inner, compiler)
+            arguments.append(f"{field_attribute(head)}={value}")
         return f"{self._context.class_of[kind.name]}({', '.join(arguments)})"
+
+    def _rows(self, kind: Array, columns: Sequence[Field], compiler: ExpressionCompiler) -> str:
+        """An array of structures, of which columns are given."""
+        given = [
+            f"{quoted(field.name)}: {compiler.value(field.value, part(kind, field.name))}"
+            for field in columns
+        ]
+        arguments = [f"{{{', '.join(given)}}}", compiler.zero(kind.element)]
+        if kind.length is not None:
+            arguments += [str(kind.length), str(kind.length)] if kind.fixed else [str(kind.length)]
+        compiler.may_fail = True
+        return f"ecmascript.rows({', '.join(arguments)})"
 
     def _raise(self, statement: Raise, compiler: ExpressionCompiler) -> program.Statement:
         fields = [

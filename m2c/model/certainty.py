@@ -29,6 +29,8 @@ from m2c.model.datatypes import (
     Structure,
     is_integer,
     is_number,
+    only_array,
+    part,
 )
 from m2c.model.expressions import (
     ArrayLiteral,
@@ -285,6 +287,12 @@ def _member(kind: DataType, name: str) -> Certain:
             return _held(found)
         constant = next((value for key, _, value in kind.constants if key == name), None)
         return Certain() if constant is None else _literal(constant)
+    length_of = only_array(kind) if name == "length" else None
+    if length_of is not None and isinstance(kind, Structure):
+        return _member(kind.field(length_of) or ANY, name)
+    column = part(kind, name) if isinstance(kind, Array) and name != "length" else None
+    if column is not None:
+        return Certain(column)
     if name == "length" and (isinstance(kind, Array) or kind == STRING):
         most = kind.length if isinstance(kind, Array) and kind.length is not None else _LONGEST
         least = most if isinstance(kind, Array) and kind.fixed else 0

@@ -136,7 +136,9 @@ class ContentReader:
             name = require(child, "name", self._log)
             source = "location" if child.get("location") else "expr"
             value = self.expression_of(child, source)
-            if any(known.name == name for known in fields):
+            if any(f"{known.name}.".startswith(f"{name}.") for known in fields) or any(
+                name.startswith(f"{known.name}.") for known in fields
+            ):
                 what = f"`{name}` is set twice"
                 self._log.error("duplicate-field", child.position, child.tag, what)
             if value is not None:

@@ -59,6 +59,29 @@ class Structure(msgspec.Struct, frozen=True, tag="structure"):
 
 DataType = Primitive | Array | Structure
 
+
+def part(kind: DataType, name: str) -> DataType | None:
+    """The type of ``x.name`` where ``x`` is of type ``kind``; None if it has no such part.
+
+    A field of a structure; of an array of structures the column of that field: ``dim.label`` are the labels
+    of all that is in ``dim``.
+    """
+    if isinstance(kind, Structure):
+        return kind.field(name)
+    if isinstance(kind, Array) and isinstance(kind.element, Structure) and kind.element.name:
+        found = kind.element.field(name)
+        return None if found is None else Array(found, kind.length, kind.fixed)
+    return None
+
+
+def only_array(kind: DataType) -> str | None:
+    """The field of a structure that has no other and is an array: ``x.length`` is that array's length."""
+    if isinstance(kind, Structure) and kind.name and len(kind.fields) == 1:
+        name, inner = kind.fields[0]
+        return name if isinstance(inner, Array) else None
+    return None
+
+
 BOOL = Primitive("bool")
 STRING = Primitive("string")
 INT32 = Primitive("int32")

@@ -26,6 +26,8 @@ from m2c.model.datatypes import (
     describe,
     is_integer,
     is_number,
+    only_array,
+    part,
 )
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.evaluate import evaluate
@@ -323,6 +325,8 @@ class _Typer:
     def _member(self, node: Expression, kind: DataType, name: str) -> DataType:
         if isinstance(kind, Structure):
             found = kind.field(name)
+            if found is None and name == "length" and only_array(kind):
+                return INT64
             if found is None:
                 constant = next((base for key, base, _ in kind.constants if key == name), None)
                 if constant is not None:
@@ -337,6 +341,11 @@ class _Typer:
             return found
         if name == "length" and (isinstance(kind, Array) or kind == STRING):
             return INT64
+        column = part(kind, name)
+        if column is not None:
+            return column
+        if isinstance(kind, Array) and isinstance(kind.element, Structure):
+            return self._member(node, kind.element, name)  # which says that there is no such field
         if kind != ANY:
             self._error("unknown-field", node, f"a value of type {describe(kind)} has no `{name}`")
         return ANY

@@ -54,6 +54,7 @@ __all__ = [
     "MAX_SAFE_INTEGER",
     "ExecutionError",
     "add",
+    "column",
     "divide",
     "element",
     "equals",
@@ -65,6 +66,7 @@ __all__ = [
     "negate",
     "power",
     "remainder",
+    "rows",
     "set_element",
     "set_member",
     "strict_equals",
@@ -257,6 +259,17 @@ def member(value: Any, name: str) -> Any:
     return None if attribute is None else getattr(value, attribute)
 
 
+def column(value: Any, name: str) -> list[Any]:
+    """``value.name`` of an array of structures: the field ``name`` of each.
+
+    Raises:
+        ExecutionError: ``value`` is undefined.
+    """
+    if value is None:
+        raise ExecutionError(f"cannot read `{name}` of undefined")
+    return [member(row, name) for row in value]
+
+
 def element(value: Any, index: Any) -> Any:
     """``value[index]``; undefined out of range.
 
@@ -286,16 +299,20 @@ def set_member(
 ) -> None:
     """``value.name = new``; ``length`` of an array truncates or extends it.
 
+    Another name of an array of structures is a column: ``new`` has its value for each of them. An array
+    without elements gets as many as the column has.
+
     Args:
         value: the object, message or array.
         name: the field.
         new: what goes there, converted to the field's type.
-        fill: the zero value of an array's elements, for those that ``length`` adds.
+        fill: the zero value of an array's elements, for those that are added.
         most: elements that the array may have; None: ``MAX_LENGTH``.
         least: elements that it must have.
 
     Raises:
-        ExecutionError: ``value`` is undefined or takes no such field, or the length is none or not allowed.
+        ExecutionError: ``value`` is undefined or takes no such field, the length is none or not allowed, or
+            the column is not as long as the array.
     """
     if isinstance(value, list) and name == "length":
         length = to_number(new)
@@ -305,6 +322,15 @@ def set_member(
         del value[int(length) :]
         _extend(value, int(length), fill)
         return
+    if isinstance(value, list) and isinstance(fill, dict | msgspec.Struct):
+        if not value:
+            check_length(len(new), most)
+            _extend(value, len(new), fill)
+        if len(new) != len(value):
+            raise ExecutionError(f"{len(new)} values of `{name}` for {len(value)} elements")
+        for row, item in zip(value, new, strict=True):
+            set_member(row, name, item)
+        return
     if isinstance(value, dict):
         value[name] = new
         return
@@ -312,6 +338,27 @@ def set_member(
     if attribute is None:
         raise ExecutionError(f"cannot set `{name}` of {type_name(value)}")
     setattr(value, attribute, new)
+
+
+def rows(
+    columns: dict[str, list[Any]], fill: Any, most: int | None = None, least: int = 0
+) -> list[Any]:
+    """An array of structures of which ``columns`` are given; the other fields are as in ``fill``.
+
+    Args:
+        columns: values of each element, by field.
+        fill: the zero value of an element.
+        most: elements that the array may have; None: ``MAX_LENGTH``.
+        least: elements that it must have.
+
+    Raises:
+        ExecutionError: the columns are not of one length, or of one that is not allowed.
+    """
+    made: list[Any] = []
+    _extend(made, least, fill)
+    for name, values in columns.items():
+        set_member(made, name, values, fill, most)
+    return made
 
 
 def _extend(value: list[Any], length: int, fill: Any) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 from m2c.model.certainty import Certainty, Fit
-from m2c.model.datatypes import ANY, INT64, Array, DataType, Structure
+from m2c.model.datatypes import ANY, INT64, Array, DataType, Structure, part
 from m2c.model.diagnostics import Position
 from m2c.model.expressions import Expression, Index, Literal, Member, Variable
 from m2c.model.interfaces import InterfaceLibrary
@@ -362,6 +362,9 @@ class Compiler:
         fill = zero(owner.element) if isinstance(owner, Array) else None
         most = owner.length if isinstance(owner, Array) else None
         least = most or 0 if isinstance(owner, Array) and owner.fixed else 0
+        is_column = (
+            isinstance(owner, Array) and isinstance(location, Member) and location.name != "length"
+        )
 
         def assign_part(step: Step) -> None:
             made = new(step)
@@ -371,6 +374,9 @@ class Compiler:
             step.data[root] = copy.deepcopy(step.data[root])
             target = holder(step)
             if target.__class__ is Unknown:
+                return
+            if is_column and (made.__class__ is Unknown or Unknown in map(type, target)):
+                step.data[root] = anything()
                 return
             if isinstance(location, Member):
                 ecmascript.set_member(target, location.name, made, fill, most, least)
@@ -448,15 +454,16 @@ def _message_writer(
         return lambda step: {name: value(step) for name, value in values}
     template = zero(structure)
     nested = any(not isinstance(item, bool | int | float | str) for item in template.values())
-    writes: list[tuple[tuple[str, ...], Callable[[Step], Any]]] = []
+    writes: list[tuple[tuple[str, ...], Callable[[Step], Any], DataType]] = []
     for field in emit.fields:
         path = tuple(field.name.split("."))
+        holder_of: DataType = structure
         kind: DataType | None = structure
-        for part in path:
-            kind = kind.field(part) if isinstance(kind, Structure) else None
-        writes.append((path, closures.value(field.value, kind)))
+        for name in path:
+            holder_of, kind = kind or ANY, part(kind or ANY, name)
+        writes.append((path, closures.value(field.value, kind), holder_of))
     if not nested:
-        flat = [(path[0], value) for path, value in writes]
+        flat = [(path[0], value) for path, value, _ in writes]
 
         def write(step: Step) -> Any:
             message = template.copy()
@@ -468,11 +475,17 @@ def _message_writer(
 
     def write_nested(step: Step) -> Any:
         message = copy.deepcopy(template)
-        for path, value in writes:
-            holder = message
-            for part in path[:-1]:
-                holder = holder[part]
-            holder[path[-1]] = value(step)
+        for path, value, kind in writes:
+            around, holder = message, message
+            for name in path[:-1]:
+                around, holder = holder, holder[name]
+            made = value(step)
+            if not isinstance(kind, Array):
+                holder[path[-1]] = made
+            elif made.__class__ is Unknown or holder.__class__ is Unknown:
+                around[path[-2]] = anything()
+            else:
+                ecmascript.set_member(holder, path[-1], made, zero(kind.element), kind.length)
         return message
 
     return write_nested

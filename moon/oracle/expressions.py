@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from m2c.model.certainty import Certainty, Fit
-from m2c.model.datatypes import ANY, Array, DataType, Structure
+from m2c.model.datatypes import ANY, Array, DataType, Structure, only_array, part
 from m2c.model.evaluate import OPERATORS
 from m2c.model.expressions import (
     ArrayLiteral,
@@ -229,6 +229,11 @@ class Closures:
                 if constant == name:
                     return lambda step: value
         holder = self._compile(inner)
+        only = only_array(kind) if name == "length" else None
+        if only is not None:
+            return lambda step: _member(_member(holder(step), only), name)
+        if isinstance(kind, Array) and name != "length" and part(kind, name) is not None:
+            return lambda step: _column(holder(step), name)
         return lambda step: _member(holder(step), name)
 
     def _binary(self, node: Binary) -> Evaluate:
@@ -310,6 +315,13 @@ def _member(value: Any, name: str) -> Any:
     if value.__class__ is Unknown:
         return unknowns.anything()
     return ecmascript.member(value, name)
+
+
+def _column(value: Any, name: str) -> Any:
+    """The field ``name`` of each structure in an array; unknown where the array or one of them is."""
+    if value.__class__ is Unknown or Unknown in map(type, value or ()):
+        return unknowns.anything()
+    return ecmascript.column(value, name)
 
 
 def _element(value: Any, index: Any) -> Any:
