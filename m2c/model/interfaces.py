@@ -2,8 +2,8 @@
 
 A behaviour tree's ticks need no definitions of the user's: ``bt_interfaces`` is built in.
 
-Grammar: https://docs.ros.org/en/jazzy/Concepts/Basic/About-Interfaces.html. The standard messages of
-Jazzy come with rosbags, which is imported only when a model asks for one of them.
+Grammar: https://docs.ros.org/en/jazzy/Concepts/Basic/About-Interfaces.html. The standard ones need no file
+(:mod:`m2c.model.standard`).
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from m2c.model.datatypes import (
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.file_size import size_of
 from m2c.model.paths import entries_below
+from m2c.model.standard import STANDARD_TEXTS, standard_messages
 
 _FIELD = re.compile(
     r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:(?:<=)?\d{1,9})?\])?\s+"
@@ -47,13 +48,6 @@ MAX_NESTING = 32
 """Messages inside messages; the deepest of ROS 2's standard ones has 6."""
 MAX_BYTES = 1024 * 1024
 """The longest standard definition has 14 kB, nearly all of it comments."""
-_EMPTY_TEXT = "---\n"
-_STANDARD_SERVICES = {
-    "std_srvs/srv/Empty": _EMPTY_TEXT,
-    "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message\n",
-    "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
-}
-"""std_srvs (Jazzy 5.3); rosbags ships messages only."""
 
 
 class ServiceType(msgspec.Struct, frozen=True):
@@ -181,8 +175,9 @@ class InterfaceLibrary:
         return ActionType(full, *(self._structure(f"{full}_{part}") for part in _PART["action"]))
 
     def _require(self, full: str, kind: str) -> None:
-        if full not in self._files and full not in _STANDARD_SERVICES:
-            raise KeyError(self._unknown(full, [*self.names(kind), *_STANDARD_SERVICES]))
+        if full not in self._files and full not in STANDARD_TEXTS:
+            standard = [name for name in STANDARD_TEXTS if name.split("/")[1] == kind]
+            raise KeyError(self._unknown(full, [*self.names(kind), *standard]))
 
     def _structure(self, full: str) -> Structure:
         known = self._structures.get(full)
@@ -196,7 +191,7 @@ class InterfaceLibrary:
             self._parse_file(full)
             found = self._structures.get(full)
         if found is None:
-            raise KeyError(self._unknown(full, [*self.names("msg"), *_standard_definitions()]))
+            raise KeyError(self._unknown(full, [*self.names("msg"), *standard_messages()]))
         self._structures[full] = found
         return found
 
@@ -219,8 +214,8 @@ class InterfaceLibrary:
                 self._log.error("bad-interface", Position(file), "", what)
                 return
             text = content.decode("utf-8", errors="replace")
-        elif stem in _STANDARD_SERVICES:
-            text, file = _STANDARD_SERVICES[stem], stem
+        elif stem in STANDARD_TEXTS:
+            text, file = STANDARD_TEXTS[stem], stem
         else:
             return
         if len(self._open) >= MAX_NESTING:
@@ -330,7 +325,7 @@ class InterfaceLibrary:
         return Array(element, int(size.removeprefix("<=")), not size.startswith("<="))
 
     def _standard(self, full: str) -> Structure | None:
-        definition = _standard_definitions().get(full)
+        definition = standard_messages().get(full)
         if definition is None:
             return None
         constants, fields = definition
@@ -364,18 +359,6 @@ class InterfaceLibrary:
 
 def _package(name: str) -> str:
     return name.partition("/")[0]
-
-
-def _standard_definitions() -> dict[str, Any]:
-    from rosbags.typesys import Stores, get_typestore  # 90 ms: only for models that need it
-
-    global _STANDARD  # noqa: PLW0603 - a cache of an immutable table
-    if _STANDARD is None:
-        _STANDARD = dict(get_typestore(Stores.ROS2_JAZZY).fielddefs)
-    return _STANDARD
-
-
-_STANDARD: dict[str, Any] | None = None
 
 
 def _without_comment(line: str) -> str:

@@ -132,6 +132,29 @@ def test_the_standard_types_are_there_without_files() -> None:
     ]
 
 
+def test_the_examples_of_ros_2_are_known() -> None:
+    types = InterfaceLibrary()
+    add = types.service("example_interfaces/AddTwoInts")
+    assert add.request.fields == (("a", Primitive("int64")), ("b", Primitive("int64")))
+    assert add.response.fields == (("sum", Primitive("int64")),)
+    fibonacci = types.action("example_interfaces/Fibonacci")
+    assert fibonacci.goal.fields == (("order", Primitive("int32")),)
+    assert fibonacci.result.fields == (("sequence", Array(Primitive("int32"))),)
+    assert fibonacci.feedback.fields == fibonacci.result.fields
+    assert types.message("example_interfaces/String") == Structure(
+        "example_interfaces/msg/String", (("data", Primitive("string")),)
+    )
+    layout = types.message("example_interfaces/Int8MultiArray").field("layout")
+    assert isinstance(layout, Structure)
+    assert layout.name == "example_interfaces/msg/MultiArrayLayout"
+    assert [describe(kind) for _, kind in layout.fields] == [
+        "example_interfaces/msg/MultiArrayDimension[]",
+        "uint32",
+    ]
+    with pytest.raises(KeyError, match="unknown type example_interfaces/msg/Header"):
+        types.message("example_interfaces/Header")
+
+
 def test_a_definition_of_ones_own_hides_the_standard_one(tmp_path: Path) -> None:
     path = tmp_path / "std_msgs" / "msg" / "Int32.msg"
     path.parent.mkdir(parents=True)

@@ -48,7 +48,7 @@ FAULTS = [
     ('<ros_service_server service_name="/s" type="std_srvs/Trigger"/><state id="a"/></scxml>', ['2:1: warning: the server /s: its requests are never answered; handle it, or remove the declaration [unread-input]']),
     ('<ros_service_server service_name="/s" type="std_srvs/Trigger"/><state id="a"><onentry><ros_service_send_response name="/s"><field name="success" expr="true"/><field name="message" expr="\'\'"/></ros_service_send_response></onentry></state></scxml>', ['2:1: warning: the server /s: its requests are never answered; handle it, or remove the declaration [unread-input]']),
     ('<ros_time_rate name="t" rate_hz="1"/><state id="a"/></scxml>', ['2:1: warning: the timer t: its callbacks are never handled; handle it, or remove the declaration [unread-input]']),
-    ('<ros_action_server name="g" action_name="/g" type="example_interfaces/Fibonacci"/><state id="a"/></scxml>', ['2:1: error: unknown type example_interfaces/action/Fibonacci; give the folder of its definition with --interfaces [unknown-type]']),
+    ('<ros_action_server name="g" action_name="/g" type="nav2_msgs/Spin"/><state id="a"/></scxml>', ['2:1: error: unknown type nav2_msgs/action/Spin; give the folder of its definition with --interfaces [unknown-type]']),
     ('<ros_service_client service_name="/s" type="std_srvs/Trigger"/><state id="a"/></scxml>', ['2:1: warning: the client /s is declared and never used; use it, or remove the declaration [unused-interface]']),
 ]  # fmt: skip
 
