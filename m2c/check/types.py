@@ -21,7 +21,7 @@ from m2c.model.datatypes import (
     part,
 )
 from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.expressions import Expression, Member, Variable
+from m2c.model.expressions import Expression, Literal, Member, Variable
 from m2c.model.initial import initial_value, is_settled
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -43,7 +43,7 @@ from m2c.model.scopes import event_parts, output_data_type, readable_ports
 from m2c.model.typing import Scope, check_expression, nearest, type_of
 from m2c.model.vocabulary import OUTPUTS, STATUSES
 from m2c.model.walk import ports_read
-from m2c.runtime.conversion import STATUS_NUMBERS, ExecutionError
+from m2c.runtime.conversion import STATUS_NUMBERS, ExecutionError, to_string
 
 _TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
 _LOOKUP = {
@@ -123,6 +123,10 @@ class _TypeCheck:
             check_expression(data.initial, scope, expected, "data", self._log)
             if len(self._log.diagnostics) == before:
                 self._initial(data, scope, values)
+                initial = values.get(data.name)
+                is_literal = isinstance(initial, int | float) and is_number(data.type)
+                value = Literal(value=initial, position=data.initial.position)
+                self._within(data.name, value if is_literal else data.initial, scope, "data")
             known[data.name] = data.type
         for state in self._machine.states:
             self._block(state.on_entry, self._scope({}))
@@ -204,7 +208,26 @@ class _TypeCheck:
                 self._log.error("bad-location", location.position, "assign", what, hint)
                 return
         kind = check_expression(location, scope, None, "assign", self._log)
+        before = len(self._log.diagnostics)
         check_expression(statement.value, scope, None if kind == ANY else kind, "assign", self._log)
+        if isinstance(location, Variable) and len(self._log.diagnostics) == before:
+            self._within(location.name, statement.value, scope, "assign")
+
+    def _within(self, name: str, value: Expression, scope: Scope, element: str) -> None:
+        """Report a value that is never within the bounds that the variable ``name`` declares."""
+        data = next((data for data in self._machine.data if data.name == name), None)
+        low_high = Certainty(scope).of(value).bounds
+        if data is None or low_high is None:
+            return
+        low, high = low_high
+        is_below = data.lower is not None and high < data.lower
+        if is_below or (data.upper is not None and low > data.upper):
+            found = to_string(low) if low == high else f"from {to_string(low)} to {to_string(high)}"
+            ends = "…".join(
+                "" if end is None else to_string(end) for end in (data.lower, data.upper)
+            )
+            what = f"this is {found}, out of the bounds of `{name}`"
+            self._log.error("out-of-range", value.position, element, what, f"it is in {ends}")
 
     def _emit(self, emit: Emit, scope: Scope) -> None:
         tag = _TAGS[emit.kind]

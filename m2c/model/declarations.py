@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from m2c.model.content import ContentReader
-from m2c.model.datatypes import ANY, NULL, NUMBER, Array, DataType, Primitive, Structure, is_number
+from m2c.model.datatypes import (
+    ANY,
+    NULL,
+    NUMBER,
+    Array,
+    DataType,
+    Primitive,
+    Structure,
+    describe,
+    is_number,
+)
 from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import ArrayLiteral, Expression, Literal, ObjectLiteral, PortInput
 from m2c.model.interfaces import InterfaceLibrary, canonical
 from m2c.model.machine import Data, Interface, InterfaceKind, Port
 from m2c.model.naming import absolute
 from m2c.model.structure import check_element, note_read_as, number, require
-from m2c.model.types import parse_type
-from m2c.model.typing import Scope, type_of
+from m2c.model.types import parse_type, type_in_comment
+from m2c.model.typing import Scope, constant_value, type_of
 from m2c.model.vocabulary import DECLARATIONS
 from m2c.model.xml import Element
 
@@ -148,6 +159,8 @@ class DeclarationReader:
         declared = None
         if element.get("type"):
             declared = parse_type(element, self._library, self._log, bounded=self._bounded)
+        else:
+            declared = type_in_comment(element, self._library, self._log, bounded=self._bounded)
         value = content.expression_of(element, "expr", optional=True)
         if value is None:
             value = _zero(declared, element.position)
@@ -158,7 +171,29 @@ class DeclarationReader:
                 kind = NUMBER
             elif kind == NULL or isinstance(kind, Array) or isinstance(value, PortInput):
                 kind = ANY
-        return Data(name, kind, value, element.position, declared is not None)
+        lower = self._bound(element, "lower_bound_incl", kind)
+        upper = self._bound(element, "upper_bound_incl", kind)
+        if lower is not None and upper is not None and lower > upper:
+            what = f"no number is from {lower} to {upper}"
+            self._log.error("out-of-range", element.at("lower_bound_incl"), "data", what)
+        return Data(name, kind, value, element.position, declared is not None, lower, upper)
+
+    def _bound(self, element: Element, attribute: str, kind: DataType) -> int | float | None:
+        """The number in ``attribute``, a bound of a variable of type ``kind``; None without one."""
+        text = element.get(attribute)
+        if not text:
+            return None
+        at = element.at(attribute)
+        if not is_number(kind):
+            what = f"a bound of `{element.get('id')}`, which is of type {describe(kind)}"
+            self._log.error("type-mismatch", at, "data", what, "numbers have bounds")
+            return None
+        value = parse_expression(text, at, "data", self._log)
+        bound = None if value is None else constant_value(value)
+        if value is not None and bound is None:
+            what = f"`{text}` is not a number"
+            self._log.error("type-mismatch", at, "data", what, "a bound is written out")
+        return bound
 
 
 def _zero(kind: DataType | None, position: Position) -> Expression:

@@ -242,13 +242,18 @@ class State(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Data(msgspec.Struct, frozen=True):
-    """A datamodel variable. ``type`` is inferred from ``initial`` where the model declares none."""
+    """A datamodel variable. ``type`` is inferred from ``initial`` where the model declares none.
+
+    ``lower`` and ``upper`` are the least and the greatest value that its model says it has, if it says so.
+    """
 
     name: str
     type: DataType
     initial: Expression
     position: Position
     declared: bool = True
+    lower: int | float | None = None
+    upper: int | float | None = None
 
 
 class Port(msgspec.Struct, frozen=True):

@@ -14,6 +14,7 @@ from m2c.runtime.conversion import MAX_DEPTH, MAX_LENGTH
 
 PRIMITIVES = frozenset({*INTEGER_RANGES, *FLOATS, "bool", "string"})
 _ARRAY = re.compile(r"([^\[\]]+)((?:\[(?:<=)?\d{0,9}\])+)\Z", re.ASCII)
+_COMMENT = re.compile(r"TYPE\s+([^:]+):(.+)", re.DOTALL)
 _DIMENSION = re.compile(r"\[(<=)?(\d*)\]", re.ASCII)
 
 
@@ -30,6 +31,27 @@ def parse_type(
         log.error("unknown-type", element.at("type"), element.tag, f"unknown type `{text}`", kind)
         return None
     return kind
+
+
+def type_in_comment(
+    element: Element, library: InterfaceLibrary, log: DiagnosticLog, *, bounded: bool = False
+) -> DataType | None:
+    """The type that the comment ``<!-- TYPE id:T -->`` before ``element`` gives; None without one.
+
+    Reports ``unknown-type`` if it is none, or of another ``id``.
+    """
+    match = _COMMENT.fullmatch(element.comment)
+    if match is None:
+        return None
+    name, text = match[1].strip(), match[2].strip()
+    kind = type_of_text(text, library, bounded=bounded)
+    if name != element.get("id"):
+        what = f"the comment before it gives the type of `{name}`"
+        log.error("unknown-type", element.at("id"), element.tag, what, 'write type="…"')
+    elif isinstance(kind, str):
+        what = f"unknown type `{text}` in the comment before it"
+        log.error("unknown-type", element.position, element.tag, what, kind)
+    return None if isinstance(kind, str) else kind
 
 
 def type_of_text(text: str, library: InterfaceLibrary, *, bounded: bool = False) -> DataType | str:

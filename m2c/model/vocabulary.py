@@ -83,7 +83,7 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
         {"initial", "version", "name", "datamodel", "model_src", "binding", "xmlns", "exmode"}
     ),
     "datamodel": frozenset(),
-    "data": frozenset({"id", "type", "expr"}),
+    "data": frozenset({"id", "type", "expr", "lower_bound_incl", "upper_bound_incl"}),
     "expr": frozenset(),
     "state": frozenset({"id", "initial"}),
     "final": frozenset({"id"}),

@@ -43,6 +43,7 @@ MAX_BYTES = 4 * 1024 * 1024
 SCXML_NAMESPACE = "http://www.w3.org/2005/07/scxml"
 
 _BLANKS = " \t\n"
+_BLANK = frozenset(_BLANKS)
 _JSON_HINT = (
     "a JANI file has properties, a JSON Schema data types: "
     'name them in <properties> and in <data_declarations>, as type="json"'
@@ -52,9 +53,12 @@ _MAX_SHOWN = 200
 
 
 class Element:
-    """An XML element: ``tag`` without prefix, ``attributes`` without namespace declarations."""
+    """An XML element: ``tag`` without prefix, ``attributes`` without namespace declarations.
 
-    __slots__ = ("_positions", "attributes", "children", "position", "tag", "text")
+    ``comment`` is what the comment directly before it says, where that may mean something: of ``data``.
+    """
+
+    __slots__ = ("_positions", "attributes", "children", "comment", "position", "tag", "text")
 
     def __init__(
         self,
@@ -68,6 +72,7 @@ class Element:
         self.position = position
         self.children: list[Element] = []
         self.text = ""
+        self.comment = ""
         self._positions = positions
 
     def get(self, name: str, default: str = "") -> str:
@@ -241,6 +246,7 @@ class _Places:
     """Offsets in ``text`` as positions in ``file``."""
 
     def __init__(self, text: str, file: str) -> None:
+        self._text = text
         self._file = file
         ends = (found.end() for found in re.finditer("\n", text))
         self._starts = array("L", chain((0,), ends))
@@ -248,6 +254,16 @@ class _Places:
     def at(self, offset: int) -> Position:
         line = bisect_right(self._starts, offset)
         return Position(self._file, line, offset - self._starts[line - 1] + 1)
+
+    def comment_before(self, offset: int) -> str:
+        """What the comment that ends before ``offset`` says; "" if there is none."""
+        end = offset
+        while self._text[end - 1 : end] in _BLANK:
+            end -= 1
+        if not self._text.endswith("-->", 0, end):
+            return ""
+        begin = self._text.rfind("<!--", 0, end)
+        return self._text[begin + 4 : end - 3].strip()
 
 
 def _elements_of(tree: etree._Element, tags: Sequence[StartTag], places: _Places) -> Element:
@@ -278,6 +294,8 @@ def _element(tag: StartTag, node: etree._Element, places: _Places) -> Element:
             attributes[_local(name)] = str(value)
             positions[_local(name)] = places.at(tag.attributes[name])
     element = Element(_local(tag.name), attributes, places.at(tag.offset), positions)
+    if element.tag == "data":
+        element.comment = places.comment_before(tag.offset)
     element.text = "".join([node.text or "", *(child.tail or "" for child in node)])
     return element
 

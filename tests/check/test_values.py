@@ -114,3 +114,69 @@ def test_an_initial_value_that_is_right_is_accepted(tmp_path: Path, data: str) -
 def test_an_array_that_no_memory_holds_is_no_type(tmp_path: Path) -> None:
     (found,) = findings(tmp_path, '<data id="a" type="int32[999999999]"/>')
     assert found.endswith("unknown type `int32[999999999]` [unknown-type]")
+
+
+BOUNDED = '<data id="n" type="int8" expr="0" lower_bound_incl="-3" upper_bound_incl="5"/>'
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ('<data id="n" type="int8" expr="6" upper_bound_incl="5"/>',
+         "this is 6, out of the bounds of `n` [out-of-range]"),
+        ('<data id="m" type="int8" expr="2"/><data id="n" type="int8" expr="m * 2" lower_bound_incl="5"/>',
+         "this is 4, out of the bounds of `n` [out-of-range]"),
+        ('<data id="n" type="float32" lower_bound_incl="0.5"/>',
+         "this is 0, out of the bounds of `n` [out-of-range]"),
+        ('<data id="n" type="int8" lower_bound_incl="5" upper_bound_incl="-3"/>',
+         "no number is from 5 to -3 [out-of-range]"),
+        ('<data id="s" type="string" lower_bound_incl="0"/>',
+         "a bound of `s`, which is of type string [type-mismatch]"),
+        ('<data id="n" type="int8" lower_bound_incl="low"/>', "`low` is not a number [type-mismatch]"),
+        ('<data id="n" type="int8" lower_bound_incl="1 +"/>',
+         "`1 +`: not an expression: Unexpected token ) [bad-expression]"),
+    ],
+)  # fmt: skip
+def test_a_bound_that_cannot_be_or_is_broken_at_once_is_one_error(
+    tmp_path: Path, data: str, message: str
+) -> None:
+    assert [item.partition(" ")[2] for item in findings(tmp_path, data)] == [message]
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("6", "this is 6, out of the bounds of `n` [out-of-range]"),
+        ("-4", "this is -4, out of the bounds of `n` [out-of-range]"),
+        ("u % 2 + 6", "this is from 6 to 7, out of the bounds of `n` [out-of-range]"),
+        ("5", ""),
+        ("-3", ""),
+        ("n + 1", ""),
+        ("u % 2 + 5", ""),
+    ],
+)
+def test_an_assignment_that_is_never_within_the_bounds_is_an_error(
+    tmp_path: Path, value: str, message: str
+) -> None:
+    data = f'{BOUNDED}<data id="u" type="uint8"/>'
+    found = findings(tmp_path, data, f'<assign location="n" expr="{value}"/>')
+    assert [item.partition(" ")[2] for item in found] == ([message] if message else [])
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("<!-- TYPE n:int8 -->\n<data id=\"n\" expr=\"7\"/>", ""),
+        ("<!-- TYPE n:int8 --><data id=\"n\" expr=\"300\"/>", "300 does not fit int8 [out-of-range]"),
+        ("<!-- TYPE n:int8 --><data id=\"n\" type=\"int16\" expr=\"300\"/>", ""),
+        ("<!-- TYPE n:int7 --><data id=\"n\" expr=\"1\"/>", "unknown type `int7` in the comment before it [unknown-type]"),
+        ("<!-- TYPE m:int8 --><data id=\"n\" expr=\"1\"/>", "the comment before it gives the type of `m` [unknown-type]"),
+        ("<!-- TYPE n:int8 --><!-- the count --><data id=\"n\" expr=\"300\"/>", ""),
+        ("<!-- TYPE n:int8 --><data id=\"m\" type=\"int8\"/><data id=\"n\" expr=\"300\"/>", ""),
+    ],
+)  # fmt: skip
+def test_a_comment_directly_before_a_variable_may_give_its_type(
+    tmp_path: Path, data: str, message: str
+) -> None:
+    found = findings(tmp_path, data)
+    assert [item.partition(" ")[2] for item in found] == ([message] if message else [])
