@@ -130,6 +130,7 @@ _WARNINGS = {
 _NOTES = {
     "older-spelling": "an older or foreign spelling, and what it is read as",
     "ignored-element": "an element that another tool reads",
+    "provided-topic": "a topic that m2c adds a node for",
     "monitored-leaf": "the mark of the earlier monitor is ignored",
     "policy-alone": "a policy was checked without its system",
     "empty-port": "an empty port counts as not given",

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.model.clock import clock_for
 from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position
 from m2c.model.inputs import resolve
 from m2c.model.interfaces import InterfaceLibrary
@@ -240,6 +241,8 @@ class _SystemReader:
         nodes = read_machines(self._nodes, library, self._log)
         plugins = read_machines(self._plugins, library, self._log)
         if not self._log.has_errors:  # else a model may be missing here
+            clock = clock_for((*nodes, *plugins), library, self._log)
+            nodes = nodes if clock is None else (*nodes, clock)
             report_unknown_topics(self._qualities, (*nodes, *plugins), self._log)
         return System(
             name=folder if stem in ("system", "main") else stem,

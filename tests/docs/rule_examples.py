@@ -347,6 +347,12 @@ RULE_EXAMPLES: dict[str, Example] = {
         }
     ),
     "ignored-element": system(extra="<properties/>"),
+    "provided-topic": system(
+        machine(
+            '<ros_topic_subscriber topic="clock" type="builtin_interfaces/Time"/>'
+            '<state id="a"><ros_topic_callback name="/clock"/></state>'
+        )
+    ),
     "monitored-leaf": main_tree(LEAF.replace("/>", ' isMonitored="true"/>')),
     "policy-alone": Example(
         {
