@@ -21,15 +21,22 @@ MOST = {
 """Characters that a name may have, by what it names."""
 
 _OTHER = re.compile(r"[^A-Za-z0-9_]")
+_FIELD = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+"""https://design.ros2.org/articles/legacy_interface_definition.html, "Field names"."""
 
 
 def refusal(kind: str, name: str) -> tuple[str, str] | None:
     """Why ROS 2 does not take ``name``, and a name that it takes; None if it takes it.
 
     Args:
-        kind: ``node``, ``topic``, ``service`` or ``action``.
-        name: without a namespace; absolute, unless it is a node's.
+        kind: ``node``, ``topic``, ``service`` or ``action``; ``field`` of a message, or ``type`` of one.
+        name: without a namespace; a channel's is absolute.
     """
+    if kind == "field":
+        return _field_refusal(name)
+    if kind == "type":
+        nested = "][" in name
+        return ("it has no arrays of arrays", "an array of structures with one") if nested else None
     parts = [name] if kind == "node" else name.removeprefix("/").split("/")
     for part in parts:
         other = _OTHER.search(part)
@@ -44,6 +51,14 @@ def refusal(kind: str, name: str) -> tuple[str, str] | None:
     if len(name) > MOST[kind]:
         return f"it has {len(name)} characters; at most {MOST[kind]} are allowed", ""
     return None
+
+
+def _field_refusal(name: str) -> tuple[str, str] | None:
+    if _FIELD.fullmatch(name) is not None:
+        return None
+    words = re.sub(r"_+", "_", _plain(name).lower()).strip("_")
+    right = words if words[:1].isalpha() else f"n{words}"
+    return "lower-case letters, digits and single underscores may be in it", right
 
 
 def _written(parts: list[str], kind: str) -> str:

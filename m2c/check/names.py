@@ -11,11 +11,21 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 
+from m2c.model.datatypes import describe
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import Variable
-from m2c.model.machine import CHANNEL_KINDS, Cancel, EventKind, InterfaceKind, Machine, Raise
-from m2c.model.naming import ANYWHERE, Naming, check_channel, check_node
+from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import (
+    CHANNEL_KINDS,
+    Cancel,
+    Emit,
+    EventKind,
+    InterfaceKind,
+    Machine,
+    Raise,
+)
+from m2c.model.naming import ANYWHERE, Naming, check_channel, check_field, check_node
 from m2c.model.system import System
 from m2c.model.walk import statements_of
 
@@ -58,6 +68,7 @@ def check_names(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) -
         if fine and machine in system.nodes:  # a plugin runs in the policy's node
             check_node(machine.name, machine.position, "scxml", naming, log)
         _check_declarations(machine, naming, log)
+        _check_events(machine, system.library, naming, log)
         for owner in (machine, *(thread.machine for thread in machine.threads)):
             _check_content(owner, log)
 
@@ -88,6 +99,23 @@ def _check_declarations(machine: Machine, naming: Naming, log: DiagnosticLog) ->
             _check(interface.port, "the port", at, "", log)
     for port in machine.ports:
         _check(port.key, "the port", port.position, "", log)
+
+
+def _check_events(
+    machine: Machine, library: InterfaceLibrary, naming: Naming, log: DiagnosticLog
+) -> None:
+    """The params of the plain events that ``machine`` sends."""
+    sent = {item.name: item.type_name for item in machine.interfaces if item.event}
+    fields = {name: dict(library.message(kind).fields) for name, kind in sent.items()}
+    seen: set[tuple[str, str]] = set()
+    for owner in (machine, *(thread.machine for thread in machine.threads)):
+        for item in statements_of(owner):
+            if isinstance(item, Emit) and item.interface in fields:
+                for field in item.fields:
+                    kind = fields[item.interface].get(field.name)
+                    if kind is not None and (item.interface, field.name) not in seen:
+                        seen.add((item.interface, field.name))
+                        check_field(field.name, describe(kind), field.position, naming, log)
 
 
 def _check_content(machine: Machine, log: DiagnosticLog) -> None:

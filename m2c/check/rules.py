@@ -58,6 +58,9 @@ _ERRORS = {
     "bad-probability": "probabilities that are none, or do not add up to 1",
     "bad-status": "a status that a tree's node cannot return",
     "unbound-event": "plain SCXML: an event names a channel whose type is not known",
+    "unsupported-event": "a plain event of other machines is sent with a delay, or taken by an action thread",
+    "event-param-types": "senders of a plain event give a param types that do not go together",
+    "untyped-event-param": "a param of a plain event has a type that is not known",
     # expressions
     "bad-expression": "the text is not an ECMAScript expression",
     "unsupported-expression": "ECMAScript outside the sub-language",

@@ -258,7 +258,11 @@ class _TypeCheck:
                     what = f"this output has no field `{field.name}`"
                     self._log.error("unknown-field", field.position, "field", what)
             return
-        self._fields(emit, tag, kind, scope)
+        interface = self._machine.interface(emit.interface, InterfaceKind.PUBLISHER)
+        if emit.kind is OutputKind.PUBLISH and interface is not None and interface.event:
+            self._fields(emit, "send", "param", kind, scope)
+        else:
+            self._fields(emit, tag, "field", kind, scope)
 
     def _status(self, value: Expression, tag: str) -> None:
         """A status is named, or a variable holds one: a string with its name, or its number."""
@@ -284,17 +288,19 @@ class _TypeCheck:
         what = f"the child `{written}` is neither a number nor an integer variable"
         self._log.error("unknown-child", position, tag, what, hint)
 
-    def _fields(self, emit: Emit, tag: str, kind: Structure, scope: Scope) -> None:
+    def _fields(self, emit: Emit, tag: str, inner: str, kind: Structure, scope: Scope) -> None:
+        """Check what is sent by the element ``tag``, whose children ``inner`` set the fields of ``kind``."""
         for field in emit.fields:
             wanted = self._field_type(field, kind)
             if wanted is not None:
-                check_expression(field.value, scope, wanted, "field", self._log)
+                expected = None if wanted == ANY else wanted
+                check_expression(field.value, scope, expected, inner, self._log)
         given = {field.name.partition(".")[0] for field in emit.fields}
         missing = [name for name, _ in kind.fields if name not in given]
         if missing:
             names = ", ".join(f"`{name}`" for name in missing)
             what = f"{names} of {describe(kind)} {'is' if len(missing) == 1 else 'are'} never set"
-            hint = "it is sent as zero or empty; set it with <field>"
+            hint = f"it is sent as zero or empty; set it with <{inner}>"
             self._log.warning("unset-output-field", emit.position, tag, what, hint)
 
     def _field_type(self, field: Field, kind: Structure) -> DataType | None:

@@ -17,18 +17,16 @@ from m2c.model.machine import (
     Emit,
     Event,
     EventKind,
-    If,
     Interface,
     InterfaceKind,
     Machine,
     OutputKind,
     Raise,
-    State,
     Statement,
-    Target,
     Transition,
 )
 from m2c.model.structure import note_read_as
+from m2c.model.walk import changed, statements_of
 
 _TREE_EVENTS = {
     "CMD_TICK": ("tick", True),
@@ -63,11 +61,17 @@ def meaning_of(event: str, skill: str) -> Meaning | None:
         service, incoming = _TREE_EVENTS[event]
         direction = EventKind.REQUEST if incoming else OutputKind.RESPONSE
         return InterfaceKind.SERVER, f"/{skill}/{service}", direction
-    parts = event.split(".")
-    if len(parts) >= 3 and parts[-1] in _SUFFIXES:
-        kind, direction_of_suffix = _SUFFIXES[parts[-1]]
-        return kind, "/" + "/".join(parts[:-1]), direction_of_suffix
+    if means_channel(event):
+        *parts, suffix = event.split(".")
+        kind, direction_of_suffix = _SUFFIXES[suffix]
+        return kind, "/" + "/".join(parts), direction_of_suffix
     return None
+
+
+def means_channel(event: str) -> bool:
+    """Whether ``event`` is called as plain SCXML calls what goes over a channel."""
+    parts = event.split(".")
+    return event in _TREE_EVENTS or (len(parts) >= 3 and parts[-1] in _SUFFIXES)
 
 
 def bind_plain_events(
@@ -128,7 +132,9 @@ class _Binder:
         at, name = self._machine.position, self._machine.name
         if name != self._name:
             note_read_as(at, "scxml", name, f"the skill `{self._name}`", self._log)
-        states = tuple(self._state(state) for state in self._machine.states)
+        states = tuple(
+            changed(state, self._statement, self._transition) for state in self._machine.states
+        )
         return msgspec.structs.replace(
             self._machine,
             name=self._name,
@@ -176,14 +182,6 @@ class _Binder:
         found = [name for name in self._library.names(folder) if name.endswith(f"/{last}")]
         return found[0] if len(found) == 1 else None
 
-    def _state(self, state: State) -> State:
-        return msgspec.structs.replace(
-            state,
-            on_entry=self._block(state.on_entry),
-            on_exit=self._block(state.on_exit),
-            transitions=tuple(self._transition(transition) for transition in state.transitions),
-        )
-
     def _transition(self, transition: Transition) -> Transition:
         event = transition.event
         if event is not None and event.kind is EventKind.INTERNAL:
@@ -191,20 +189,10 @@ class _Binder:
             if meaning is not None and isinstance(meaning[2], EventKind):
                 name = self._interface(meaning, transition.position, event.name)
                 event = Event(meaning[2], name)
-        targets = tuple(
-            Target(target.state, target.probability, self._block(target.body))
-            for target in transition.targets
-        )
-        body = self._block(transition.body)
-        return msgspec.structs.replace(transition, event=event, targets=targets, body=body)
-
-    def _block(self, statements: tuple[Statement, ...]) -> tuple[Statement, ...]:
-        return tuple(self._statement(statement) for statement in statements)
+        return msgspec.structs.replace(transition, event=event)
 
     def _statement(self, statement: Statement) -> Statement:
         match statement:
-            case If(branches, position):
-                return If(tuple((cond, self._block(body)) for cond, body in branches), position)
             case Raise(event=event, position=position, fields=fields, external=True):
                 meaning = self.meaning(event)
                 if meaning is None or not isinstance(meaning[2], OutputKind):
@@ -220,16 +208,6 @@ def _event_names(machine: Machine) -> Iterator[str]:
         for transition in state.transitions:
             if transition.event is not None:
                 yield transition.event.name
-            yield from _sent(transition.body)
-        yield from _sent(state.on_entry)
-        yield from _sent(state.on_exit)
-
-
-def _sent(statements: tuple[Statement, ...]) -> Iterator[str]:
-    for statement in statements:
-        match statement:
-            case If(branches=branches):
-                for _, body in branches:
-                    yield from _sent(body)
-            case Raise(event=event):
-                yield event
+    for statement in statements_of(machine):
+        if isinstance(statement, Raise):
+            yield statement.event

@@ -91,6 +91,7 @@ class InterfaceLibrary:
         self.lacks_structures = False
         self._files: dict[str, Path] = dict(BUILTIN)
         self._structures: dict[str, Structure] = {}
+        self._defined: set[str] = set()
         self._open: list[str] = []
         self._log = DiagnosticLog()
 
@@ -145,6 +146,15 @@ class InterfaceLibrary:
             return self._structure(name)
         except KeyError:
             return None
+
+    def define(self, structure: Structure) -> None:
+        """Have a message type that no file defines, or another in the place of one that was defined so."""
+        self._defined.add(structure.name)
+        self._structures[structure.name] = structure
+
+    def defined(self) -> tuple[Structure, ...]:
+        """The types that :meth:`define` was given, sorted by name."""
+        return tuple(self._structures[name] for name in sorted(self._defined))
 
     def file(self, name: str) -> Path | None:
         """The file that defines ``name`` (``pkg/<kind>/Name``); None for ROS 2's standard types."""

@@ -64,6 +64,7 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
         port: the BT input port whose value is the channel, or the timer's rate (``<bt_get_input key=…/>``).
         rate_hz: timers only; 0 where ``port`` gives it.
         best_effort, transient_local: topics only: messages may be dropped; who comes late gets the last one.
+        event: topics only: the plain event that travels on it; "" for a topic that the model declares.
     """
 
     kind: InterfaceKind
@@ -75,6 +76,7 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
     rate_hz: float = 0.0
     best_effort: bool = False
     transient_local: bool = False
+    event: str = ""
 
 
 class EventKind(StrEnum):
@@ -161,7 +163,7 @@ class Emit(msgspec.Struct, frozen=True, tag=True, kw_only=True):
 
 
 class Raise(msgspec.Struct, frozen=True, tag=True, kw_only=True):
-    """``<raise>``, or a ``<send>`` to oneself: queue an internal event.
+    """``<raise>``, or a ``<send>`` that goes to nobody else: queue an internal event.
 
     A raised event joins the internal queue; a sent one (``external``) the external queue, after
     ``delay_s`` seconds (an expression in seconds; None: at once), and can be cancelled by ``id``.

@@ -14,8 +14,8 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog, Position
 
 NameRule = Callable[[str, str], tuple[str, str] | None]
-"""Of what (``node``, ``topic``, ``service``, ``action``) and the name: why it is refused, and one that
-works ("" if only the writer can find one); None if it is taken."""
+"""Of what (``node``, ``topic``, ``service``, ``action``; ``field`` or ``type`` of a message) and the name:
+why it is refused, and one that works ("" if only the writer can find one); None if it is taken."""
 
 _WILD = "*$?#"
 """Zenoh's wildcards and separators; ROS 2 has none of them either."""
@@ -49,6 +49,14 @@ def check_node(
 ) -> None:
     """Report a transport that does not take ``name`` for a node (``bad-name``, ``unportable-name``)."""
     _ask("node", name, position, element, naming, log)
+
+
+def check_field(
+    name: str, type_name: str, position: Position, naming: Naming, log: DiagnosticLog
+) -> None:
+    """Report a transport that does not take a param of a plain event as a field, or its type."""
+    _ask("field", name, position, "param", naming, log)
+    _ask("type", type_name, position, "param", naming, log)
 
 
 def check_channel(

@@ -10,6 +10,7 @@ import msgspec
 
 from m2c.model.clock import clock_for
 from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position
+from m2c.model.events import link_events
 from m2c.model.inputs import resolve
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Dialect, Machine
@@ -125,7 +126,22 @@ def load(
     first = next(path for path in paths if os.path.exists(path))
     name = files[0].stem if len(files) == 1 else first.resolve().stem
     sources = tuple(files)
-    return System(name=name, path=paths[0], nodes=nodes, library=library, sources=sources)
+    system = System(name=name, path=paths[0], nodes=nodes, library=library, sources=sources)
+    return linked(system, log)
+
+
+def linked(system: System, log: DiagnosticLog) -> System:
+    """``system`` with the plain events between its machines as messages, and its topics' qualities.
+
+    Where ``log`` has errors a machine may be missing: no event is said to concern others then. A system
+    that was linked may be given again, when a machine in it was replaced.
+    """
+    machines = (*system.nodes, *system.plugins)
+    if not log.has_errors:
+        machines = link_events(machines, system.library, log)
+    machines = tuple(with_qualities(machine, system.qualities) for machine in machines)
+    count = len(system.nodes)
+    return msgspec.structs.replace(system, nodes=machines[:count], plugins=machines[count:])
 
 
 def _models_in(folder: Path, log: DiagnosticLog) -> list[Path]:
@@ -159,7 +175,8 @@ def read_system(
     if root.tag == "specification":
         from m2c.model.full_model import read_full_model
 
-        return read_full_model(root, path, log, interface_directories)
+        full = read_full_model(root, path, log, interface_directories)
+        return None if full is None else linked(full, log)
     if root.tag == POLICY_ROOT:
         what = "a policy alone, without the system that it belongs to"
         hint = "give the system file that names it; `m2c check` and `m2c draw` take it alone, too"
@@ -174,7 +191,10 @@ def read_system(
             f"the root of a system file is one of {', '.join(SYSTEM_ROOTS)}, specification",
         )
         return None
-    return _SystemReader(path, log).read(root, interface_directories)
+    system = linked(_SystemReader(path, log).read(root, interface_directories), log)
+    if not log.has_errors:  # else a model may be missing here
+        report_unknown_topics(system.qualities, (*system.nodes, *system.plugins), log)
+    return system
 
 
 class _SystemReader:
@@ -243,12 +263,11 @@ class _SystemReader:
         if not self._log.has_errors:  # else a model may be missing here
             clock = clock_for((*nodes, *plugins), library, self._log)
             nodes = nodes if clock is None else (*nodes, clock)
-            report_unknown_topics(self._qualities, (*nodes, *plugins), self._log)
         return System(
             name=folder if stem in ("system", "main") else stem,
             path=self._path,
-            nodes=tuple(with_qualities(node, self._qualities) for node in nodes),
-            plugins=tuple(with_qualities(plugin, self._qualities) for plugin in plugins),
+            nodes=nodes,
+            plugins=plugins,
             policy=self._policy,
             tick_rate_hz=parameters.tick_rate_hz,
             tick_if_not_running=parameters.tick_if_not_running,

@@ -295,11 +295,11 @@ class _Typer:
                 return self._binary(node, self.type_of(node.left), self.type_of(node.right))
             case Logical(left=left, right=right):
                 first, second = self.type_of(left), self.type_of(right)
-                return first if first == second else (_common(first, second) or ANY)
+                return first if first == second else (common_type(first, second) or ANY)
             case Conditional(test=test, then=then, otherwise=otherwise):
                 self.type_of(test)
                 first, second = self.type_of(then, expected), self.type_of(otherwise, expected)
-                return _common(first, second) or ANY
+                return common_type(first, second) or ANY
             case MathCall(function=function, arguments=arguments):
                 return self._math(function, arguments)
             case MathConstant():
@@ -404,7 +404,7 @@ class _Typer:
             return FLOAT64
         if ANY in (left, right):
             return ANY if operator == "+" else NUMBER
-        return _common(left, right) or NUMBER
+        return common_type(left, right) or NUMBER
 
     def _mixed(self, node: Binary, left: DataType, right: DataType) -> None:
         self._error(
@@ -444,7 +444,7 @@ class _Typer:
             return Array(inner)
         common: DataType | None = kinds[0] if kinds else ANY
         for kind in kinds[1:]:
-            common = _common(common, kind) if common is not None else None
+            common = common_type(common, kind) if common is not None else None
         return Array(common or ANY)
 
     def _check_length(self, node: Expression, count: int, expected: DataType | None) -> None:
@@ -506,7 +506,7 @@ def _comparable(left: DataType, right: DataType, ordered: bool) -> bool:
     return isinstance(left, Structure) and isinstance(right, Structure)
 
 
-def _common(left: DataType, right: DataType) -> DataType | None:
+def common_type(left: DataType, right: DataType) -> DataType | None:
     """The narrowest type that holds both, if there is one."""
     if left == right:
         return left

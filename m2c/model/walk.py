@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+
+import msgspec
 
 from m2c.model.diagnostics import Position
 from m2c.model.expressions import Expression, Index, Member, PortInput, Variable, children
@@ -17,6 +19,8 @@ from m2c.model.machine import (
     Raise,
     State,
     Statement,
+    Target,
+    Transition,
 )
 
 
@@ -27,6 +31,44 @@ def flat(statements: Iterable[Statement]) -> Iterator[Statement]:
         if isinstance(statement, If):
             for _, body in statement.branches:
                 yield from flat(body)
+
+
+def replaced(
+    statements: Iterable[Statement], change: Callable[[Statement], Statement]
+) -> tuple[Statement, ...]:
+    """``statements`` with each, those inside ``<if>`` too, as ``change`` makes it."""
+    return tuple(
+        If(
+            tuple((cond, replaced(body, change)) for cond, body in statement.branches),
+            statement.position,
+        )
+        if isinstance(statement, If)
+        else change(statement)
+        for statement in statements
+    )
+
+
+def changed(
+    state: State,
+    statement: Callable[[Statement], Statement],
+    transition: Callable[[Transition], Transition] = lambda item: item,
+) -> State:
+    """``state`` with every statement as ``statement`` makes it, and first every transition."""
+
+    def made(item: Transition) -> Transition:
+        new = transition(item)
+        targets = tuple(
+            Target(target.state, target.probability, replaced(target.body, statement))
+            for target in new.targets
+        )
+        return msgspec.structs.replace(new, targets=targets, body=replaced(new.body, statement))
+
+    return msgspec.structs.replace(
+        state,
+        on_entry=replaced(state.on_entry, statement),
+        on_exit=replaced(state.on_exit, statement),
+        transitions=tuple(made(item) for item in state.transitions),
+    )
 
 
 def statements_in(state: State) -> Iterator[Statement]:

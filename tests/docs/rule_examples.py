@@ -30,6 +30,11 @@ def entry(content: str, before: str = "") -> Example:
     return model(f'{before}<state id="a"><onentry>{content}</onentry></state>')
 
 
+def sends(event: str, param: str, value: str) -> str:
+    sent = f'<send event="{event}"><param name="{param}" expr="{value}"/></send>'
+    return f'<state id="a"><onentry>{sent}</onentry></state>'
+
+
 def log(expression: str) -> Example:
     return entry(
         f'<log expr="{expression}"/>', '<datamodel><data id="level" type="int8"/></datamodel>'
@@ -220,6 +225,14 @@ RULE_EXAMPLES: dict[str, Example] = {
     ),
     "bad-status": entry('<bt_return_status status="OK"/>'),
     "unbound-event": model('<state id="a"><transition event="Arm.Grip.Return"/></state>'),
+    "unsupported-event": system(
+        machine('<state id="a"><onentry><send event="e" delay="1s"/></onentry></state>', "One"),
+        machine('<state id="a"><transition event="e"/></state>', "Two"),
+    ),
+    "event-param-types": system(
+        machine(sends("e", "n", "1"), "One"), machine(sends("e", "n", "true"), "Two")
+    ),
+    "untyped-event-param": model(sends("e", "n", "[]")),
     "bad-expression": log("1 +"),
     "unsupported-expression": log("eval(1)"),
     "bad-location": entry('<assign location="1" expr="2"/>'),
