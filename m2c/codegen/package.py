@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 
+from m2c.codegen.event_package import event_package
 from m2c.codegen.formatting import NotPythonError, formatted
 from m2c.codegen.names import distinct, package_name, snake
 from m2c.codegen.nodes import node_program
@@ -120,6 +121,9 @@ def system_files(
 
         policy = distinct(f"{snake(system.name)}_policy", {*used, *nodes})
         add_policy_package(draft, system, policy, naming)
+    machines = (*system.nodes, *system.plugins)
+    for path, text in event_package(machines, system.library, packaging).items():
+        draft.put(path, text)
     launch = {
         "format": LAUNCH_FORMAT,
         "system": system.name,

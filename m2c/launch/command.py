@@ -125,6 +125,7 @@ def run(
     from m2c.launch.screen import screen_for
     from m2c.launch.system import RunningSystem, RunSettings
     from m2c.logs import log_as_lines
+    from m2c.model.event_types import PACKAGE as EVENTS
     from transports.interface import TransportError
     from transports.open_files import FOR_A_CONNECTION, allow_open_files
     from transports.registry import connect
@@ -159,6 +160,10 @@ def run(
                 fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
             if transport == "ros2" and policy is not None:
                 _provide_ticks(policy)
+            if os.path.isdir(events := folder / EVENTS):
+                interfaces = (*interfaces, events)
+                if transport == "ros2":
+                    _provide_events(events)
             processes = len(description.nodes) + 1
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * processes)
             options = _transport_options(transport, endpoint, zenoh_config, namespace)
@@ -241,8 +246,8 @@ def _watcher(
 
 def _provide_ticks(policy: Policy) -> None:
     """Let the processes find ``bt_interfaces``, which is built in, where nobody has built one for ROS 2."""
-    from m2c.model.builtin import PACKAGE
-    from m2c.rosidl.build import InterfaceBuildError, build_builtin, is_importable
+    from m2c.model.builtin import FOLDER, PACKAGE
+    from m2c.rosidl.build import is_importable
 
     types = {name for leaf in policy.leaves for name in (leaf.tick_type, leaf.halt_type)}
     if is_importable(PACKAGE) or not any(name.startswith(f"{PACKAGE}/") for name in types):
@@ -250,8 +255,27 @@ def _provide_ticks(policy: Policy) -> None:
     say(
         f"{PACKAGE} is not on the path: taking the built-in one (built once, in about half a minute)"
     )
+    _provide(FOLDER)
+
+
+def _provide_events(package: Path) -> None:
+    """Let the processes find the types of the system's plain events, unless these have been built."""
+    from m2c.rosidl.packages import prefixes
+
+    types = {path.name: path.read_text() for path in package.glob("msg/*.msg")}
+    for prefix in prefixes():
+        share = prefix / "share" / package.name / "msg"
+        if {path.name: path.read_text() for path in share.glob("*.msg")} == types:
+            return
+    say(f"building {package.name}, the types of the system's events (once, in about half a minute)")
+    _provide(package)
+
+
+def _provide(package: Path) -> None:
+    from m2c.rosidl.build import InterfaceBuildError, build_once
+
     try:
-        os.environ.update(build_builtin().environment())
+        os.environ.update(build_once(package).environment())
     except InterfaceBuildError as error:
         fail(*error.lines)
 
@@ -281,7 +305,7 @@ def _generate(
     from m2c.codegen.package import system_files
     from m2c.codegen.writer import write_files
     from m2c.model import DiagnosticLog, ModelError, load
-    from m2c.model.system import read_with_reference
+    from m2c.model.system import linked, read_with_reference
     from m2c.model.typing import nearest
     from m2c.naming import naming_for
 
@@ -301,7 +325,8 @@ def _generate(
                 machine = read_with_reference(model, system, name, log)
                 if machine is not None:
                     nodes[index] = machine
-        system = msgspec.structs.replace(system, nodes=tuple(nodes))
+        if changed:
+            system = linked(msgspec.structs.replace(system, nodes=tuple(nodes)), log)
         check_system(system, log, naming)
     if system is None or log.has_errors:
         print_findings(log.diagnostics)

@@ -149,15 +149,18 @@ def is_importable(name: str) -> bool:
     return spec is not None and spec.origin is not None
 
 
-def build_builtin() -> InterfaceInstall:
-    """``bt_interfaces`` for this interpreter, built once for all in the user's cache folder.
+def build_once(package: Path) -> InterfaceInstall:
+    """``package`` for this interpreter, built once for all in the user's cache folder.
+
+    Args:
+        package: the folder of an interface package; ``builtin.FOLDER`` is that of ``bt_interfaces``.
 
     Raises:
         InterfaceBuildError: it cannot be built.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = cache / "m2c" / f"interfaces-{_content_hash([builtin.FOLDER])[:16]}"
-    return build_interfaces([builtin.FOLDER], folder)
+    folder = cache / "m2c" / f"interfaces-{_content_hash([package])[:16]}"
+    return build_interfaces([package], folder)
 
 
 def _packages(directories: Sequence[Path], output: Path) -> tuple[Package, ...]:

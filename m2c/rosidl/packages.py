@@ -11,7 +11,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -220,18 +220,33 @@ def completed(package: Package, folder: Path) -> Path:
     """
     made = folder / package.name
     shutil.copytree(package.folder, made, symlinks=True)
-    (made / "package.xml").write_text(_package_xml(package))
-    if not (made / "CMakeLists.txt").is_file():
-        (made / "CMakeLists.txt").write_text(_cmake(package))
+    for file, text in files_around(package.name, package.types, package.needs()).items():
+        if file == "package.xml" or not (made / file).is_file():
+            (made / file).write_text(text)
     return made
 
 
-def _package_xml(package: Package) -> str:
+def files_around(name: str, types: Sequence[str], needs: Iterable[str]) -> dict[str, str]:
+    """What colcon needs of an interface package besides its definitions: each file's name and text.
+
+    Args:
+        name: of the package.
+        types: its definitions, such as ``srv/Tick``.
+        needs: the packages whose types they use.
+    """
+    needed = sorted(needs)
+    return {
+        "package.xml": _package_xml(name, needed),
+        "CMakeLists.txt": _cmake(name, types, needed),
+    }
+
+
+def _package_xml(name: str, needs: Sequence[str]) -> str:
     root = element("package", {"format": "3"})
     for tag, text in (
-        ("name", package.name),
+        ("name", name),
         ("version", "0.0.0"),
-        ("description", f"Interfaces: {package.name}"),
+        ("description", f"Interfaces: {name}"),
     ):
         below(root, tag, {}, text)
     below(root, "maintainer", {"email": "nobody@example.org"}, "nobody")
@@ -239,7 +254,7 @@ def _package_xml(package: Package) -> str:
         ("license", "unknown"),
         ("buildtool_depend", "ament_cmake"),
         ("build_depend", "rosidl_default_generators"),
-        *(("depend", name) for name in sorted(package.needs())),
+        *(("depend", needed) for needed in needs),
         ("exec_depend", "rosidl_default_runtime"),
         ("member_of_group", "rosidl_interface_packages"),
     ):
@@ -248,16 +263,15 @@ def _package_xml(package: Package) -> str:
     return serialised(root)
 
 
-def _cmake(package: Package) -> str:
-    needs = sorted(package.needs())
-    listed = [f'  "{name}.{name.partition("/")[0]}"' for name in package.types]
+def _cmake(name: str, types: Sequence[str], needs: Sequence[str]) -> str:
+    listed = [f'  "{kind}.{kind.partition("/")[0]}"' for kind in types]
     return "\n".join(
         [
             "cmake_minimum_required(VERSION 3.8)",
-            f"project({package.name})",
+            f"project({name})",
             "find_package(ament_cmake REQUIRED)",
             "find_package(rosidl_default_generators REQUIRED)",
-            *(f"find_package({name} REQUIRED)" for name in needs),
+            *(f"find_package({needed} REQUIRED)" for needed in needs),
             "rosidl_generate_interfaces(${PROJECT_NAME}",
             *listed,
             *([f"  DEPENDENCIES {' '.join(needs)}"] if needs else []),
