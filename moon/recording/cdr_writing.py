@@ -128,6 +128,8 @@ def _writer(kind: DataType) -> Write:
             raise CdrError(f"values of type {name} are not supported")
         case Structure():
             return _structure_writer(kind)
+        case Array(Array(), _, _):
+            raise CdrError("arrays of arrays are not supported")  # a definition cannot say them
         case Array(element, length, fixed):
             return _array_writer(element, length, fixed)
 

@@ -6,6 +6,7 @@ https://mcap.dev/spec/registry, "ros2msg"; the sections are divided and headed a
 from __future__ import annotations
 
 from m2c.model.datatypes import Array, DataType, Primitive, Structure
+from m2c.model.event_types import PACKAGE
 
 _DIVIDER = "=" * 80
 
@@ -58,6 +59,11 @@ def _parts(structure: Structure) -> list[Structure]:
 
 
 def _short(name: str) -> str:
-    """``pkg/Name`` of a message, as ROS writes it in definitions; others keep all parts."""
+    """``pkg/Name`` of a message, as ROS writes it in definitions; others keep all parts.
+
+    What a system declares has no package: it is in that of plain events, as generated definitions have it.
+    """
     package, _, rest = name.partition("/")
+    if not rest:
+        return f"{PACKAGE}/{package}"
     return f"{package}/{rest.removeprefix('msg/')}"
