@@ -82,7 +82,7 @@ def write(folder: Path, **changed: str) -> Path:
     models = {"Ping": PING, "Pong": PONG, **{name: SCORE.format(name) for name in ("Home", "Away")}}
     for name, text in {**models, **changed}.items():
         (folder / f"{name}.ascxml").write_text(text)
-    inputs = "".join(f'<input type="ros-ascxml" src="{name}.ascxml"/>' for name in models)
+    inputs = "".join(f'<input type="node-ascxml" src="{name}.ascxml"/>' for name in models)
     system = folder / "system.xml"
     system.write_text(f"<roaml><node_models>{inputs}</node_models></roaml>")
     return system
@@ -185,8 +185,8 @@ def test_a_plugin_of_the_policy_and_a_node_hear_each_other(tmp_path: Path) -> No
     path.write_text(
         '<roaml><parameters><bt_tick_rate value="10"/></parameters><behavior_tree>'
         '<input type="bt.cpp-xml" src="policy.xml"/>'
-        '<input type="bt-plugin-ros-ascxml" src="Ask.ascxml"/></behavior_tree>'
-        '<node_models><input type="ros-ascxml" src="Reply.ascxml"/></node_models></roaml>'
+        '<input type="bt-plugin-ascxml" src="Ask.ascxml"/></behavior_tree>'
+        '<node_models><input type="node-ascxml" src="Reply.ascxml"/></node_models></roaml>'
     )
     system = m2c.read_system(path)
     assert m2c.check(system) == []
@@ -290,8 +290,8 @@ def test_arrays_of_arrays_travel_and_can_be_read_from_a_recording(tmp_path: Path
         (tmp_path / f"{name}.ascxml").write_text(text)
     path = tmp_path / "system.xml"
     path.write_text(
-        '<roaml><node_models><input type="ros-ascxml" src="Rows.ascxml"/>'
-        '<input type="ros-ascxml" src="Last.ascxml"/></node_models></roaml>'
+        '<roaml><node_models><input type="node-ascxml" src="Rows.ascxml"/>'
+        '<input type="node-ascxml" src="Last.ascxml"/></node_models></roaml>'
     )
     recording = tmp_path / "run.mcap"
     run = Run(path, "--record", recording)

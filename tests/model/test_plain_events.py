@@ -380,8 +380,8 @@ def test_the_quality_of_an_event_s_topic_is_set_as_that_of_any(tmp_path: Path) -
     (tmp_path / "a.ascxml").write_text(sender("A", send("e")))
     (tmp_path / "b.ascxml").write_text(taker("B", "e"))
     (tmp_path / "system.xml").write_text(
-        '<roaml><node_models><input type="ros-ascxml" src="a.ascxml"/>'
-        '<input type="ros-ascxml" src="b.ascxml"/></node_models>'
+        '<roaml><node_models><input type="node-ascxml" src="a.ascxml"/>'
+        '<input type="node-ascxml" src="b.ascxml"/></node_models>'
         '<qos><topic name="/plain_events/e" reliability="best_effort"/></qos></roaml>'
     )
     system = m2c.read_system(tmp_path / "system.xml")
