@@ -181,6 +181,9 @@ class SimulatedTransport:
         before, world.running = world.running, self._node
         try:
             item[0](item[1])
+        except Exception:
+            world.failed = world.failed or self._node
+            raise
         finally:
             world.running = before
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 import heapq
 import random
 import threading
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from transports.interface import TransportError
+from transports.simulated.pace import Pace
 from transports.simulated.routes import Routes
 from transports.simulated.tasks import Task, current_task
 
@@ -136,6 +137,8 @@ class SimulatedWorld:
         """Virtual time, ns since the epoch."""
         self.running: str | None = None
         """The node whose handler runs, if one does."""
+        self.failed: str | None = None
+        """The node whose handler raised what ``run`` has raised; None: something else did."""
         self.events = 0
         """How many events have happened."""
         self.nodes: dict[str, Any] = {}
@@ -147,8 +150,9 @@ class SimulatedWorld:
         self._order = 0
         self._last_stamp_ns = 0
         self._arrivals: dict[Any, int] = {}
-        self._entered: deque[tuple[Event, Any]] = deque()
-        self._wake = threading.Event()
+        # put() may come from a signal's handler while get() waits on the same thread
+        self._entered: SimpleQueue[tuple[Event, Any]] = SimpleQueue()
+        self._pace: Pace | None = None
         self._thread = threading.get_ident()
         self._tasks: list[Task] = []
 
@@ -169,8 +173,19 @@ class SimulatedWorld:
         if threading.get_ident() == self._thread or current_task() is not None:
             event(argument)
         else:
-            self._entered.append((event, argument))
-            self._wake.set()
+            self._entered.put((event, argument))
+
+    def wake(self) -> None:
+        """Have ``until`` of ``run`` asked again soon; from any thread, and from a signal's handler."""
+        self._entered.put((_nothing, None))
+
+    def keep_pace(self, speed: float | None) -> None:
+        """From now on let ``speed`` seconds pass in each second of real time.
+
+        Args:
+            speed: more than 0; None: time passes as fast as its events can happen.
+        """
+        self._pace = None if speed is None else Pace(speed, self.now_ns)
 
     def send(self, link: Any, event: Event, argument: Any, behind: Iterable[Any] = ()) -> None:
         """Let ``event(argument)`` happen when a message sent now on ``link`` arrives.
@@ -207,8 +222,8 @@ class SimulatedWorld:
 
     def step(self) -> bool:
         """Let the next event happen; False if there is none."""
-        while self._entered:
-            event, argument = self._entered.popleft()
+        while not self._entered.empty():
+            event, argument = self._entered.get()
             event(argument)
         if not self._queue:
             return False
@@ -227,10 +242,15 @@ class SimulatedWorld:
         caller, self._thread = self._thread, threading.get_ident()
         try:
             queue, entered, take = self._queue, self._entered, heapq.heappop
+            pace = self._pace
             while not until():
-                if entered:
-                    event, argument = entered.popleft()
+                if not entered.empty():
+                    event, argument = entered.get()
                     event(argument)
+                elif pace is not None and self._held_back(
+                    pace, min(queue[0][0], deadline_ns) if queue else deadline_ns
+                ):
+                    pass  # something may be different now
                 elif queue and queue[0][0] <= deadline_ns:
                     self.now_ns, _, event, argument = take(queue)
                     self.events += 1
@@ -242,6 +262,18 @@ class SimulatedWorld:
         finally:
             self._thread = caller
 
+    def _held_back(self, pace: Pace, due_ns: int) -> bool:
+        """Whether it was too early for what is due at ``due_ns``: then this has waited."""
+        wait_s = pace.left_s(due_ns)
+        if wait_s <= 0:
+            return False
+        try:
+            event, argument = self._entered.get(timeout=wait_s)
+        except Empty:
+            return True
+        event(argument)
+        return True
+
     def run_for(self, seconds: float) -> None:
         """Let ``seconds`` of virtual time pass."""
         self.run(lambda: False, self.now_ns + round(seconds * 1e9))
@@ -252,12 +284,11 @@ class SimulatedWorld:
 
     def idle(self) -> bool:
         """Whether nothing will ever happen unless another thread makes it."""
-        return not self._queue and not self._entered
+        return not self._queue and self._entered.empty()
 
     def wait_for_threads(self) -> None:
         """Block until another thread enters something: for ``spin`` of an idle world."""
-        self._wake.wait()
-        self._wake.clear()
+        self.schedule(0, *self._entered.get())
 
     # --- nodes -----------------------------------------------------------------------------------
 
@@ -298,6 +329,10 @@ class SimulatedWorld:
             node.close()
         for task in self._tasks:
             task.abandon()
+
+
+def _nothing(_: object) -> None:
+    """An event in which nothing happens."""
 
 
 def _bounds(text: str) -> tuple[float, float]:
