@@ -21,6 +21,7 @@ import click
 
 from m2c.inputs import ExistingPath
 from m2c.terminal import fail, say, write_to_nobody
+from moon.beside import system_beside
 from transports.options import DEFAULT_ENDPOINT, meeting_at, transport_options
 from transports.stop_signals import StopSignals, end_by
 
@@ -148,14 +149,10 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
     """
     from m2c.logs import log_as_lines
     from transports.interface import TransportError
-    from transports.registry import connect
 
     log_as_lines()
-    if network.transport == "simulated":
-        fail("--transport simulated: that world is in one process; listen to it there")
-    StopSignals()  # from here on, what ends this process waits until it can be ended in good order
     try:
-        connection = connect(network.transport, f"{name}_{os.getpid()}", options_of(network))
+        connection = _connection(network, name)
         try:
             yield connection
         finally:
@@ -170,6 +167,21 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
         say(f"error: cannot write {writing}{to}: {error.strerror}")
         write_to_nobody()
         sys.exit(2)
+
+
+def _connection(network: Network, name: str) -> Transport:
+    from transports.registry import connect
+
+    beside = system_beside()
+    if beside is not None:
+        return beside.connection
+    if network.transport == "simulated":
+        fail(
+            "--transport simulated: that world is in one process; `m2c run --transport simulated` "
+            "has --monitor and --record"
+        )
+    StopSignals()  # from here on, what ends this process waits until it can be ended in good order
+    return connect(network.transport, f"{name}_{os.getpid()}", options_of(network))
 
 
 class Watching:
@@ -208,13 +220,16 @@ class Watching:
                 raise BrokenPipeError
             look_around()
 
-        # asked twice: a reader that is stuck holds us up
-        StopSignals.kept().call(lambda: self._connection.post(self.stop), again=end_by)
-        self._connection.every(REFRESH_S, look)
+        connection, beside = self._connection, system_beside()
+        connection.every(REFRESH_S, look)
         if seconds is not None:
-            self._connection.after(seconds, self.stop)
-        connection = self._connection
-        connection.spin(until=lambda: self._stopped or is_over())
+            connection.after(seconds, self.stop)
+        if beside is not None:
+            beside.drive(lambda: self._stopped or is_over())
+        else:
+            # asked twice: a reader that is stuck holds us up
+            StopSignals.kept().call(lambda: connection.post(self.stop), again=end_by)
+            connection.spin(until=lambda: self._stopped or is_over())
         if settling_s and not is_over():
             self._stopped = False
             connection.after(settling_s, self.stop)

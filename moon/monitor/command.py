@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from m2c.terminal import fail, say
+from moon.beside import system_beside
 from moon.connection import (
     Network,
     Watching,
@@ -80,8 +80,6 @@ def monitor(
       moon monitor examples/lab_tour/system.xml --for 60
     """
     monitored = read_or_fail(choice.subject(models))
-    if network.transport == "simulated":
-        fail("--transport simulated: that world is in one process; watch it there (moon.Monitor)")
     with (
         connected(network, "moon_monitor", writing="verdicts") as connection,
         _recorder(record_file, monitored) as recorder,
@@ -141,23 +139,23 @@ def _monitor(
     from moon.monitor.joining import Joining
     from moon.monitor.screen import screen_for
     from moon.monitor.watch import SystemWatch
-    from moon.ordering.event_time_clock import NS
+    from moon.ordering.event_time_clock import NS, clock_nobody_sets
     from moon.recording.recorded import RecordedConnection, RecordedRun
     from moon.sinks.file import VerdictFile
     from moon.sinks.topic import VerdictTopic
     from moon.tap.notices import Notices
 
     file = VerdictFile(log_file) if log_file is not None else None
-    screen = screen_for(as_json)
+    screen = screen_for(as_json, is_alone=system_beside() is None)
     sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection), screen]
     if transport == "ros2":
         sinks += _diagnostics(connection)
     joining = Joining(connection)
     source: Connection = joining
-    clock = time.monotonic_ns
+    clock = clock_nobody_sets(connection.now_ns, transport)
     run: RecordedRun | None = None
     if recorder is not None:
-        source = recorded = RecordedConnection(joining, recorder.add, transport)
+        source = recorded = RecordedConnection(joining, recorder.add, transport, clock)
         clock = recorded.monotonic_ns
         run = RecordedRun(recorded, recorder)
         sinks.insert(0, run)

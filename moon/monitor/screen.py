@@ -110,11 +110,16 @@ class LiveTable:
         self._live.stop()
 
 
-def screen_for(as_json: bool) -> Screen:
-    """The screen that the options and standard output ask for."""
+def screen_for(as_json: bool, is_alone: bool = True) -> Screen:
+    """The screen that the options and standard output ask for.
+
+    Args:
+        as_json: an object a line.
+        is_alone: nobody else draws on a terminal.
+    """
     if as_json:
         return JsonLines()
-    if sys.stdout.isatty():
+    if is_alone and sys.stdout.isatty():
         return LiveTable()
     return Lines()
 

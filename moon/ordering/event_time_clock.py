@@ -10,6 +10,7 @@ received. What is later than ``limit_ns`` is not waited for; it is reported as m
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 NS = 1_000_000_000
@@ -24,6 +25,16 @@ _MEMORY_NS = NS
 
 _TOGETHER_NS = 1_000_000
 _TRIES = 5
+
+
+def clock_nobody_sets(now_ns: Callable[[], int], transport: str) -> Callable[[], int]:
+    """A clock (ns) by which a standstill is distinguished from a time of day that was set.
+
+    Args:
+        now_ns: the time of day; in a simulated world nobody sets it.
+        transport: the middleware.
+    """
+    return now_ns if transport == "simulated" else time.monotonic_ns
 
 
 def read_together(now_ns: Callable[[], int], monotonic_ns: Callable[[], int]) -> tuple[int, int]:

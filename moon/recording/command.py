@@ -6,7 +6,6 @@ import contextlib
 import functools
 import re
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ import click
 from m2c.inputs import interface_folders
 from m2c.printable import printable
 from m2c.terminal import fail, say
+from moon.beside import system_beside
 from moon.connection import (
     Network,
     Watching,
@@ -95,6 +95,7 @@ def record(
     Example:
       moon record -o run.mcap --interfaces examples/lab_tour/interfaces --for 60
     """
+    from moon.ordering.event_time_clock import NS, clock_nobody_sets
     from moon.recording.mcap_writing import Compression
     from moon.recording.recorder import Recorder
     from moon.recording.writer import RecordingWriter
@@ -117,8 +118,9 @@ def record(
         except FileExistsError:
             fail(f"{output}: is there already; a recording is not written over")
         try:
+            clock = clock_nobody_sets(connection.now_ns, network.transport)
             recorder = Recorder(connection, network.transport, writer, channels, say)
-            start_s = time.monotonic()
+            start_ns = clock()
             recorder.start()
             listener = recorder.listener
             assert listener is not None
@@ -131,13 +133,13 @@ def record(
                 recorder.look_around()
                 notices.links(listener.peers())
                 notices.problems(listener.problems())
-                line.show(time.monotonic() - start_s)
+                line.show((clock() - start_ns) / NS)
 
             with contextlib.suppress(BrokenPipeError):  # a recording ends as well as any other then
                 Watching(connection).run(look_around, seconds, settling_s=SETTLING_S)
             recorder.finish()
             notices.last_problems(listener.problems())
-            line.finish(time.monotonic() - start_s)
+            line.finish((clock() - start_ns) / NS)
         finally:
             writer.close()
     for sentence in writer.unknown_types():
@@ -149,7 +151,7 @@ class _Line:
 
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
-        self._live = sys.stderr.isatty()
+        self._live = sys.stderr.isatty() and system_beside() is None
         self._before = (0.0, 0)
 
     def show(self, seconds: float) -> None:

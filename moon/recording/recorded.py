@@ -52,14 +52,22 @@ class RecordedConnection:
         home: the connection.
         record: takes everything, before the monitor does.
         transport: its middleware.
+        monotonic_ns: a clock that nobody sets.
     """
 
-    def __init__(self, home: Home, record: Callable[[Entry], None], transport: str) -> None:
+    def __init__(
+        self,
+        home: Home,
+        record: Callable[[Entry], None],
+        transport: str,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         self._home = home
         self._record = record
         self._transport = transport
         self._now_ns = home.now_ns()
-        self._monotonic_ns = time.monotonic_ns()
+        self._read_monotonic = monotonic_ns
+        self._monotonic_ns = monotonic_ns()
         self._turned_ns = self._now_ns
         self._since: dict[str, int] = {}
         """Of the nodes that are up."""
@@ -143,7 +151,7 @@ class RecordedConnection:
         return self._home.publisher(topic)
 
     def _take_turn(self, turn: Turn) -> None:
-        self._monotonic_ns = time.monotonic_ns()
+        self._monotonic_ns = self._read_monotonic()
         self._turned_ns = self._now_ns
         self._record(Pulse(self._now_ns, turn, self._monotonic_ns))
 

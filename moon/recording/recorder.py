@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 
-from moon.ordering.event_time_clock import read_together
+from moon.ordering.event_time_clock import clock_nobody_sets, read_together
 from moon.recording.entries import UNUSUAL_NS, Began, Ended, Missed, NodeChange, Pulse, Turn, Whole
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
@@ -50,10 +49,7 @@ class Recorder:
         self._writer = writer
         self._globs = tuple(globs)
         self._say = say
-        is_virtual = transport == "simulated"
-        self._read_monotonic = monotonic_ns or (
-            connection.now_ns if is_virtual else time.monotonic_ns
-        )
+        self._read_monotonic = monotonic_ns or clock_nobody_sets(connection.now_ns, transport)
         self._looked_ns = 0
         """The time of day when both clocks were looked at, or when something was received since."""
         self._wanted: dict[str, bool] = {}
