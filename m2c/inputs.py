@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +21,13 @@ class Inputs(NamedTuple):  # msgspec's would cost each --help its import
 
     paths: tuple[Path, ...]
     interfaces: tuple[Path, ...]
+
+
+def finite(_: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """The callback of an option that is a number: ``nan`` and ``inf`` are numbers to click."""
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is no finite number")
+    return value
 
 
 class ExistingPath(click.Path):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import os
-import shlex
 import sys
 import tempfile
 from pathlib import Path
@@ -12,7 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import ExistingPath
+from m2c.inputs import ExistingPath, finite
+from m2c.launch.simulation_options import TRANSPORT as SIMULATED
+from m2c.launch.simulation_options import Simulation, simulation_options
 from m2c.terminal import fail, say
 from transports.options import DEFAULT_ENDPOINT, meeting_at
 
@@ -25,13 +25,6 @@ _MONITOR_OPTIONS = "--monitor-options"
 CLOSE_TIMEOUT_S = 10.0
 """How long the launcher's own connection may take to close, when all nodes have ended. Fast DDS waits for
 ever where a node that was killed has left a lock in shared memory."""
-
-
-def _finite(_: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """``nan`` and ``inf`` are numbers to click, and ``nan`` is in every range."""
-    if value is not None and not math.isfinite(value):
-        raise click.BadParameter(f"{value} is not a number of ticks")
-    return value
 
 
 class _Run(click.Command):
@@ -52,7 +45,7 @@ class _Run(click.Command):
 @click.option(
     "--rate",
     type=click.FloatRange(min=0, min_open=True),
-    callback=_finite,
+    callback=finite,
     help="Ticks of the tree a second; by default the system file's.",
 )
 @click.option("--ticks", type=click.IntRange(min=1), help="Stop after this many ticks.")
@@ -86,6 +79,7 @@ class _Run(click.Command):
     help="Record the whole run to this MCAP file.",
 )
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
+@simulation_options
 def run(
     system: Path,
     transport: str,
@@ -101,11 +95,15 @@ def run(
     monitor: str | None,
     record: Path | None,
     quiet: bool,
+    simulation: Simulation,
 ) -> None:
     """Run a system: every node as a process of its own, and the policy.
 
     SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The policy ticks
     the tree once all nodes are up.
+
+    With --transport simulated a system file is run in this process, without a middleware and in virtual
+    time: the first run of a model takes a second.
 
     Exit code 0: the last tick was made, or Ctrl-C; 1: a node died or did not end when told to, or
     --monitor found a violation; 2: the system could not be started.
@@ -113,6 +111,7 @@ def run(
     \b
     Example:
       m2c run generated --ticks 100
+      m2c run system.xml --transport simulated --for 60 --monitor
       m2c run system.xml --monitor="--properties safety.yaml" --record run.mcap
     """
     from m2c.launch.description import (
@@ -122,8 +121,10 @@ def run(
         replace,
         select,
     )
+    from m2c.launch.reading import parse_replacements
     from m2c.launch.screen import screen_for
     from m2c.launch.system import RunningSystem, RunSettings
+    from m2c.launch.watching import watch_options, watcher
     from m2c.logs import log_as_lines
     from m2c.model.event_types import PACKAGE as EVENTS
     from transports.interface import TransportError
@@ -137,9 +138,17 @@ def run(
 
         wanted = meant(system) or "expected a system file, or a folder made by `m2c generate`"
         fail(f"{system}: no such file or folder; {wanted}")
-    changed = _parse_replacements(replacements)
+    changed = parse_replacements(replacements)
     log_as_lines()
-    watch_options = _watch_options(system, "" if monitored and monitor is None else monitor)
+    of_monitor = watch_options(system, "" if monitored and monitor is None else monitor)
+    if transport == SIMULATED:
+        refused = {"--endpoint": endpoint, "--zenoh-config": zenoh_config, "--namespace": namespace}
+        _refuse(transport, [name for name, value in refused.items() if value], "a middleware")
+        from m2c.launch.simulated import run_simulated
+
+        chosen = (rate, ticks or 0, only, without)
+        sys.exit(run_simulated(system, changed, *chosen, simulation, of_monitor, record, quiet))
+    _refuse(transport, simulation.given(), SIMULATED)
     interfaces: tuple[Path, ...] = ()
     with tempfile.TemporaryDirectory(prefix="m2c-run-") as scratch:
         try:
@@ -175,8 +184,8 @@ def run(
             arguments = ["--transport", transport]
             for name, value in options.items():
                 arguments += [_NODE_OPTIONS[name], value]
-            watcher = _watcher(system, watch_options, record, interfaces)
-            settings = RunSettings(tuple(arguments), where, rate, ticks or 0, watcher)
+            watch = watcher(system, of_monitor, record, interfaces)
+            settings = RunSettings(tuple(arguments), where, rate, ticks or 0, watch)
             try:
                 with screen_for(policy, quiet) as screen:
                     system_run = RunningSystem(description, folder, connection, settings, screen)
@@ -207,41 +216,16 @@ def _transport_options(
             options["config"] = str(zenoh_config)
         if endpoint or zenoh_config is None:  # else the nodes meet where the file says
             options["endpoint"] = endpoint or DEFAULT_ENDPOINT
-    elif transport == "simulated":
-        fail("--transport simulated: that world is in one process; m2c run starts one per node")
     elif endpoint or zenoh_config is not None:
         fail(f"--transport {transport}: --endpoint and --zenoh-config are for zenoh")
     return options
 
 
-def _watch_options(system: Path, written: str | None) -> list[str] | None:
-    """What ``--monitor`` says; None without it."""
-    if written is None:
-        return None
-    if system.is_dir():
-        fail("--monitor: monitoring needs the models: give the system file as SYSTEM")
-    try:
-        return shlex.split(written)
-    except ValueError as error:
-        fail(f"--monitor={written}: {error}")
-
-
-def _watcher(
-    system: Path,
-    watch_options: list[str] | None,
-    record: Path | None,
-    interfaces: tuple[Path, ...],
-) -> tuple[str, ...]:
-    """The command line of ``moon`` that watches this run; empty if nothing is to."""
-    if record is not None and record.exists():
-        fail(f"{record}: is there already; a recording is not written over")
-    if watch_options is not None:
-        recorded = ["--record", str(record)] if record is not None else []
-        return ("monitor", str(system), *recorded, *watch_options)
-    if record is not None:
-        types = [word for folder in interfaces for word in ("--interfaces", str(folder))]
-        return ("record", "-o", str(record), *types)
-    return ()
+def _refuse(transport: str, options: list[str], right: str) -> None:
+    """End the process if ``options`` were given, which are for another transport."""
+    if options:
+        are = "is" if len(options) == 1 else "are"
+        fail(f"--transport {transport}: {' and '.join(options)} {are} for {right}")
 
 
 def _provide_ticks(policy: Policy) -> None:
@@ -280,16 +264,6 @@ def _provide(package: Path) -> None:
         fail(*error.lines)
 
 
-def _parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
-    found = {}
-    for text in written:
-        name, equals, path = text.partition("=")
-        if not equals or not name or not os.path.exists(path):
-            fail(f"--replace {text}: expected NODE=PATH, where PATH exists")
-        found[name] = Path(path)
-    return found
-
-
 def _generate(
     path: Path, folder: Path, changed: dict[str, Path], transport: str
 ) -> tuple[Path, ...]:
@@ -298,39 +272,15 @@ def _generate(
     Returns:
         The folders of its interface packages.
     """
-    import msgspec
-
-    from m2c.check import check_system
     from m2c.check.report import print_findings
     from m2c.codegen.package import system_files
     from m2c.codegen.writer import write_files
-    from m2c.model import DiagnosticLog, ModelError, load
-    from m2c.model.system import linked, read_with_reference
-    from m2c.model.typing import nearest
+    from m2c.launch.reading import read_to_run
+    from m2c.model import ModelError
     from m2c.naming import naming_for
 
     naming = naming_for(transport)
-    log = DiagnosticLog()
-    system = load([path], log)
-    if system is not None:
-        nodes = list(system.nodes)
-        for name, model in changed.items():
-            index = next((i for i, node in enumerate(nodes) if node.name == name), None)
-            if index is None:
-                fail(
-                    f"{system.name} has no node {name}; "
-                    f"{nearest(name, [node.name for node in nodes])}"
-                )
-            if model.is_file():
-                machine = read_with_reference(model, system, name, log)
-                if machine is not None:
-                    nodes[index] = machine
-        if changed:
-            system = linked(msgspec.structs.replace(system, nodes=tuple(nodes)), log)
-        check_system(system, log, naming)
-    if system is None or log.has_errors:
-        print_findings(log.diagnostics)
-        sys.exit(2)
+    system = read_to_run(path, changed, naming)
     try:
         write_files(system_files(system, naming=naming), folder)
     except ModelError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -85,15 +86,26 @@ def select(
     names = [node.name for node in description.nodes]
     if description.policy is not None:
         names.append(description.policy.name)
-    for name in (*only, *without):
-        if name not in names:
-            raise LaunchError(f"{description.system} has no node {name}; {nearest(name, names)}")
-    kept = [name for name in names if (not only or name in only) and name not in without]
+    kept = selected(description.system, names, only, without)
     nodes = tuple(node for node in description.nodes if node.name in kept)
     policy = description.policy
     if policy is not None and policy.name not in kept:
         policy = None
     return msgspec.structs.replace(description, nodes=nodes, policy=policy)
+
+
+def selected(
+    system: str, names: Sequence[str], only: tuple[str, ...], without: tuple[str, ...]
+) -> list[str]:
+    """Those of ``names`` that are to be run of ``system``.
+
+    Raises:
+        LaunchError: another name was chosen.
+    """
+    for name in (*only, *without):
+        if name not in names:
+            raise LaunchError(f"{system} has no node {name}; {nearest(name, names)}")
+    return [name for name in names if (not only or name in only) and name not in without]
 
 
 def replace(
@@ -108,10 +120,19 @@ def replace(
     for name, path in replacements.items():
         if name not in nodes:
             raise LaunchError(f"{description.system} has no node {name}; {nearest(name, nodes)}")
-        inner = [item.parent.name for item in sorted(path.glob("*/__main__.py"))]
-        if len(inner) != 1:
-            raise LaunchError(
-                f"{path}: not a generated package; expected <package>/__main__.py in it"
-            )
-        nodes[name] = Package(name, inner[0], str(path.resolve()))
+        nodes[name] = Package(name, package_in(path), str(path.resolve()))
     return msgspec.structs.replace(description, nodes=tuple(nodes.values()))
+
+
+def package_in(folder: Path) -> str:
+    """The Python package in the folder of a generated one.
+
+    Raises:
+        LaunchError: there is none.
+    """
+    inner = [item.parent.name for item in sorted(folder.glob("*/__main__.py"))]
+    if len(inner) != 1:
+        raise LaunchError(
+            f"{folder}: not a generated package; expected <package>/__main__.py in it"
+        )
+    return inner[0]

@@ -137,6 +137,11 @@ class SimulatedRun:
         program: the code.
         world: where it runs; taps and further nodes may be there already.
         settings: how nodes behave towards the others.
+        ticked: called with each tick of the tree when it is over.
+
+    Attributes:
+        policy: what ticks the tree, if the program has one.
+        ticks: what the tree did while :meth:`run` ticked it.
     """
 
     def __init__(
@@ -144,38 +149,53 @@ class SimulatedRun:
         program: Program,
         world: SimulatedWorld,
         settings: NodeSettings | None = None,
+        ticked: Callable[[TreeTick], None] | None = None,
     ) -> None:
         self.world = world
         self.ticks: list[TreeTick] = []
-        """What the tree did, tick by tick."""
+        self._transports: list[SimulatedTransport] = []
         # generated machines draw from the process's source of randomness
         random.seed(world.seed)
         self.nodes: dict[str, Any] = {}
         for name, node_class in program.nodes.items():
-            transport = SimulatedTransport(world, name)
-            node = node_class(transport, settings or NodeSettings())
+            transport = self._connect(name)
+            try:
+                node = node_class(transport, settings or NodeSettings())
+            except Exception:
+                world.failed = name
+                raise
             self.nodes[name] = node
             transport.post(node.start)
             transport.post(transport.announce)
-        self._policy: PolicyRunner | None = None
+        self.policy: PolicyRunner | None = None
         if program.policy is not None:
-            transport = SimulatedTransport(world, POLICY_NODE)
-            self._policy = PolicyRunner(transport, program.policy, program.plugins)
+            transport = self._connect(POLICY_NODE)
+            self.policy = PolicyRunner(transport, program.policy, program.plugins, ticked=ticked)
             self._rate_hz = program.policy.tick_rate_hz
             transport.announce()
         world.run_for(0.0)
 
+    def _connect(self, name: str) -> SimulatedTransport:
+        transport = SimulatedTransport(self.world, name)
+        self._transports.append(transport)
+        return transport
+
+    def close(self) -> None:
+        """The policy leaves the world, then the nodes do."""
+        for transport in reversed(self._transports):
+            transport.close()
+
     def run(self, seconds: float) -> None:
         """Let ``seconds`` of virtual time pass; the policy ticks at the system's rate until it is over."""
-        if self._policy is None:
+        if self.policy is None:
             self.world.run_for(seconds)
             return
         end = self.world.now_ns + round(seconds * 1e9)
         period_ns = round(1e9 / self._rate_hz)
         while self.world.now_ns < end:
-            if self._policy.is_over:
+            if self.policy.is_over:
                 self.world.run(lambda: False, end)
                 return
             due = self.world.now_ns + period_ns
-            self.ticks.append(self._policy.tick())
+            self.ticks.append(self.policy.tick())
             self.world.run(lambda: False, min(max(due, self.world.now_ns), end))

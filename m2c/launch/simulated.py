@@ -1,0 +1,339 @@
+"""``m2c run --transport simulated``: all nodes of a system in this process, in virtual time."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from m2c.check.report import print_findings
+from m2c.launch.description import LaunchError, package_in, selected
+from m2c.launch.in_process import (
+    POLICY_NODE,
+    Program,
+    SimulatedRun,
+    compile_system,
+    import_node,
+)
+from m2c.launch.observers import observer
+from m2c.launch.reading import read_to_run
+from m2c.launch.screen import Guarded, Screen, screen_for
+from m2c.launch.simulation_options import TRANSPORT, Simulation
+from m2c.launch.watching import watcher
+from m2c.logs import LineFormatter
+from m2c.model import ModelError
+from m2c.model.system import System
+from m2c.naming import naming_for
+from m2c.policy.ticking import PolicyError
+from m2c.terminal import fail, say
+from transports.interface import TransportError
+from transports.simulated import Conditions, SimulatedWorld
+from transports.stop_signals import StopSignals, end_by
+
+if TYPE_CHECKING:
+    from m2c.policy.runner import TreeTick
+    from transports.simulated.tasks import Task
+
+DEFAULT_S = 60.0
+"""A run for which nothing else says when it ends does so after so much virtual time."""
+BEFORE_S = 0.01
+"""What observes the run has listened for so long when the nodes begin to connect."""
+STOP_S = 60.0
+"""How long the policy may take to end, in virtual time: skills that do not answer are given up before."""
+WATCHER = "moon"
+"""The node that observes."""
+_NS = 1e9
+
+
+def run_simulated(
+    path: Path,
+    changed: dict[str, Path],
+    rate_hz: float | None,
+    ticks: int,
+    only: tuple[str, ...],
+    without: tuple[str, ...],
+    simulation: Simulation,
+    of_monitor: list[str] | None,
+    record: Path | None,
+    quiet: bool,
+) -> int:
+    """Run the system in ``path``; see ``m2c run --help``.
+
+    Returns:
+        The exit code; what keeps the system from being run ends the process with 2.
+    """
+    if path.is_dir():
+        fail(f"--transport {TRANSPORT}: it runs models: give the system file as SYSTEM")
+    system = read_to_run(path, changed, naming_for(TRANSPORT))
+    try:
+        program = _program(system, changed, only, without)
+        if ticks and program.policy is None:
+            fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
+        watch = watcher(path, of_monitor, record, system.library.folders)
+        signals = StopSignals()
+        with screen_for(program.policy, quiet) as screen:
+            run = _Run(
+                system.name, program, rate_hz or system.tick_rate_hz, ticks, simulation, screen
+            )
+            return run.run(signals, watch)
+    except ModelError as error:
+        print_findings(error.diagnostics)
+        sys.exit(2)
+    except (LaunchError, PolicyError, TransportError) as error:
+        fail(str(error))
+
+
+def _program(
+    system: System, changed: dict[str, Path], only: tuple[str, ...], without: tuple[str, ...]
+) -> Program:
+    """The code of the chosen nodes, imported.
+
+    Raises:
+        LaunchError: a name is not one of the system, or a folder is not a generated package.
+        ModelError: the policy cannot be used.
+    """
+    names = [node.name for node in system.nodes] + [POLICY_NODE] * (system.policy is not None)
+    kept = selected(system.name, names, only, without)
+    nodes = tuple(node for node in system.nodes if node.name in kept)
+    policy = system.policy if POLICY_NODE in kept else None
+    program = compile_system(msgspec.structs.replace(system, nodes=nodes, policy=policy))
+    for name, folder in changed.items():
+        if folder.is_dir() and name in program.nodes:
+            package = package_in(folder)
+            texts = {file.stem: file.read_text() for file in (folder / package).glob("*.py")}
+            del texts["__main__"]
+            program = program.replacing(name, import_node(package, texts, name))
+    return program
+
+
+class _Run:
+    """One run.
+
+    Args:
+        name: of the system.
+        program: its code.
+        rate_hz: ticks of the tree a second.
+        ticks: after how many to stop; 0: never.
+        simulation: the world, and when to stop.
+        screen: where it is shown.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        program: Program,
+        rate_hz: float,
+        ticks: int,
+        simulation: Simulation,
+        screen: Screen,
+    ) -> None:
+        self._name = name
+        self._program = program
+        self._rate_hz = rate_hz
+        self._most_ticks = ticks
+        self._simulation = simulation
+        self._screen = Guarded(screen, self._cannot_show)
+        delay_s = simulation.delay_s or Conditions().delay_s
+        self._world = SimulatedWorld(
+            simulation.seed or 0,
+            Conditions(
+                delay_s=delay_s,
+                tap_delay_s=delay_s,
+                loss=simulation.loss or 0.0,
+                tap_loss=simulation.tap_loss or 0.0,
+            ),
+        )
+        self._nodes: SimulatedRun | None = None
+        self._ticking: Task | None = None
+        self._ticks = 0
+        self._interrupted = False
+        self._unshown: OSError | None = None
+        """Why nothing can be shown."""
+        self._fault = ""
+        """What a node raised, and where."""
+        self._took = (0.0, 0.0)
+        """Seconds of virtual and of real time."""
+
+    def run(self, signals: StopSignals, watch: tuple[str, ...]) -> int:
+        """Run to the end.
+
+        Args:
+            signals: what stops it.
+            watch: the command line of what observes it, if anything does.
+
+        Returns:
+            0 after the last tick, the last second or Ctrl-C; 1 if a node raised something, or the observer
+            found a violation; what the observer ended with, if that was before anything ran.
+
+        Raises:
+            LaunchError: there is no such observer.
+            PolicyError: BehaviorTree.CPP refuses the tree.
+            OSError: the screen cannot be written to.
+        """
+        signals.call(self._interrupt, again=end_by)
+        found = 0
+        try:
+            if watch:
+                name, *words = watch
+                observe = observer(name)
+                connection = self._world.connect(WATCHER)
+                with self._faults_kept():
+                    found = observe([*words, "--transport", TRANSPORT], connection, self._drive)
+                if self._nodes is None:
+                    return found
+            else:
+                self._drive(lambda: False)
+        finally:
+            self._world.close()
+        if self._unshown is not None and not self._interrupted:
+            raise self._unshown
+        self._report(bool(found))
+        return 1 if found or self._fault else 0
+
+    def _drive(self, is_over: Callable[[], bool]) -> None:
+        """From the start of the nodes to their end (``m2c.launch.observers.Drive``)."""
+        world, simulation = self._world, self._simulation
+        world.run_for(BEFORE_S)
+        self._introduce()
+        began_ns, began_s = world.now_ns, time.monotonic()
+        # without what is due at the very end: a tick a second for 60 s is 60 ticks
+        end_ns = began_ns + round((simulation.seconds or DEFAULT_S) * _NS) - 1
+        with self._logs_shown():
+            world.keep_pace(simulation.speed)
+            with self._faults_kept():
+                self._start()
+                world.run(lambda: self._has_ended() or is_over(), end_ns)
+            world.keep_pace(None)
+            self._took = ((world.now_ns - began_ns) / _NS, time.monotonic() - began_s)
+            with self._faults_kept():
+                self._stop()
+        if self._fault and self._nodes is not None:
+            self._nodes.close()  # it would raise the same again
+
+    def _start(self) -> None:
+        self._nodes = nodes = SimulatedRun(self._program, self._world, ticked=self._show_tick)
+        policy = nodes.policy
+        if policy is None:
+            return
+
+        def tick() -> None:
+            try:
+                policy.run(self._rate_hz, self._most_ticks or None)
+            except Exception:
+                self._world.failed = self._world.failed or POLICY_NODE
+                raise
+
+        self._ticking = self._world.spawn(tick, POLICY_NODE)
+
+    def _has_ended(self) -> bool:
+        """Whether there is nothing more to be waited for than the last second."""
+        ticking = self._ticking
+        return self._interrupted or (ticking is not None and ticking.done)
+
+    def _stop(self) -> None:
+        """The policy halts its tree. The nodes go on, until what observes them has judged the rest."""
+        nodes, ticking = self._nodes, self._ticking
+        if nodes is None:
+            return
+        if nodes.policy is not None and ticking is not None:
+            nodes.policy.stop()
+            self._world.run_until(lambda: ticking.done, STOP_S)
+
+    @contextmanager
+    def _faults_kept(self) -> Iterator[None]:
+        """What a node raises ends what is done; it is reported at the end of the run."""
+        try:
+            yield
+        except Exception as error:  # a node's code may be anybody's
+            node = self._world.failed
+            if node is None or node == WATCHER:
+                raise
+            self._fault = self._fault or f"{node}: {_described(error)}"
+
+    def _interrupt(self) -> None:
+        self._interrupted = True
+        self._world.wake()
+
+    # --- what is shown -----------------------------------------------------------------------------
+
+    def _introduce(self) -> None:
+        count, speed = len(self._program.nodes), self._simulation.speed
+        pace = "as fast as it goes" if speed is None else f"{speed:g} times as fast as real time"
+        self._screen.line(
+            f"{self._name}: {count} node{'s' * (count != 1)} in virtual time, {pace}, "
+            f"seed {self._world.seed}"
+        )
+        if self._program.policy is not None:
+            self._screen.line(f"ticking the tree {self._rate_hz:g} times a second")
+
+    def _show_tick(self, tick: TreeTick) -> None:
+        self._ticks = tick.tick
+        self._screen.tick(tick)
+
+    @contextmanager
+    def _logs_shown(self) -> Iterator[None]:
+        """What nodes log are lines after their names, as what a process prints is."""
+        handler = _Lines(self._world, self._screen, (*self._program.nodes, POLICY_NODE))
+        root = logging.getLogger()
+        before = root.level
+        root.setLevel(logging.INFO)
+        root.addHandler(handler)
+        try:
+            yield
+        finally:
+            root.removeHandler(handler)
+            root.setLevel(before)
+
+    def _cannot_show(self, error: OSError) -> None:
+        """A terminal that is gone, a full disk: nobody would see how it goes on."""
+        self._unshown = error
+        self._interrupt()
+
+    def _report(self, has_violations: bool) -> None:
+        ticks = "1 tick" if self._ticks == 1 else f"{self._ticks} ticks"
+        virtual_s, real_s = self._took
+        found = f"; {WATCHER} found violations" if has_violations else ""
+        self._screen.line(
+            f"stopped after {ticks}: {virtual_s:.1f} s of virtual time in {real_s:.1f} s{found}"
+        )
+        if self._fault:
+            say(f"error: {self._fault}")
+
+
+class _Lines(logging.Handler):
+    """Shows records as lines: who logged it, and when in virtual time."""
+
+    def __init__(self, world: SimulatedWorld, screen: Screen, names: Sequence[str]) -> None:
+        super().__init__()
+        self.setFormatter(LineFormatter("%(levelname)s %(name)s: %(message)s"))
+        self._world = world
+        self._screen = screen
+        self._width = max(map(len, names))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show ``record``."""
+        who = self._world.running or record.name
+        now_ns = self._world.now_ns
+        day = time.strftime("%H:%M:%S", time.localtime(now_ns // 10**9))
+        when = f"{day}.{now_ns % 10**9 // 1000:06d}"
+        for text in self.format(record).split("\n"):
+            self._screen.line(f"{who:>{self._width}} | {when} {text}")
+
+
+def _described(error: Exception) -> str:
+    """An exception in one line, with the line of code that raised it where that is a node's."""
+    if isinstance(error, PolicyError | TransportError):
+        return str(error)
+    text = f"{type(error).__name__}: {error}"
+    frames = traceback.extract_tb(error.__traceback__)
+    if not frames:
+        return text
+    last = frames[-1]
+    return f"{text}, in {last.filename}:{last.lineno}: {last.line}"

@@ -1,0 +1,118 @@
+"""The options of ``m2c run`` that only a system in virtual time has."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import click
+
+from m2c.inputs import finite
+
+TRANSPORT = "simulated"
+_LONGEST_MS = 3_600_000.0
+
+
+class Simulation(NamedTuple):  # msgspec's would cost each --help its import
+    """What these options say; None where they say nothing.
+
+    Attributes:
+        seconds: of virtual time, after which the run ends.
+        seed: decides everything that is random.
+        speed: seconds of virtual time in one of real time.
+        delay_s: shortest and longest time that a message is under way.
+        loss: probability that a message of a best-effort topic is lost.
+        tap_loss: probability that an observation is lost.
+    """
+
+    seconds: float | None
+    seed: int | None
+    speed: float | None
+    delay_s: tuple[float, float] | None
+    loss: float | None
+    tap_loss: float | None
+
+    def given(self) -> list[str]:
+        """The options that were given."""
+        names = ("--for", "--seed", "--speed", "--delay", "--loss", "--tap-loss")
+        return [name for name, value in zip(names, self, strict=True) if value is not None]
+
+
+def _delay(
+    _: click.Context, parameter: click.Parameter, text: str | None
+) -> tuple[float, float] | None:
+    """``5`` or ``1..20``, in milliseconds, as a pair of seconds."""
+    if text is None:
+        return None
+    least, dots, most = text.partition("..")
+    try:
+        bounds = (float(least), float(most if dots else least))
+    except ValueError:
+        bounds = (math.nan, math.nan)
+    if not 0 <= bounds[0] <= bounds[1] <= _LONGEST_MS:
+        raise click.BadParameter(
+            f"{text!r} is no delay; write milliseconds (5), or the shortest and the longest (1..20)"
+        )
+    return bounds[0] / 1e3, bounds[1] / 1e3
+
+
+_POSITIVE = click.FloatRange(min=0, min_open=True)
+_PROBABILITY = click.FloatRange(min=0, max=1)
+_OPTIONS = (
+    click.option(
+        "--for",
+        "seconds",
+        type=click.FloatRange(min=0, min_open=True, max=86_400 * 365),
+        callback=finite,
+        help="Simulated: stop after this many seconds of virtual time.  [default: 60]",
+    ),
+    click.option("--seed", type=int, help="Simulated: decides what is random.  [default: 0]"),
+    click.option(
+        "--speed",
+        type=_POSITIVE,
+        callback=finite,
+        help="Simulated: so many times as fast as real time; by default as fast as it goes.",
+    ),
+    click.option(
+        "--delay",
+        "delay_s",
+        callback=_delay,
+        metavar="MS|MIN..MAX",
+        help="Simulated: how long a message is under way.  [default: 0.1]",
+    ),
+    click.option(
+        "--loss",
+        type=_PROBABILITY,
+        callback=finite,
+        help="Simulated: probability that a message of a best-effort topic is lost.  [default: 0]",
+    ),
+    click.option(
+        "--tap-loss",
+        type=_PROBABILITY,
+        callback=finite,
+        help="Simulated: the same of what --monitor and --record receive.  [default: 0]",
+    ),
+)
+
+
+def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command these options; it gets them as one argument, ``simulation``."""
+
+    @functools.wraps(command)
+    def with_simulation(
+        seconds: float | None,
+        seed: int | None,
+        speed: float | None,
+        delay_s: tuple[float, float] | None,
+        loss: float | None,
+        tap_loss: float | None,
+        **others: object,
+    ) -> None:
+        simulation = Simulation(seconds, seed, speed, delay_s, loss, tap_loss)
+        command(simulation=simulation, **others)
+
+    for option in reversed(_OPTIONS):
+        with_simulation = option(with_simulation)
+    return with_simulation

@@ -1,0 +1,277 @@
+"""``m2c run --transport simulated``: a system in one process, in virtual time."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from m2c.cli import main as m2c
+from m2c.launch.description import LaunchError
+from m2c.launch.observers import observer
+from moon.cli import main as moon
+from tests.launch.system import HEAD, LEVEL, M2C, Run, System
+
+LAB_TOUR = Path(__file__).parents[2] / "examples" / "lab_tour"
+WORLD = ("--transport", "simulated")
+TALKER = (
+    HEAD.format("Talker", "a")
+    + """<datamodel><data id="n" type="int32" expr="0"/></datamodel>
+<ros_topic_publisher topic="/t" type="std_msgs/Int32"/>
+<ros_time_rate rate_hz="10" name="clock"/>
+<state id="a"><ros_rate_callback name="clock" target="a">
+  <assign location="n" expr="n + 1"/>
+  <ros_topic_publish name="/t"><field name="data" expr="n"/></ros_topic_publish>
+</ros_rate_callback></state></scxml>"""
+)
+LISTENER = (
+    HEAD.format("Listener", "a")
+    + """<ros_topic_subscriber topic="/t" type="std_msgs/Int32"/>
+<state id="a"><ros_topic_callback name="/t" target="a"><log label="got" expr="_msg.data"/>
+</ros_topic_callback></state></scxml>"""
+)
+
+
+def run(system: Path, *options: object) -> Run:
+    """A run that has ended."""
+    made = Run(system, *WORLD, *options, endpoint=None)
+    made.end()
+    return made
+
+
+def code(made: Run) -> int:
+    return made.process.returncode
+
+
+def without_real_time(made: Run) -> list[str]:
+    """Its lines, but for the seconds that it took, which end the last one."""
+    return [re.sub(r" in [\d.]+ s", "", line) for line in made.lines]
+
+
+@pytest.fixture
+def talk(tmp_path: Path) -> Path:
+    """A node that publishes ten times a second, and one that logs what it receives, best effort."""
+    (tmp_path / "Talker.scxml").write_text(TALKER)
+    (tmp_path / "Listener.scxml").write_text(LISTENER)
+    path = tmp_path / "system.xml"
+    path.write_text(
+        '<roaml><node_models><input type="ros-scxml" src="Talker.scxml"/>'
+        '<input type="ros-scxml" src="Listener.scxml"/></node_models>'
+        '<qos><topic name="/t" reliability="best_effort"/></qos></roaml>'
+    )
+    return path
+
+
+def received(made: Run) -> list[int]:
+    return [int(line.rpartition(" ")[2]) for line in made.lines if "Listener: got" in line]
+
+
+def test_a_run_is_ticks_and_a_last_line(system: System) -> None:
+    made = run(system.path, "--ticks", 3)
+    assert code(made) == 0, made.output
+    assert [*without_real_time(made)[:5], without_real_time(made)[6]] == [
+        "lab: 2 nodes in virtual time, as fast as it goes, seed 0",
+        "ticking the tree 50 times a second",
+        *(f"tick {number:4d}  RUNNING  Level ok  Move .." for number in (1, 2, 3)),
+        "stopped after 3 ticks: 0.0 s of virtual time",
+    ]
+    assert "MoveSkill: halted: Move" in made.lines[5]
+
+
+def test_without_an_end_a_run_takes_sixty_virtual_seconds(system: System) -> None:
+    made = run(system.path, "--rate", 1, "--quiet")
+    assert code(made) == 0
+    assert without_real_time(made)[-1] == "stopped after 60 ticks: 60.0 s of virtual time"
+
+
+def test_one_seed_is_one_run_and_others_are_others(system: System) -> None:
+    options = ("--ticks", 125, "--monitor", "--delay", "0.1..30", "--tap-loss", 0.01)
+    first, again, other = (
+        run(LAB_TOUR / "system.xml", *options, "--seed", seed) for seed in (7, 7, 8)
+    )
+    assert without_real_time(first) == without_real_time(again)
+    assert without_real_time(first)[1:] != without_real_time(other)[1:]
+    for made in (first, other):  # delays, disorder and losses accuse nobody
+        assert code(made) == 0, made.output
+        assert "VIOLATED" not in made.output
+        assert "missed" in made.output
+
+
+def test_messages_of_best_effort_topics_are_lost(talk: Path) -> None:
+    assert received(run(talk, "--for", 10)) == list(range(1, 100))
+    got = received(run(talk, "--for", 10, "--loss", 0.3))
+    assert 40 < len(got) < 90
+    assert received(run(talk, "--for", 10, "--loss", 1)) == []
+
+
+def test_logs_say_who_and_when_in_virtual_time(talk: Path) -> None:
+    made = run(talk, "--for", 1, "--delay", 5)
+    (first, *_) = [line for line in made.lines if "Listener |" in line]
+    assert re.fullmatch(r"Listener \| \d\d:13:20\.115000 INFO Listener: got: 1", first), made.output
+
+
+def test_a_faulty_model_is_found_by_the_monitor(tmp_path: Path) -> None:
+    fault = LAB_TOUR / "faults" / "T3-BatteryLevelSkill.scxml"
+    recording = tmp_path / "run.mcap"
+    made = run(
+        *(LAB_TOUR / "system.xml", "--ticks", 25, "--replace", f"BatteryLevelSkill={fault}"),
+        *("--monitor", "--record", recording),
+    )
+    assert code(made) == 1, made.output
+    assert "BatteryLevelSkill  VIOLATED" in made.output
+    assert made.lines[-1].endswith("; moon found violations")
+    checked = CliRunner().invoke(moon, ["check", str(recording), str(LAB_TOUR / "system.xml")])
+    assert checked.exit_code == 1
+    assert verdicts(checked.output) == verdicts(made.output)
+
+
+def verdicts(output: str) -> list[str]:
+    """The rows of the final table without lags, and verdicts with all that explains them."""
+    lines = output.splitlines()
+    start = next(place for place, line in enumerate(lines) if line.startswith("machine "))
+    names = [line.split()[:5] for line in lines[start + 1 :] if re.match(r"\w+ +\w+ ", line)]
+    news = [line for line in lines if re.match(r"\d\d:\d\d:\d\d|    \w", line)]
+    return news + [" ".join(row) for row in names if row[1] in ("conforming", "violated")]
+
+
+def test_a_recording_alone_is_checked_like_any_other(system: System, tmp_path: Path) -> None:
+    recording = tmp_path / "run.mcap"
+    made = run(system.path, "--ticks", 5, "--record", recording)
+    assert code(made) == 0, made.output
+    assert "recorded " in made.output
+    assert "note" not in made.output
+    checked = CliRunner().invoke(moon, ["check", str(recording), str(system.path)])
+    assert checked.exit_code == 0, checked.output
+    assert "0 violations" in checked.output
+    assert "inconclusive" not in checked.output
+
+
+def test_a_monitor_that_wants_no_more_ends_the_run(system: System) -> None:
+    faulty = system.folder / "faulty.scxml"
+    faulty.write_text(LEVEL.replace("{status}", "1"))
+    made = run(system.path, "--replace", f"LevelSkill={faulty}", "--monitor=--exit-on-violation")
+    assert code(made) == 1, made.output
+    assert "1 violation in" in made.output
+    assert made.lines[-1].startswith("stopped after ")
+    assert "60.0 s" not in made.lines[-1]
+
+
+def test_options_of_the_monitor_that_are_wrong_are_said_before_anything_runs(
+    system: System,
+) -> None:
+    made = run(system.path, "--monitor=--propertis x.yaml")
+    assert code(made) == 2
+    assert "No such option '--propertis'" in made.output.replace(
+        "No such option:", "No such option"
+    )
+    assert "tick" not in made.output
+    assert "Traceback" not in made.output
+
+
+def test_nodes_are_left_out_and_replaced(system: System) -> None:
+    made = run(system.path, "--ticks", 1, "--without", "MoveSkill")
+    assert code(made) == 0, made.output
+    assert "lab: 1 node in virtual time" in made.lines[0]
+    assert "leaf Move: /MoveSkill/tick" in made.output
+    assert "tick    1  FAILURE  Level ok  Move no" in made.output
+
+
+def test_what_code_in_a_node_raises_is_one_error_that_names_the_node(system: System) -> None:
+    package = system.generate() / "level_skill"
+    machine = package / "level_skill" / "machine.py"
+    text = machine.read_text()
+    assert "status=0" in text
+    machine.write_text(text.replace("status=0", "status=1 // 0"))
+    for options in ((), ("--monitor",)):
+        made = run(system.path, "--ticks", 5, "--replace", f"LevelSkill={package}", *options)
+        assert code(made) == 1, made.output
+        (error,) = [line for line in made.lines if line.startswith("error: ")]
+        assert error.startswith("error: LevelSkill: ZeroDivisionError: "), error
+        assert "level_skill.machine" in error
+        assert "status=1 // 0" in error
+        assert "Traceback" not in made.output
+
+
+def test_a_script_that_fails_while_ticking_ends_the_run_with_its_reason(system: System) -> None:
+    system.write('<Sequence><Script code="n:=\'x\'"/><Script code="m:=n*2"/></Sequence>')
+    made = run(system.path, "--ticks", 5)
+    assert code(made) == 1, made.output
+    (error,) = [line for line in made.lines if line.startswith("error: ")]
+    assert error.startswith("error: policy: the tree cannot be ticked: ")
+
+
+def test_a_run_at_the_pace_of_real_time_ends_at_ctrl_c(system: System) -> None:
+    made = Run(system.path, *WORLD, "--speed", 1, "--for", 3600, "--monitor", endpoint=None)
+    made.until("tick ")
+    made.process.send_signal(signal.SIGINT)
+    assert made.end() == 0, made.output
+    assert "1 times as fast as real time" in made.lines[0]
+    assert "0 violations in" in made.output
+    assert "MoveSkill: halted: Move" in made.output  # the policy ends as it does elsewhere
+    assert made.lines[-1].startswith("stopped after ")
+
+
+def test_a_reader_that_leaves_ends_the_run(system: System) -> None:
+    command = [str(M2C), "run", str(system.path), *WORLD, "--speed", "1", "--for", "3600"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == b""
+        assert process.wait(60) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            [*WORLD, "--endpoint", "tcp/x:1"],
+            "--transport simulated: --endpoint is for a middleware",
+        ),
+        (
+            [*WORLD, "--namespace", "a", "--zenoh-config", __file__],
+            "--transport simulated: --zenoh-config and --namespace are for a middleware",
+        ),
+        (["--seed", "1"], "--transport zenoh: --seed is for simulated"),
+        (
+            ["--transport", "ros2", "--for", "1", "--loss", "0.1"],
+            "--transport ros2: --for and --loss are for simulated",
+        ),
+        ([*WORLD, "--delay", "20..1"], "Invalid value for '--delay': '20..1' is no delay; write"),
+        ([*WORLD, "--delay", "nan"], "Invalid value for '--delay': 'nan' is no delay; write"),
+        ([*WORLD, "--speed", "inf"], "Invalid value for '--speed': inf is no finite number"),
+        ([*WORLD, "--loss", "2"], "Invalid value for '--loss': 2"),
+        ([*WORLD, "--for", "0"], "Invalid value for '--for': 0"),
+        ([*WORLD, "--only", "MoveSkil"], "lab has no node MoveSkil; did you mean MoveSkill?"),
+        ([*WORLD, "--without", "policy", "--ticks", "3"], "--ticks 3: the policy is not run"),
+        ([*WORLD, "--replace", f"Move={__file__}"], "lab has no node Move; "),
+        (
+            [*WORLD, "--replace", f"MoveSkill={LAB_TOUR}"],
+            f"{LAB_TOUR}: not a generated package; expected <package>/__main__.py in it",
+        ),
+        ([*WORLD, "--record", __file__], "is there already; a recording is not written over"),
+    ],
+)
+def test_a_wrong_option_is_one_error(system: System, options: list[str], said: str) -> None:
+    done = CliRunner().invoke(m2c, ["run", str(system.path), *options])
+    assert done.exit_code == 2, done.output
+    assert said in " ".join(done.output.split())
+    assert "Traceback" not in done.output
+
+
+def test_a_generated_folder_is_refused(tmp_path: Path) -> None:
+    done = CliRunner().invoke(m2c, ["run", str(tmp_path), *WORLD])
+    assert done.exit_code == 2
+    assert done.output == (
+        "error: --transport simulated: it runs models: give the system file as SYSTEM\n"
+    )
+
+
+def test_an_observer_that_is_not_installed_is_an_error() -> None:
+    with pytest.raises(LaunchError, match="--watch: no observer `watch` is installed"):
+        observer("watch")
