@@ -47,6 +47,8 @@ BEFORE_S = 0.01
 """What observes the run has listened for so long when the nodes begin to connect."""
 STOP_S = 60.0
 """How long the policy may take to end, in virtual time: skills that do not answer are given up before."""
+STILL = 1_000_000
+"""So many events at one instant are a model that goes on without end: it sends itself one after another."""
 WATCHER = "moon"
 """The node that observes."""
 _NS = 1e9
@@ -139,6 +141,7 @@ class _Run:
         self._rate_hz = rate_hz
         self._most_ticks = ticks
         self._simulation = simulation
+        self._seconds = simulation.seconds or DEFAULT_S
         self._screen = Guarded(screen, self._cannot_show)
         delay_s = simulation.delay_s or Conditions().delay_s
         self._world = SimulatedWorld(
@@ -158,6 +161,8 @@ class _Run:
         """Why nothing can be shown."""
         self._fault = ""
         """What a node raised, and where."""
+        self._instant = (0, 0)
+        """Virtual time as it was seen last, and after how many events it was first so late."""
         self._took = (0.0, 0.0)
         """Seconds of virtual and of real time."""
 
@@ -204,7 +209,7 @@ class _Run:
         self._introduce()
         began_ns, began_s = world.now_ns, time.monotonic()
         # without what is due at the very end: a tick a second for 60 s is 60 ticks
-        end_ns = began_ns + round((simulation.seconds or DEFAULT_S) * _NS) - 1
+        end_ns = began_ns + round(self._seconds * _NS) - 1
         with self._logs_shown():
             world.keep_pace(simulation.speed)
             with self._faults_kept():
@@ -233,14 +238,22 @@ class _Run:
         self._ticking = self._world.spawn(tick, POLICY_NODE)
 
     def _has_ended(self) -> bool:
-        """Whether there is nothing more to be waited for than the last second."""
-        ticking = self._ticking
-        return self._interrupted or (ticking is not None and ticking.done)
+        """Whether the last tick was made, a signal came, or time stands still."""
+        world, ticking = self._world, self._ticking
+        now_ns, since = self._instant
+        if now_ns != world.now_ns:
+            self._instant = (world.now_ns, world.events)
+        elif world.events - since > STILL:
+            self._fault = (
+                f"{world.acted}: {STILL:,} events and no time has passed: does its model send itself "
+                "event after event? Give one a delay"
+            )
+        return bool(self._interrupted or self._fault or (ticking is not None and ticking.done))
 
     def _stop(self) -> None:
         """The policy halts its tree. The nodes go on, until what observes them has judged the rest."""
         nodes, ticking = self._nodes, self._ticking
-        if nodes is None:
+        if nodes is None or self._fault:
             return
         if nodes.policy is not None and ticking is not None:
             nodes.policy.stop()

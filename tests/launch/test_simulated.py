@@ -204,6 +204,18 @@ def test_a_script_that_fails_while_ticking_ends_the_run_with_its_reason(system: 
     assert error.startswith("error: policy: the tree cannot be ticked: ")
 
 
+def test_a_model_for_which_no_time_passes_is_one_error(talk: Path) -> None:
+    talk.with_name("Listener.scxml").write_text(
+        HEAD.format("Listener", "a")
+        + """<state id="a"><onentry><send event="again"/></onentry>
+        <transition event="again" target="a"/></state></scxml>"""
+    )
+    made = run(talk, "--monitor=--only Talker")
+    assert code(made) == 1, made.output
+    (error,) = [line for line in made.lines if line.startswith("error: ")]
+    assert error.startswith("error: Listener: 1,000,000 events and no time has passed: ")
+
+
 def test_a_run_at_the_pace_of_real_time_ends_at_ctrl_c(system: System) -> None:
     made = Run(system.path, *WORLD, "--speed", 1, "--for", 3600, "--monitor", endpoint=None)
     made.until("tick ")

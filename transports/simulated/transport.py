@@ -178,7 +178,8 @@ class SimulatedTransport:
         if not self.alive:
             return
         world = self.world
-        before, world.running = world.running, self._node
+        before = world.running
+        world.running = world.acted = self._node
         try:
             item[0](item[1])
         except Exception:

@@ -137,6 +137,8 @@ class SimulatedWorld:
         """Virtual time, ns since the epoch."""
         self.running: str | None = None
         """The node whose handler runs, if one does."""
+        self.acted: str | None = None
+        """The node whose handler ran last."""
         self.failed: str | None = None
         """The node whose handler raised what ``run`` has raised; None: something else did."""
         self.events = 0
