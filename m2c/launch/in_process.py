@@ -138,6 +138,7 @@ class SimulatedRun:
         world: where it runs; taps and further nodes may be there already.
         settings: how nodes behave towards the others.
         ticked: called with each tick of the tree when it is over.
+        is_over: nothing more happens once it holds; asked before each event as the nodes start.
 
     Attributes:
         policy: what ticks the tree, if the program has one.
@@ -150,6 +151,7 @@ class SimulatedRun:
         world: SimulatedWorld,
         settings: NodeSettings | None = None,
         ticked: Callable[[TreeTick], None] | None = None,
+        is_over: Callable[[], bool] = lambda: False,
     ) -> None:
         self.world = world
         self.ticks: list[TreeTick] = []
@@ -173,7 +175,7 @@ class SimulatedRun:
             self.policy = PolicyRunner(transport, program.policy, program.plugins, ticked=ticked)
             self._rate_hz = program.policy.tick_rate_hz
             transport.announce()
-        world.run_for(0.0)
+        world.run(is_over, world.now_ns)
 
     def _connect(self, name: str) -> SimulatedTransport:
         transport = SimulatedTransport(self.world, name)

@@ -47,7 +47,7 @@ BEFORE_S = 0.01
 """What observes the run has listened for so long when the nodes begin to connect."""
 STOP_S = 60.0
 """How long the policy may take to end, in virtual time: skills that do not answer are given up before."""
-STILL = 1_000_000
+STILL = 100_000
 """So many events at one instant are a model that goes on without end: it sends itself one after another."""
 WATCHER = "moon"
 """The node that observes."""
@@ -82,7 +82,13 @@ def run_simulated(
         signals = StopSignals()
         with screen_for(program.policy, quiet) as screen:
             run = _Run(
-                system.name, program, rate_hz or system.tick_rate_hz, ticks, simulation, screen
+                system.name,
+                program,
+                rate_hz or system.tick_rate_hz,
+                ticks,
+                system.max_time_s,
+                simulation,
+                screen,
             )
             return run.run(signals, watch)
     except ModelError as error:
@@ -123,6 +129,7 @@ class _Run:
         program: its code.
         rate_hz: ticks of the tree a second.
         ticks: after how many to stop; 0: never.
+        max_time_s: how long it lasts by the system file, if that says so.
         simulation: the world, and when to stop.
         screen: where it is shown.
     """
@@ -133,6 +140,7 @@ class _Run:
         program: Program,
         rate_hz: float,
         ticks: int,
+        max_time_s: float | None,
         simulation: Simulation,
         screen: Screen,
     ) -> None:
@@ -141,7 +149,7 @@ class _Run:
         self._rate_hz = rate_hz
         self._most_ticks = ticks
         self._simulation = simulation
-        self._seconds = simulation.seconds or DEFAULT_S
+        self._seconds = simulation.seconds or max_time_s or DEFAULT_S
         self._screen = Guarded(screen, self._cannot_show)
         delay_s = simulation.delay_s or Conditions().delay_s
         self._world = SimulatedWorld(
@@ -161,6 +169,8 @@ class _Run:
         """Why nothing can be shown."""
         self._fault = ""
         """What a node raised, and where."""
+        self._stands_still = False
+        """Whether no time passes any more."""
         self._instant = (0, 0)
         """Virtual time as it was seen last, and after how many events it was first so late."""
         self._took = (0.0, 0.0)
@@ -223,7 +233,9 @@ class _Run:
             self._nodes.close()  # it would raise the same again
 
     def _start(self) -> None:
-        self._nodes = nodes = SimulatedRun(self._program, self._world, ticked=self._show_tick)
+        self._nodes = nodes = SimulatedRun(
+            self._program, self._world, ticked=self._show_tick, is_over=self._has_ended
+        )
         policy = nodes.policy
         if policy is None:
             return
@@ -244,6 +256,7 @@ class _Run:
         if now_ns != world.now_ns:
             self._instant = (world.now_ns, world.events)
         elif world.events - since > STILL:
+            self._stands_still = True
             self._fault = (
                 f"{world.acted}: {STILL:,} events and no time has passed: does its model send itself "
                 "event after event? Give one a delay"
@@ -253,7 +266,7 @@ class _Run:
     def _stop(self) -> None:
         """The policy halts its tree. The nodes go on, until what observes them has judged the rest."""
         nodes, ticking = self._nodes, self._ticking
-        if nodes is None or self._fault:
+        if nodes is None or self._stands_still:
             return
         if nodes.policy is not None and ticking is not None:
             nodes.policy.stop()

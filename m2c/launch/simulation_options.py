@@ -66,7 +66,8 @@ _OPTIONS = (
         "seconds",
         type=click.FloatRange(min=0, min_open=True, max=86_400 * 365),
         callback=finite,
-        help="Simulated: stop after this many seconds of virtual time.  [default: 60]",
+        help="Simulated: stop after this many seconds of virtual time; by default the system's `max_time`, "
+        "or 60.",
     ),
     click.option("--seed", type=int, help="Simulated: decides what is random.  [default: 0]"),
     click.option(

@@ -51,7 +51,7 @@ def test_replacing_a_node_that_does_not_exist_is_refused(kind: str, system: Syst
     path = system.folder / ("generated" if kind == "folder" else "MoveSkill.scxml")
     run = Run(source, "--replace", f"Mov={path}")
     assert run.end() == 2
-    assert run.lines == ["error: lab has no node Mov; known: LevelSkill, MoveSkill"]
+    assert run.lines == ["error: lab has no node Mov; known: MoveSkill, LevelSkill"]
 
 
 def test_a_node_may_be_left_out_and_its_leaf_fails(system: System) -> None:

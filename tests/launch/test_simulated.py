@@ -213,7 +213,7 @@ def test_a_model_for_which_no_time_passes_is_one_error(talk: Path) -> None:
     made = run(talk, "--monitor=--only Talker")
     assert code(made) == 1, made.output
     (error,) = [line for line in made.lines if line.startswith("error: ")]
-    assert error.startswith("error: Listener: 1,000,000 events and no time has passed: ")
+    assert error.startswith("error: Listener: 100,000 events and no time has passed: ")
 
 
 def test_a_run_at_the_pace_of_real_time_ends_at_ctrl_c(system: System) -> None:
