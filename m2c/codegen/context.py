@@ -24,6 +24,7 @@ class MachineContext:
         is_thread: the machine executes the goals of an action server.
         constants: variables that no statement assigns.
         output_ports: type of each output port of the behaviour tree.
+        is_stepwise: it takes its eventless transitions one at a time, in turn with others.
     """
 
     def __init__(
@@ -34,6 +35,7 @@ class MachineContext:
         class_of: dict[str, str],
         class_name: str,
         is_thread: bool = False,
+        is_stepwise: bool = False,
     ) -> None:
         self.machine = machine
         self.library = library
@@ -41,6 +43,7 @@ class MachineContext:
         self.class_of = class_of
         self.class_name = class_name
         self.is_thread = is_thread
+        self.is_stepwise = is_stepwise
         self.constants = frozenset(
             data.name for data in machine.data if _is_constant(data, machine)
         )

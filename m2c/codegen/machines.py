@@ -166,7 +166,9 @@ class _MachineLowering:
             grouped.setdefault(port.method, []).append((event, port))
         for method, found in grouped.items():
             event, port = found[0]
-            reports = event.kind in _REPORT_WHETHER_TAKEN
+            reports = event.kind in _REPORT_WHETHER_TAKEN or (
+                self._context.is_stepwise and event.kind in _WAIT_UNTIL_TAKEN
+            )
             parameters = [(name(item), Source(kind)) for item, kind in port.parameters]
             if port.data is not None:
                 data = name(self._context.class_of[port.data.name])
@@ -201,7 +203,8 @@ class _MachineLowering:
     def _eventless(self) -> Iterator[program.StateBranch]:
         for state in self._machine.states:
             found = [item for item in state.transitions if item.event is None]
-            body = self._taken_first(state, found, None, program.Done("again"))
+            done = program.Done("taken" if self._context.is_stepwise else "again")
+            body = self._taken_first(state, found, None, done)
             if found:
                 yield program.StateBranch(
                     (self._context.state_text(state.name),), _within_macrostep(body)
@@ -349,3 +352,12 @@ _REPORT_WHETHER_TAKEN = frozenset(
     }
 )
 """Events whose sender waits for something: the node must know of one that is discarded."""
+
+_WAIT_UNTIL_TAKEN = frozenset(
+    {
+        *(EventKind.RESPONSE, EventKind.GOAL_ACCEPTED, EventKind.GOAL_REJECTED),
+        *(EventKind.SUCCEEDED, EventKind.ABORTED, EventKind.CANCELED),
+        *(EventKind.THREAD_START, EventKind.THREAD_FREE, EventKind.BT_TICK),
+    }
+)
+"""What waits besides, in a run in which such events wait until a state takes them."""

@@ -37,19 +37,24 @@ _ENDS: dict[InterfaceKind, tuple[str, tuple[EventKind, ...]]] = {
 """What the channel of an interface is, and the events whose handlers it is given in order."""
 
 
-def node_program(machine: Machine, library: InterfaceLibrary, package: str) -> program.NodeProgram:
+def node_program(
+    machine: Machine, library: InterfaceLibrary, package: str, is_stepwise: bool = False
+) -> program.NodeProgram:
     """All facts of a node.
 
     Args:
         machine: its model, without errors (``m2c check``).
         library: the types of its channels.
         package: the dotted name of its Python package.
+        is_stepwise: for ``m2c run --semantics as2fm``: what the templates ``stepwise_….py.j2`` need.
     """
-    return _NodeFacts(machine, library, package).facts()
+    return _NodeFacts(machine, library, package, is_stepwise).facts()
 
 
 class _NodeFacts:
-    def __init__(self, machine: Machine, library: InterfaceLibrary, package: str) -> None:
+    def __init__(
+        self, machine: Machine, library: InterfaceLibrary, package: str, is_stepwise: bool
+    ) -> None:
         self._machine = machine
         self._library = library
         self._package = package
@@ -62,7 +67,9 @@ class _NodeFacts:
         self._class_of = class_names(structures, taken)
         self._messages = message_classes(structures, self._class_of)
         contexts = [
-            MachineContext(owner, library, self._names, self._class_of, made, index > 0)
+            MachineContext(
+                owner, library, self._names, self._class_of, made, index > 0, is_stepwise
+            )
             for index, (owner, made) in enumerate(zip(self._owners, self._classes, strict=True))
         ]
         self._context = contexts[0]

@@ -28,6 +28,8 @@ _MODULES = {
     "node.py": "node.py.j2",
 }
 """The modules of a node, and the templates that they are made from."""
+_STEPWISE = _MODULES | {"machine.py": "stepwise_machine.py.j2", "node.py": "stepwise_node.py.j2"}
+"""The same for a run in steps."""
 
 
 class Draft:
@@ -55,9 +57,11 @@ class Draft:
         """Have the file ``path`` with data, which no template makes."""
         self._files[path] = text
 
-    def add_node(self, folder: str, node: NodeProgram) -> None:
+    def add_node(
+        self, folder: str, node: NodeProgram, modules: Mapping[str, str] = _MODULES
+    ) -> None:
         """The modules of a node, in ``folder``."""
-        for path, template in _MODULES.items():
+        for path, template in modules.items():
             self.add(f"{folder}{path}", template, node.name, node=node)
 
     def add_around(self, folder: str, package: PackageProgram, model: str) -> None:
@@ -192,10 +196,16 @@ def node_modules(machine: Machine, library: InterfaceLibrary, package: str) -> d
     return draft.files()
 
 
-def node_texts(machine: Machine, library: InterfaceLibrary, package: str) -> dict[str, str]:
-    """The same modules as their templates make them: to be run, not to be read."""
+def node_texts(
+    machine: Machine, library: InterfaceLibrary, package: str, is_stepwise: bool = False
+) -> dict[str, str]:
+    """The same modules as their templates make them: to be run, not to be read.
+
+    ``is_stepwise``: in steps, as AS2FM has it (``docs/semantics.md``).
+    """
     draft = Draft(our_templates())
-    draft.add_node("", node_program(machine, library, package))
+    node = node_program(machine, library, package, is_stepwise)
+    draft.add_node("", node, _STEPWISE if is_stepwise else _MODULES)
     return draft.texts()
 
 

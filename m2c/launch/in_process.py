@@ -18,6 +18,7 @@ import msgspec
 
 from m2c.codegen.names import machine_class, package_name
 from m2c.codegen.package import node_texts
+from m2c.launch.semantics import Semantics
 from m2c.model.diagnostics import DiagnosticLog, ModelError
 from m2c.model.machine import Machine
 from m2c.model.system import System
@@ -41,11 +42,13 @@ class Program(msgspec.Struct, frozen=True):
         nodes: node class per node name.
         plugins: node class per plugin name.
         policy: the behaviour tree, if the system has one.
+        semantics: what its models mean.
     """
 
     nodes: Mapping[str, NodeClass]
     plugins: Mapping[str, NodeClass]
     policy: Policy | None
+    semantics: Semantics = Semantics.DEPLOYED
 
     def replacing(self, name: str, node: NodeClass) -> Program:
         """The same system with another class for the node ``name`` (KeyError if there is none)."""
@@ -54,8 +57,12 @@ class Program(msgspec.Struct, frozen=True):
         return msgspec.structs.replace(self, nodes={**self.nodes, name: node})
 
 
-def compile_system(system: System) -> Program:
+def compile_system(system: System, semantics: Semantics = Semantics.DEPLOYED) -> Program:
     """Generate and import all of ``system``.
+
+    Args:
+        system: what is to run, without errors.
+        semantics: what its models mean; the run needs a world of the same (``Semantics.world``).
 
     Raises:
         ModelError: the policy cannot be used.
@@ -67,16 +74,19 @@ def compile_system(system: System) -> Program:
         if policy is None:
             raise ModelError(log.diagnostics)
     return Program(
-        {machine.name: compile_node(machine, system) for machine in system.nodes},
-        {machine.name: compile_node(machine, system) for machine in system.plugins},
+        {machine.name: compile_node(machine, system, semantics) for machine in system.nodes},
+        {machine.name: compile_node(machine, system, semantics) for machine in system.plugins},
         policy,
+        semantics,
     )
 
 
-def compile_node(machine: Machine, system: System) -> NodeClass:
+def compile_node(
+    machine: Machine, system: System, semantics: Semantics = Semantics.DEPLOYED
+) -> NodeClass:
     """Generate and import ``machine``; its node class."""
     package = package_name(machine.name)
-    modules = node_texts(machine, system.library, package)
+    modules = node_texts(machine, system.library, package, semantics.is_stepwise)
     return import_node(
         package, {name.removesuffix(".py"): text for name, text in modules.items()}, machine.name
     )
@@ -139,6 +149,8 @@ class SimulatedRun:
         settings: how nodes behave towards the others.
         ticked: called with each tick of the tree when it is over.
         is_over: nothing more happens once it holds; asked before each event as the nodes start.
+        tick_timeout_s: how long a leaf may take to answer. Without time limits (``Semantics``) this and
+            ``settings`` are as long as the run.
 
     Attributes:
         policy: what ticks the tree, if the program has one.
@@ -152,8 +164,10 @@ class SimulatedRun:
         settings: NodeSettings | None = None,
         ticked: Callable[[TreeTick], None] | None = None,
         is_over: Callable[[], bool] = lambda: False,
+        tick_timeout_s: float = 5.0,
     ) -> None:
         self.world = world
+        self._is_stepwise = program.semantics.is_stepwise
         self.ticks: list[TreeTick] = []
         self._transports: list[SimulatedTransport] = []
         # generated machines draw from the process's source of randomness
@@ -172,10 +186,13 @@ class SimulatedRun:
         self.policy: PolicyRunner | None = None
         if program.policy is not None:
             transport = self._connect(POLICY_NODE)
-            self.policy = PolicyRunner(transport, program.policy, program.plugins, ticked=ticked)
+            self.policy = PolicyRunner(
+                transport, program.policy, program.plugins, tick_timeout_s, ticked, settings
+            )
             self._rate_hz = program.policy.tick_rate_hz
             transport.announce()
-        world.run(is_over, world.now_ns)
+        if not self._is_stepwise:  # there, a chain of steps may need no time and have no end
+            world.run(is_over, world.now_ns)
 
     def _connect(self, name: str) -> SimulatedTransport:
         transport = SimulatedTransport(self.world, name)
@@ -187,17 +204,28 @@ class SimulatedRun:
         for transport in reversed(self._transports):
             transport.close()
 
-    def run(self, seconds: float) -> None:
-        """Let ``seconds`` of virtual time pass; the policy ticks at the system's rate until it is over."""
-        if self.policy is None:
-            self.world.run_for(seconds)
-            return
+    def run(self, seconds: float, until: Callable[[], object] = lambda: False) -> None:
+        """Let ``seconds`` of virtual time pass; the policy ticks at the system's rate until it is over.
+
+        In steps (``docs/semantics.md``), a tree that has ended for good ends the run when it would be
+        ticked next, and what is due when ``seconds`` have passed still happens, a tick included.
+
+        Args:
+            seconds: how long.
+            until: asked before each event outside of a tick; ends the run.
+        """
         end = self.world.now_ns + round(seconds * 1e9)
+        if self.policy is None:
+            self.world.run(until, end)
+            return
         period_ns = round(1e9 / self._rate_hz)
-        while self.world.now_ns < end:
+        due = self.world.now_ns + (period_ns if self._is_stepwise else 0)
+        while not self.world.run(until, min(due, end)):
             if self.policy.is_over:
-                self.world.run(lambda: False, end)
+                self.world.run(until, due if self._is_stepwise else end)
+                return
+            if due > end or (due == end and not self._is_stepwise):
                 return
             due = self.world.now_ns + period_ns
             self.ticks.append(self.policy.tick())
-            self.world.run(lambda: False, min(max(due, self.world.now_ns), end))
+            due = max(due, self.world.now_ns)

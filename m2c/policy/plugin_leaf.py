@@ -57,6 +57,7 @@ class PluginLeaf:
         timeout_s: how long the machine may take to answer; it counts as FAILURE then.
         log: where faults are reported.
         factory: the ``behaviortreepy.BehaviorTreeFactory`` that knows the trees of its children.
+        settings: how the machine behaves towards others.
     """
 
     def __init__(
@@ -67,10 +68,11 @@ class PluginLeaf:
         timeout_s: float,
         log: logging.Logger,
         factory: Any,
+        settings: NodeSettings,
     ) -> None:
         self._leaf = leaf
         self._factory = factory
-        self._arguments = (leaf, transport, node_class, timeout_s, log)
+        self._arguments = (leaf, transport, node_class, timeout_s, log, settings)
         self._places: dict[int, _Place] = {}
         self._first: _Place | None = _Place(*self._arguments)
         if not any(port.entry for port in leaf.inputs):
@@ -78,6 +80,9 @@ class PluginLeaf:
 
     def tick(self, node: TreeNode) -> str:
         """SUCCESS, FAILURE or RUNNING."""
+        return self._place_of(node).tick()
+
+    def _place_of(self, node: TreeNode) -> _Place:
         place = self._places.get(id(node))
         if place is None:
             place = self._first or _Place(*self._arguments)
@@ -85,7 +90,7 @@ class PluginLeaf:
             self._places[id(node)] = place
             place.node = node  # kept, so that no other node gets its id()
             place.children = Children(self._factory, self._leaf.id, self._leaf.children, node)
-        return place.tick()
+        return place
 
     def halt(self, node: TreeNode) -> None:
         """Stop what is RUNNING."""
@@ -107,8 +112,10 @@ class _Place:
         node_class: Callable[..., Any],
         timeout_s: float,
         log: logging.Logger,
+        settings: NodeSettings,
     ) -> None:
         self._leaf = leaf
+        self._settings = settings
         self._transport = transport
         self._node_class = node_class
         self._timeout_s = timeout_s
@@ -120,9 +127,7 @@ class _Place:
     def start(self) -> None:
         """Start the machine; one that was there before is heard no more."""
         self._talk = _Talk(self._transport, self._inputs)
-        self._machine = self._node_class(
-            self._transport, self._talk, NodeSettings(self._timeout_s), self._inputs
-        )
+        self._machine = self._node_class(self._transport, self._talk, self._settings, self._inputs)
         self._transport.post(self._machine.start)
 
     def tick(self) -> str:

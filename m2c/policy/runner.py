@@ -22,6 +22,7 @@ from m2c.policy.ticking import (
     tick_tree,
 )
 from m2c.policy.timed import TimedLeaf
+from m2c.runtime.binding import NodeSettings
 from m2c.runtime.messages import TypedMessage
 from transports.interface import Completion, Topic, Transport, TransportError
 
@@ -58,6 +59,8 @@ class PolicyRunner:
         plugins: generated node class per plugin name, for leaves that a plugin runs.
         tick_timeout_s: how long a skill may take to answer; it counts as FAILURE then.
         ticked: called with each tick when it is over, on the thread that ticks.
+        settings: how the plugins' machines behave towards others; by default their calls may take as
+            long as a skill's answer.
 
     Raises:
         PolicyError: BehaviorTree.CPP refuses the tree.
@@ -70,6 +73,7 @@ class PolicyRunner:
         plugins: Mapping[str, Callable[..., Any]] | None = None,
         tick_timeout_s: float = 5.0,
         ticked: Callable[[TreeTick], None] | None = None,
+        settings: NodeSettings | None = None,
     ) -> None:
         import behaviortreepy
 
@@ -85,7 +89,7 @@ class PolicyRunner:
         self._count = 0
         self._ends = not policy.tick_if_not_running
         self._has_ended = False
-        self._faults: list[Exception] = []
+        self._faults: list[BaseException] = []
         self._stopped: Completion = transport.completion()
         self._wakes = may_wake(policy)
         factory = behaviortreepy.BehaviorTreeFactory()
@@ -95,7 +99,15 @@ class PolicyRunner:
                 run = TimedLeaf(leaf, transport, factory)
             elif leaf.plugin:
                 made = (plugins or {})[leaf.plugin]
-                run = PluginLeaf(leaf, transport, made, tick_timeout_s, self._log, factory)
+                run = PluginLeaf(
+                    leaf,
+                    transport,
+                    made,
+                    tick_timeout_s,
+                    self._log,
+                    factory,
+                    settings or NodeSettings(tick_timeout_s),
+                )
             else:
                 run = SkillLeaf(leaf, transport, tick_timeout_s, self._log)
             tick = self._tick_of(leaf, run)
@@ -152,7 +164,7 @@ class PolicyRunner:
             return what()
         except (TransportError, PortError) as error:
             self._log.error("leaf %s: %s; taken as FAILURE", leaf.name, error)
-        except Exception as error:
+        except BaseException as error:  # that of a world which is closed, too: C++ would print it
             self._faults.append(error)
         return None
 
@@ -181,23 +193,26 @@ class PolicyRunner:
         """Whether the tree has ended and the policy does not tick it again."""
         return self._ends and self._has_ended
 
-    def run(self, rate_hz: float, ticks: int | None = None) -> int:
+    def run(self, rate_hz: float, ticks: int | None = None, waits: bool = False) -> int:
         """Tick at ``rate_hz`` until :meth:`stop`, for ``ticks`` ticks, until a tick raises or the
         policy is over.
 
         However it ends, the tree is halted, so that no skill goes on without its policy.
 
-        A tick that takes longer than the period delays the next one; no tick is made up for.
+        A tick that takes longer than the period delays the next one; no tick is made up for. With
+        ``waits`` the first tick comes after one period, and so does the end, after the last tick.
 
         Returns:
             How many ticks were made.
         """
         period_ns = round(1e9 / rate_hz)
-        due = self._transport.now_ns()
         try:
+            if waits and self._stopped.wait(1.0 / rate_hz) is not None:
+                return 0
+            due = self._transport.now_ns()
             while ticks is None or self._count < ticks:
                 self.tick()
-                if self.is_over:
+                if self.is_over and not waits:
                     break
                 now_ns = self._transport.now_ns()
                 due = min(
@@ -208,7 +223,7 @@ class PolicyRunner:
                 remaining = (due - self._transport.now_ns()) / 1e9
                 if remaining > 0:
                     self._transport.tick_complete()
-                if self._stopped.wait(max(remaining, 0.0)) is not None:
+                if self._stopped.wait(max(remaining, 0.0)) is not None or self.is_over:
                     break
         finally:
             self._tree.halt_tree()

@@ -23,6 +23,7 @@ from m2c.runtime.ports import (
 from transports.interface import (
     Action,
     Publisher,
+    Request,
     Service,
     Timer,
     Topic,
@@ -35,14 +36,23 @@ __all__ = [
     "GoalHandlers",
     "HasLog",
     "HasParameters",
+    "HasSteps",
     "NodeSettings",
 ]
 
 
 class NodeSettings(msgspec.Struct, frozen=True):
-    """How a node behaves towards the others. ``call_timeout_s`` bounds its own service calls."""
+    """How a node behaves towards the others.
+
+    Attributes:
+        call_timeout_s: bounds its own service calls.
+        events_wait: what others wait for an answer to waits until a state takes it, instead of being
+            discarded: requests, responses, goals, results, what a behaviour tree says. For nodes whose
+            code is generated for a run in steps.
+    """
 
     call_timeout_s: float = 5.0
+    events_wait: bool = False
 
 
 DEFAULT_SETTINGS = NodeSettings()
@@ -66,6 +76,15 @@ class HasLog(Protocol):
         ...
 
 
+@runtime_checkable
+class HasSteps(Protocol):
+    """A transport on which machines take their steps in turn."""
+
+    def post_step(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` once no message is due."""
+        ...
+
+
 class Binding:
     """One machine's channels on one transport."""
 
@@ -78,6 +97,8 @@ class Binding:
         self._delays: dict[str, Timer] = {}
         self._sends: dict[str, list[Timer]] = {}
         self._faults: set[str] = set()
+        self._untaken: list[Callable[[], object]] = []
+        self._stepping: set[Callable[[], bool]] = set()
         self.log = logging.getLogger(name)
 
     def publisher(self, topic: Topic) -> Publisher:
@@ -99,7 +120,14 @@ class Binding:
         """Serve ``service``; ``handler`` says whether the active state takes the request."""
         port = ServerPort(service.name, self.log, self._state, self.fault)
         guarded = self._guard(handler) if handler is not None else None
-        self._transport.serve(service, lambda request: port.handle(request, guarded))
+
+        def serve(request: Request) -> None:
+            if guarded is not None and self._settings.events_wait:
+                self.offer(lambda: port.handle(request, guarded))
+            elif not port.handle(request, guarded):
+                port.discard()
+
+        self._transport.serve(service, serve)
         return port
 
     def client(
@@ -113,7 +141,7 @@ class Binding:
             self._transport.client(service),
             service.name,
             self._settings.call_timeout_s,
-            self._guard(response) if response is not None else None,
+            self._offering(response) if response is not None else None,
             self._guard(error) if error is not None else None,
             self.log,
             self._state,
@@ -128,7 +156,7 @@ class Binding:
     ) -> ActionServerPort:
         """Serve ``action``; goals are numbered from 1 in order of arrival."""
         port = ActionServerPort(action.name, self.log, self._state)
-        guarded_goal = self._guard(goal) if goal is not None else None
+        guarded_goal = self._offering(goal) if goal is not None else None
         guarded_cancel = self._guard(cancel) if cancel is not None else None
         self._transport.serve_action(
             action,
@@ -146,7 +174,7 @@ class Binding:
             msgspec.structs.replace(
                 handlers,
                 **{
-                    field: self._guard(handler)
+                    field: self._offering(handler)
                     for field in handlers.__struct_fields__
                     if (handler := getattr(handlers, field)) is not None
                 },
@@ -157,7 +185,39 @@ class Binding:
 
     def post(self, handler: Callable[[], object]) -> None:
         """Run ``handler`` as the next event."""
-        self._transport.post(self._guard(handler))
+        self._transport.post(self._offering(handler))
+
+    def take_step(self, step: Callable[[], bool]) -> None:
+        """Take ``step`` when it is this machine's turn, and again as long as it returns true."""
+        if step in self._stepping:
+            return
+        self._stepping.add(step)
+        guarded = self._guard(step)
+
+        def take() -> None:
+            self._stepping.discard(step)
+            if guarded():
+                self.take_step(step)
+
+        transport = self._transport
+        post = transport.post_step if isinstance(transport, HasSteps) else transport.post
+        post(take)
+
+    def offer(self, take: Callable[[], object]) -> None:
+        """Have the machine take an event, now or as soon as a state does.
+
+        Args:
+            take: offers it; returns False if the state does not take it.
+        """
+        if self._guard(take)() is False:
+            self._untaken.append(take)
+
+    def _offer_again(self) -> None:
+        """Offer what waits, in order of arrival, until something is taken: then the state may be another."""
+        for place, take in enumerate(self._untaken):
+            if self._guard(take)() is not False:
+                del self._untaken[place]
+                return
 
     def start_delay(self, name: str, delay_s: float, handler: Callable[[str], object]) -> None:
         """Start the delayed transition ``name``; see ``stop_delay``."""
@@ -210,13 +270,28 @@ class Binding:
         self.log.error("%s: %s (reported once; the machine goes on)", place, text)
 
     def _guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
-        """A fault of the model ends its macrostep, not the node."""
+        """A fault of the model ends its macrostep, not the node; what waits is offered again after it."""
 
         def guarded(*arguments: Any) -> Any:
             try:
-                return handler(*arguments)
+                taken = handler(*arguments)
             except EndlessLoopError as error:
                 self.log.error("%s", error)
-                return True
+                taken = True
+            if self._untaken and taken is not False:
+                self._transport.post(self._offer_again)
+            return taken
 
         return guarded
+
+    def _offering(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """The same; where events wait, what ``handler`` does not take is offered again later."""
+        guarded = self._guard(handler)
+        if not self._settings.events_wait:
+            return guarded
+
+        def offered(*arguments: Any) -> bool:
+            self.offer(lambda: handler(*arguments))
+            return True
+
+        return offered

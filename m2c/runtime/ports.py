@@ -69,16 +69,19 @@ class ServerPort:
         self._waiting: deque[Request] = deque()
         self._current: Request | None = None
 
-    def handle(self, request: Request, handler: Callable[[Any], bool] | None) -> None:
-        """Process ``request``; one that no transition takes is discarded and never answered."""
-        state = self._state()
+    def handle(self, request: Request, handler: Callable[[Any], bool] | None) -> bool:
+        """Process ``request``; whether a transition takes it."""
         self._waiting.append(request)
         self._current = request
         taken = handler(request.data) if handler is not None else False
         self._current = None
-        if not taken and request in self._waiting:
+        if not taken:
             self._waiting.remove(request)
-            self._log.warning("state %s discards a request to %s", state, self._channel)
+        return taken
+
+    def discard(self) -> None:
+        """A request that no transition takes is never answered."""
+        self._log.warning("state %s discards a request to %s", self._state(), self._channel)
 
     def respond(self, response: Message) -> None:
         """Answer a request."""

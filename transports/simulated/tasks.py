@@ -50,6 +50,8 @@ class Task:
 
     def pause(self) -> None:
         """Hand the world back to who resumed this task, until it is resumed again."""
+        if self._abandoned:  # nobody waits for it any more
+            raise TaskAbandonedError
         self._back.release()
         self._go.acquire()
         if self._abandoned:

@@ -24,7 +24,7 @@ from transports.payloads import PayloadError, TypedCodec
 from transports.refusals import Refusals
 from transports.simulated.routes import Sent, Tap
 from transports.simulated.services import Client, Request, Server
-from transports.simulated.world import Completion, SimulatedWorld, world_called
+from transports.simulated.world import Completion, Rank, SimulatedWorld, world_called
 from transports.timers import period_ns
 
 LOG = logging.getLogger("transports.simulated")
@@ -51,7 +51,7 @@ class Timer:
         self._node = node
         self._handler: Callable[[], None] | None = handler
         self._period_ns = period_ns
-        node.world.schedule(delay_ns, self._fire, None)
+        node.world.schedule(delay_ns, self._fire, None, Rank.TIMER)
 
     def cancel(self) -> None:
         """Stop it; idempotent."""
@@ -61,7 +61,7 @@ class Timer:
         if self._handler is None or not self._node.alive:
             return
         if self._period_ns:
-            self._node.world.schedule(self._period_ns, self._fire, None)
+            self._node.world.schedule(self._period_ns, self._fire, None, Rank.TIMER)
         self._node.work(self._run, None)
 
     def _run(self, _: object) -> None:
@@ -255,6 +255,10 @@ class SimulatedTransport:
     def post(self, handler: Callable[[], None]) -> None:
         """Run ``handler`` as this node's work; callable from any thread."""
         self.world.enter(self._post, handler)
+
+    def post_step(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` as this node's work once no message is due (in a world that ranks)."""
+        self.world.schedule(0, self._posted, handler, Rank.STEP)
 
     def _post(self, handler: Callable[[], None]) -> None:
         self.world.schedule(0, self._posted, handler)

@@ -10,6 +10,7 @@ import heapq
 import random
 import threading
 from collections.abc import Callable, Iterable, Mapping
+from enum import IntEnum
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,18 @@ START_NS = 1_700_000_000 * 10**9
 """Virtual time of the first event, ns since the epoch."""
 
 Event = Callable[[Any], None]
+
+
+class Rank(IntEnum):
+    """What happens first of all that is due at one time, in a world that ranks it."""
+
+    MESSAGE = 0
+    STEP = 1
+    TIMER = 2
+
+
+_BELOW = 62
+"""A rank decides before the order does, which never has so many bits."""
 
 
 class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -114,7 +127,7 @@ class Completion:
                 if waiting and not self.ready:
                     task.resume()
 
-            world.schedule(deadline_ns - world.now_ns, give_up, None)
+            world.schedule(deadline_ns - world.now_ns, give_up, None, Rank.TIMER)
             task.pause()
             waiting.clear()
             self._task = None
@@ -127,10 +140,16 @@ class SimulatedWorld:
     Args:
         seed: decides every random choice of the world.
         conditions: how well the network and the machines work.
+        ranked: whether a timer fires only when nothing else is due, and a step of a machine
+            (:meth:`SimulatedTransport.post_step`) is taken only when no message is. Otherwise what was
+            made to happen first happens first.
     """
 
-    def __init__(self, seed: int = 0, conditions: Conditions | None = None) -> None:
+    def __init__(
+        self, seed: int = 0, conditions: Conditions | None = None, ranked: bool = False
+    ) -> None:
         self.conditions = conditions = conditions or Conditions()
+        self._is_ranked = ranked
         self.seed = seed
         self.random = random.Random(seed)
         self.now_ns = START_NS
@@ -165,10 +184,13 @@ class SimulatedWorld:
         self._last_stamp_ns = max(self.now_ns, self._last_stamp_ns + 1)
         return self._last_stamp_ns
 
-    def schedule(self, delay_ns: int, event: Event, argument: Any) -> None:
+    def schedule(
+        self, delay_ns: int, event: Event, argument: Any, rank: Rank = Rank.MESSAGE
+    ) -> None:
         """Let ``event(argument)`` happen ``delay_ns`` from now."""
         self._order += 1
-        heapq.heappush(self._queue, (self.now_ns + delay_ns, self._order, event, argument))
+        order = self._order + (rank << _BELOW if self._is_ranked else 0)
+        heapq.heappush(self._queue, (self.now_ns + delay_ns, order, event, argument))
 
     def enter(self, event: Event, argument: Any) -> None:
         """``event(argument)`` now; from another thread: as soon as the world takes notice."""
