@@ -25,6 +25,7 @@ from m2c.launch.in_process import (
 from m2c.launch.observers import observer
 from m2c.launch.reading import read_to_run
 from m2c.launch.screen import Guarded, Screen, screen_for
+from m2c.launch.semantics import Semantics
 from m2c.launch.simulation_options import TRANSPORT, Simulation
 from m2c.launch.watching import watcher
 from m2c.logs import LineFormatter
@@ -73,9 +74,12 @@ def run_simulated(
     """
     if path.is_dir():
         fail(f"--transport {TRANSPORT}: it runs models: give the system file as SYSTEM")
+    semantics = Semantics(simulation.semantics or Semantics.DEPLOYED)
+    if semantics is Semantics.AS2FM:
+        _refuse_what_is_deployed(simulation, changed, of_monitor)
     system = read_to_run(path, changed, naming_for(TRANSPORT))
     try:
-        program = _program(system, changed, only, without)
+        program = _program(system, changed, only, without, semantics)
         if ticks and program.policy is None:
             fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
         watch = watcher(path, of_monitor, record, system.library.folders)
@@ -98,8 +102,26 @@ def run_simulated(
         fail(str(error))
 
 
+def _refuse_what_is_deployed(
+    simulation: Simulation, changed: dict[str, Path], of_monitor: list[str] | None
+) -> None:
+    """End the process if options were given that AS2FM's meaning has no place for."""
+    given = f"--semantics {Semantics.AS2FM}"
+    if simulation.delay_s is not None or simulation.loss is not None:
+        fail(f"{given}: --delay and --loss are for deployed systems: here messages arrive at once")
+    if of_monitor is not None:
+        fail(f"{given}: --monitor judges nodes as they are deployed; --record records the run")
+    for name, path in changed.items():
+        if path.is_dir():
+            fail(f"{given}: --replace {name}={path}: generated code is deployed; give the model")
+
+
 def _program(
-    system: System, changed: dict[str, Path], only: tuple[str, ...], without: tuple[str, ...]
+    system: System,
+    changed: dict[str, Path],
+    only: tuple[str, ...],
+    without: tuple[str, ...],
+    semantics: Semantics,
 ) -> Program:
     """The code of the chosen nodes, imported.
 
@@ -111,7 +133,8 @@ def _program(
     kept = selected(system.name, names, only, without)
     nodes = tuple(node for node in system.nodes if node.name in kept)
     policy = system.policy if POLICY_NODE in kept else None
-    program = compile_system(msgspec.structs.replace(system, nodes=nodes, policy=policy))
+    chosen = msgspec.structs.replace(system, nodes=nodes, policy=policy)
+    program = compile_system(chosen, semantics)
     for name, folder in changed.items():
         if folder.is_dir() and name in program.nodes:
             package = package_in(folder)
@@ -152,7 +175,7 @@ class _Run:
         self._seconds = simulation.seconds or max_time_s or DEFAULT_S
         self._screen = Guarded(screen, self._cannot_show)
         delay_s = simulation.delay_s or Conditions().delay_s
-        self._world = SimulatedWorld(
+        self._world = program.semantics.world(
             simulation.seed or 0,
             Conditions(
                 delay_s=delay_s,
@@ -218,8 +241,9 @@ class _Run:
         world.run_for(BEFORE_S)
         self._introduce()
         began_ns, began_s = world.now_ns, time.monotonic()
-        # without what is due at the very end: a tick a second for 60 s is 60 ticks
-        end_ns = began_ns + round(self._seconds * _NS) - 1
+        # without what is due at the very end, unless AS2FM says so: a tick a second for 60 s is 60 ticks
+        is_deployed = not self._program.semantics.is_stepwise
+        end_ns = began_ns + round(self._seconds * _NS) - is_deployed
         with self._logs_shown():
             world.keep_pace(simulation.speed)
             with self._faults_kept():
@@ -229,12 +253,18 @@ class _Run:
             self._took = ((world.now_ns - began_ns) / _NS, time.monotonic() - began_s)
             with self._faults_kept():
                 self._stop()
-        if self._fault and self._nodes is not None:
-            self._nodes.close()  # it would raise the same again
+        if (self._fault or self._stands_still) and self._nodes is not None:
+            self._nodes.close()  # it would raise the same again, or never end
 
     def _start(self) -> None:
+        semantics = self._program.semantics
         self._nodes = nodes = SimulatedRun(
-            self._program, self._world, ticked=self._show_tick, is_over=self._has_ended
+            self._program,
+            self._world,
+            semantics.settings(self._seconds),
+            self._show_tick,
+            self._has_ended,
+            semantics.tick_timeout_s(self._seconds),
         )
         policy = nodes.policy
         if policy is None:
@@ -242,7 +272,7 @@ class _Run:
 
         def tick() -> None:
             try:
-                policy.run(self._rate_hz, self._most_ticks or None)
+                policy.run(self._rate_hz, self._most_ticks or None, semantics.is_stepwise)
             except Exception:
                 self._world.failed = self._world.failed or POLICY_NODE
                 raise
@@ -257,11 +287,13 @@ class _Run:
             self._instant = (world.now_ns, world.events)
         elif world.events - since > STILL:
             self._stands_still = True
-            self._fault = (
-                f"{world.acted}: {STILL:,} events and no time has passed: does its model send itself "
-                "event after event? Give one a delay"
-            )
-        return bool(self._interrupted or self._fault or (ticking is not None and ticking.done))
+            if not self._program.semantics.is_stepwise:
+                self._fault = (
+                    f"{world.acted}: {STILL:,} events and no time has passed: does its model send itself "
+                    "event after event? Give one a delay"
+                )
+        ended = self._interrupted or self._fault or self._stands_still
+        return bool(ended or (ticking is not None and ticking.done))
 
     def _stop(self) -> None:
         """The policy halts its tree. The nodes go on, until what observes them has judged the rest."""
@@ -270,7 +302,8 @@ class _Run:
             return
         if nodes.policy is not None and ticking is not None:
             nodes.policy.stop()
-            self._world.run_until(lambda: ticking.done, STOP_S)
+            limit_s = self._program.semantics.tick_timeout_s(self._seconds)
+            self._world.run_until(lambda: ticking.done, max(STOP_S, 2 * limit_s))
 
     @contextmanager
     def _faults_kept(self) -> Iterator[None]:
@@ -326,6 +359,8 @@ class _Run:
         ticks = "1 tick" if self._ticks == 1 else f"{self._ticks} ticks"
         virtual_s, real_s = self._took
         found = f"; {WATCHER} found violations" if has_violations else ""
+        if self._stands_still and not self._fault:
+            found += f"; {STILL:,} events needed no time, and more would have followed"
         self._screen.line(
             f"stopped after {ticks}: {virtual_s:.1f} s of virtual time in {real_s:.1f} s{found}"
         )

@@ -25,6 +25,7 @@ class Simulation(NamedTuple):  # msgspec's would cost each --help its import
         delay_s: shortest and longest time that a message is under way.
         loss: probability that a message of a best-effort topic is lost.
         tap_loss: probability that an observation is lost.
+        semantics: what models mean (``m2c.launch.semantics.Semantics``).
     """
 
     seconds: float | None
@@ -33,10 +34,11 @@ class Simulation(NamedTuple):  # msgspec's would cost each --help its import
     delay_s: tuple[float, float] | None
     loss: float | None
     tap_loss: float | None
+    semantics: str | None
 
     def given(self) -> list[str]:
         """The options that were given."""
-        names = ("--for", "--seed", "--speed", "--delay", "--loss", "--tap-loss")
+        names = ("--for", "--seed", "--speed", "--delay", "--loss", "--tap-loss", "--semantics")
         return [name for name, value in zip(names, self, strict=True) if value is not None]
 
 
@@ -95,6 +97,12 @@ _OPTIONS = (
         callback=finite,
         help="Simulated: the same of what --monitor and --record receive.  [default: 0]",
     ),
+    click.option(
+        "--semantics",
+        type=click.Choice(["deployed", "as2fm"]),
+        help="Simulated: what models mean: SCXML with queues, as robots run it, or AS2FM's steps.  "
+        "[default: deployed]",
+    ),
 )
 
 
@@ -109,9 +117,10 @@ def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
         delay_s: tuple[float, float] | None,
         loss: float | None,
         tap_loss: float | None,
+        semantics: str | None,
         **others: object,
     ) -> None:
-        simulation = Simulation(seconds, seed, speed, delay_s, loss, tap_loss)
+        simulation = Simulation(seconds, seed, speed, delay_s, loss, tap_loss, semantics)
         command(simulation=simulation, **others)
 
     for option in reversed(_OPTIONS):

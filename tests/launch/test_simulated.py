@@ -287,3 +287,69 @@ def test_a_generated_folder_is_refused(tmp_path: Path) -> None:
 def test_an_observer_that_is_not_installed_is_an_error() -> None:
     with pytest.raises(LaunchError, match="--watch: no observer `watch` is installed"):
         observer("watch")
+
+
+# --- the meaning that AS2FM gives to models -------------------------------------------------------
+
+STEPS = ("--semantics", "as2fm")
+
+
+def test_max_time_ends_a_run_and_still_counts_in_as2fm(talk: Path) -> None:
+    text = talk.read_text().replace(
+        "<roaml>", '<roaml><parameters><max_time value="2" unit="s"/></parameters>'
+    )
+    talk.write_text(text)
+    assert received(run(talk)) == [*range(1, 20)]
+    assert received(run(talk, *STEPS)) == [*range(1, 21)]
+
+
+def test_a_chain_of_steps_without_end_ends_the_run_and_is_no_fault(
+    talk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("m2c.launch.simulated.STILL", 1_000)
+    talk.with_name("Talker.scxml").write_text(
+        HEAD.format("Talker", "a") + """<state id="a"><transition target="a"/></state></scxml>"""
+    )
+    done = CliRunner().invoke(m2c, ["run", str(talk), *WORLD, *STEPS])
+    assert done.exit_code == 0, done.output
+    assert done.output.endswith("; 1,000 events needed no time, and more would have followed\n")
+
+
+def test_a_leaf_that_waits_when_steps_have_no_end_is_let_go(
+    system: System, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("m2c.launch.simulated.STILL", 1_000)
+    busy = system.folder / "busy.scxml"
+    loop = """<ros_time_rate name="soon" rate_hz="40"/>
+    <state id="early"><ros_rate_callback name="soon" target="busy"/></state>
+    <state id="busy"><transition cond="true" target="busy"/><transition event="e" target="idle"/></state>"""
+    busy.write_text(
+        LEVEL.replace("{status}", "0")
+        .replace('initial="idle"', 'initial="early"')
+        .replace("</scxml>", f"{loop}</scxml>")
+    )
+    done = CliRunner().invoke(
+        m2c, ["run", str(system.path), *WORLD, *STEPS, "--replace", f"LevelSkill={busy}"]
+    )
+    assert done.exit_code == 0, done.output
+    assert "1,000 events needed no time" in done.output
+    assert "TaskAbandonedError" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--delay", "1"], "--delay and --loss are for deployed systems"),
+        (["--loss", "0.5"], "--delay and --loss are for deployed systems"),
+        (["--monitor"], "--monitor judges nodes as they are deployed"),
+        (["--replace", "LevelSkill={folder}"], "generated code is deployed; give the model"),
+    ],
+)
+def test_what_as2fm_has_no_place_for_is_refused(
+    system: System, options: list[str], said: str
+) -> None:
+    written = [option.replace("{folder}", str(system.folder)) for option in options]
+    done = CliRunner().invoke(m2c, ["run", str(system.path), *WORLD, *STEPS, *written])
+    assert done.exit_code == 2
+    assert done.output.startswith("error: --semantics as2fm: ")
+    assert said in done.output
