@@ -7,15 +7,27 @@ from m2c.check.paths import reachable, shadows, truth
 from m2c.check.responses import check_responses
 from m2c.check.unused import check_interfaces
 from m2c.model.diagnostics import DiagnosticLog
-from m2c.model.machine import Machine, State, Transition
+from m2c.model.machine import EventKind, Machine, State, Transition
+
+_OF_THREADS = frozenset(
+    {
+        EventKind.THREAD_START,
+        EventKind.CANCEL,
+        EventKind.MESSAGE,
+        EventKind.TIMER,
+        EventKind.AFTER,
+        EventKind.INTERNAL,
+    }
+)
+"""What reaches an action thread; messages and cancel requests after they have reached the machine."""
 
 
 def check_flow(machine: Machine, log: DiagnosticLog) -> None:
     """Warn of what a machine can never do.
 
-    Rules: ``unreachable-state``, ``shadowed-transition``, ``never-taken``, ``eventless-cycle``, those
-    of :func:`m2c.check.answers.check_answers`, of :func:`m2c.check.responses.check_responses` and of
-    :func:`m2c.check.unused.check_interfaces`.
+    Rules: ``unreachable-state``, ``shadowed-transition``, ``never-taken``, ``eventless-cycle``,
+    ``thread-event``, those of :func:`m2c.check.answers.check_answers`, of
+    :func:`m2c.check.responses.check_responses` and of :func:`m2c.check.unused.check_interfaces`.
     """
     _check_states(machine, log)
     check_answers(machine, log)
@@ -23,6 +35,7 @@ def check_flow(machine: Machine, log: DiagnosticLog) -> None:
     check_interfaces(machine, log)
     for thread in machine.threads:  # its interfaces belong to the machine around it
         _check_states(thread.machine, log)
+        _check_events(thread.machine, log)
 
 
 def _check_states(machine: Machine, log: DiagnosticLog) -> None:
@@ -33,6 +46,16 @@ def _check_states(machine: Machine, log: DiagnosticLog) -> None:
             log.warning("unreachable-state", state.position, "state", what)
         _check_transitions(state, log)
     _check_eventless_cycles(machine, log)
+
+
+def _check_events(thread: Machine, log: DiagnosticLog) -> None:
+    """Report the events of an action thread that never reach it."""
+    for state in thread.states:
+        for transition in state.transitions:
+            if transition.event is not None and transition.event.kind not in _OF_THREADS:
+                what = "an action thread does not get this"
+                hint = "it gets thread starts, cancel requests, messages and timers; handle it in the machine"
+                log.error("thread-event", transition.position, transition.element, what, hint)
 
 
 def _check_transitions(state: State, log: DiagnosticLog) -> None:

@@ -55,6 +55,7 @@ _ERRORS = {
     "bad-duration": "a delay that is not a CSS time",
     "bad-rate": "a rate that is not a number greater than 0",
     "bad-number": "a number of threads that is not a whole number from 1",
+    "thread-event": "an action thread waits for an event that only the machine around it gets",
     "bad-probability": "probabilities that are none, or do not add up to 1",
     "bad-status": "a status that a tree's node cannot return",
     "unbound-event": "plain SCXML: an event names a channel whose type is not known",

@@ -35,6 +35,8 @@ _ENDS: dict[InterfaceKind, tuple[str, tuple[EventKind, ...]]] = {
     InterfaceKind.TIMER: ("", (EventKind.TIMER,)),
 }
 """What the channel of an interface is, and the events whose handlers it is given in order."""
+_SHARED = {EventKind.MESSAGE: "take", EventKind.CANCEL: "cancel"}
+"""Events of a channel that concern the machine and its threads, and what the node calls telling them all."""
 
 
 def node_program(
@@ -101,7 +103,7 @@ class _NodeFacts:
                 )
                 for thread, made in zip(self._machine.threads, self._machines[1:], strict=True)
             ),
-            cancels=tuple(self._cancels()),
+            shared=tuple(self._shared()),
             is_plugin=is_plugin,
             takes_ports=is_plugin or bool(self._machine.ports),
             ticked=EventKind.BT_TICK in kinds,
@@ -139,11 +141,12 @@ class _NodeFacts:
         short = self._names.short(interface)
         role = interface.kind.value
         timer = interface.kind is InterfaceKind.TIMER
-        handlers = [self._handler(kind, interface) for kind in _ENDS[interface.kind][1]]
-        if interface.kind is InterfaceKind.ACTION_SERVER and self._each(
-            EventKind.CANCEL, interface
-        ):
-            handlers[1] = Source(f"self._cancel_{short}")
+        handlers = [
+            Source(f"self.{self._shared_method(kind, interface)}")
+            if kind in _SHARED and self._each(kind, interface)
+            else self._handler(kind, interface)
+            for kind in _ENDS[interface.kind][1]
+        ]
         named = {}
         if interface.kind is InterfaceKind.ACTION_CLIENT:
             named = {word: self._handler(kind, interface) for word, kind in _GOAL_EVENTS.items()}
@@ -176,13 +179,25 @@ class _NodeFacts:
         """The attribute with the machines that execute the goals of an action server."""
         return name(f"_threads_{self._names.named(interface_name, EventKind.GOAL)}")
 
-    def _cancels(self) -> Iterator[program.CancelMethod]:
+    def _shared(self) -> Iterator[program.SharedMethod]:
         for interface in self._machine.interfaces:
-            each = self._each(EventKind.CANCEL, interface)
-            if interface.kind is InterfaceKind.ACTION_SERVER and each:
-                own = self._handler(EventKind.CANCEL, interface)
-                method = name(f"_cancel_{self._names.short(interface)}")
-                yield program.CancelMethod(method, own, each)
+            for kind in _ENDS[interface.kind][1]:
+                each = self._each(kind, interface) if kind in _SHARED else ()
+                if each:
+                    port = self._names.event(Event(kind, interface.name))
+                    parameters = [(name(item), Source(of)) for item, of in port.parameters]
+                    if port.data is not None:
+                        of = self._class_of[port.data.name]
+                        parameters.insert(0, (name(port.data_name), name(of)))
+                    yield program.SharedMethod(
+                        self._shared_method(kind, interface),
+                        tuple(parameters),
+                        self._handler(kind, interface),
+                        each,
+                    )
+
+    def _shared_method(self, kind: EventKind, interface: Interface) -> Source:
+        return name(f"_{_SHARED[kind]}_{self._names.short(interface)}")
 
     def _children(self, kind: EventKind) -> program.Parameters:
         """What is called when a child answers; a model names one by its number, or a variable."""

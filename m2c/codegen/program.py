@@ -254,10 +254,11 @@ class ThreadProgram(Fact, frozen=True):
     uses_ports: bool
 
 
-class CancelMethod(Fact, frozen=True):
-    """Cancelling a goal concerns several: the node's ``machine`` and, as in ``each``, its threads."""
+class SharedMethod(Fact, frozen=True):
+    """A message or a cancel request concerns the node's ``machine`` and, as in ``each``, its threads."""
 
     name: Source
+    parameters: Parameters
     machine: Source | None
     each: Parameters
 
@@ -284,7 +285,7 @@ class NodeProgram(Fact, frozen=True):
     endpoints: tuple[Endpoint, ...]
     outputs: tuple[Output, ...]
     threads: tuple[ThreadProgram, ...]
-    cancels: tuple[CancelMethod, ...]
+    shared: tuple[SharedMethod, ...]
     is_plugin: bool
     takes_ports: bool
     ticked: bool

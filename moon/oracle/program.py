@@ -7,7 +7,7 @@ one after the other: a step is taken again for each of their outcomes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from m2c.model.datatypes import BOOL, STRING, DataType, Structure, is_integer
@@ -287,6 +287,9 @@ def _matches(name: str, descriptor: str) -> bool:
     return name == prefix or name.startswith(f"{prefix}.") or not prefix
 
 
+_MACHINE_ALONE = (0,)
+
+
 class Program:
     """A machine and its action threads, ready to be stepped, and what is known of them beforehand.
 
@@ -322,6 +325,12 @@ class Program:
             for event, transitions in state.by_event.items()
             if any(t.body is not None or t.targets for t in transitions)
         }
+        takers: dict[EventKey, list[int]] = {}
+        for instance, program in enumerate(self.parts[1:], 1):
+            for event in {event for state in program.states for event in state.by_event}:
+                if event[0] in (EventKind.MESSAGE, EventKind.CANCEL):
+                    takers.setdefault(event, [0]).append(instance)
+        self._takers = takers
         rates = {
             interface.name: round(1e9 / interface.rate_hz)
             for interface in machine.interfaces
@@ -336,6 +345,12 @@ class Program:
         self._channels: dict[tuple[InterfaceKind | None, str], str | None] = {
             (interface.kind, interface.name): interface.channel for interface in machine.interfaces
         }
+
+    def takers_of(self, event: EventKey) -> Sequence[int]:
+        """The instances that take a message or a cancel request: the machine, then its threads that have
+        a handler.
+        """
+        return self._takers.get(event, _MACHINE_ALONE)
 
     def instances_of(self, interface: str, number: int) -> list[int]:
         """The instances that are thread ``number`` of an action thread of ``interface``."""

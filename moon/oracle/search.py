@@ -554,6 +554,8 @@ class DeterministicSuccessor:
         event = fact.event
         if owed or fact.role is not _INPUT or event is None or event[0] not in _INPUTS:
             return None
+        if len(self._program.takers_of(event)) > 1:
+            return None
         stamp = fact.stamp
         if hypothesis.timers:
             if not self._successors.is_still(hypothesis, stamp):

@@ -211,7 +211,7 @@ class Successors:
             parts = {"goal_id": goal.number}
         if fact.may_be_lost:
             yield rest
-        yield from self.run(rest, 0, fact.event, fact.data, parts, low, high)
+        yield from self.run_everywhere(rest, fact.event, fact.data, parts, low, high)
 
     def _event_taken(
         self, hypothesis: Hypothesis, event: QueuedEvent, low: int, now: int
@@ -269,6 +269,25 @@ class Successors:
                 yield hypothesis
             else:
                 yield self.absorb(hypothesis, instance, step, low, high, timer, call)
+
+    def run_everywhere(
+        self,
+        hypothesis: Hypothesis,
+        event: EventKey,
+        message: Any,
+        parts: Mapping[str, Any],
+        low: int,
+        high: int,
+    ) -> Iterable[Hypothesis]:
+        """``event`` for the machine and then for each of its threads, as one piece of work."""
+        found: Iterable[Hypothesis] = (hypothesis,)
+        for instance in self._program.takers_of(event):
+            found = [
+                made
+                for before in found
+                for made in self.run(before, instance, event, message, parts, low, high)
+            ]
+        return found
 
     def take(
         self,
@@ -533,7 +552,6 @@ class Inputs:
 
     def __init__(self, successors: Successors, program: Program, channels: Channels) -> None:
         self._successors = successors
-        self._instances = len(program.parts)
         self._place: Position = program.machine.position
         self._channels = channels
 
@@ -560,7 +578,11 @@ class Inputs:
                 yield from self._goal_input(hypothesis, fact)
             case EventKind.CANCEL:
                 yield from self._cancel_input(hypothesis, fact)
-            case EventKind.RESPONSE | EventKind.CALL_ERROR | EventKind.MESSAGE:
+            case EventKind.MESSAGE:
+                yield from self._successors.run_everywhere(
+                    hypothesis, event, fact.data, {}, stamp, stamp
+                )
+            case EventKind.RESPONSE | EventKind.CALL_ERROR:
                 yield from self._successors.run(hypothesis, 0, event, fact.data, {}, stamp, stamp)
             case _:
                 yield from self._goal_event(hypothesis, fact)
@@ -618,27 +640,16 @@ class Inputs:
                     following.append(before)
                     continue
                 canceling = with_goal_changed(before, each, phase="canceling")
-                following += self._everywhere(
+                following += self._successors.run_everywhere(
                     canceling,
                     (EventKind.CANCEL, fact.interface),
+                    None,
                     {"goal_id": each.number},
+                    fact.stamp,
                     fact.stamp,
                 )
             found = following
         yield from found
-
-    def _everywhere(
-        self, hypothesis: Hypothesis, event: EventKey, parts: Mapping[str, Any], stamp: int
-    ) -> list[Hypothesis]:
-        """``event`` for the machine and then for each of its threads, as one piece of work."""
-        found = [hypothesis]
-        for instance in range(self._instances):
-            found = [
-                made
-                for before in found
-                for made in self._successors.run(before, instance, event, None, parts, stamp, stamp)
-            ]
-        return found
 
     def _goal_event(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
         """What becomes of a goal that the machine sent."""

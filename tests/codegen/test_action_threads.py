@@ -69,13 +69,23 @@ CLIENT = (
 ACTION = "int32 n\n---\nint32 n\n---\nint32 n\n"
 
 
-def ran(folder: Path, server: str, action: str = ACTION) -> tuple[dict[str, list[Any]], list[Any]]:
-    """What was published by topic, and the violations that the oracles of both nodes saw."""
+def ran(
+    folder: Path,
+    server: str,
+    action: str = ACTION,
+    client: str = CLIENT,
+    instead: str = "",
+    seconds: float = 0.9,
+) -> tuple[dict[str, list[Any]], list[Any]]:
+    """What was published by topic, and the violations that the oracles of both nodes saw.
+
+    ``instead``: the server that runs in the place of ``server``, whose model the oracle has.
+    """
     path = folder / "interfaces" / "t" / "action" / "Do.action"
     path.parent.mkdir(parents=True)
     path.write_text(action)
     (folder / "Server.scxml").write_text(server)
-    (folder / "Client.scxml").write_text(CLIENT)
+    (folder / "Client.scxml").write_text(client)
     log = DiagnosticLog()
     system = load([folder], log)
     assert system is not None, log.diagnostics
@@ -96,7 +106,13 @@ def ran(folder: Path, server: str, action: str = ACTION) -> tuple[dict[str, list
     listener = SimulatedTransport(world, "listener")
     listener.tap([], hear)
     listener.every(0.02, lambda: verdicts.extend(monitor.advance(world.now_ns)))
-    SimulatedRun(compile_system(system), world).run(0.9)
+    program = compile_system(system)
+    if instead:
+        (folder / "Server.scxml").write_text(instead)
+        other = load([folder], log)
+        assert other is not None, log.diagnostics
+        program = compile_system(other)
+    SimulatedRun(program, world).run(seconds)
     world.close()
     return published, [item for item in verdicts if item.outcome is Outcome.VIOLATED]
 
@@ -117,3 +133,87 @@ def test_a_field_of_the_goal_itself_is_that_field(tmp_path: Path) -> None:
     published, violations = ran(tmp_path, server, action)
     assert [sent[0] for sent in published["/got"][:3]] == [0, 0, 0]
     assert violations == []
+
+
+STOPPED = (
+    HEAD.format("Server")
+    + """
+<ros_action_server name="act" action_name="/do" type="t/Do"/>
+<ros_topic_subscriber topic="/stop" type="std_msgs/Int32"/>
+<ros_topic_publisher topic="/freed" type="std_msgs/Int32"/>
+<ros_action_thread name="act" n_threads="2" initial="ready">
+  <datamodel><data id="goal" type="int64"/><data id="me" type="int64"/></datamodel>
+  <state id="ready"><ros_action_handle_thread_start name="act" target="busy">
+    <assign location="goal" expr="_event.goal_id"/><assign location="me" expr="_event.thread_id"/>
+  </ros_action_handle_thread_start></state>
+  <state id="busy"><ros_topic_callback name="/stop" cond="_msg.data &gt; 5" target="ready">
+    <ros_action_succeed name="act" goal_id="goal"><field name="n" expr="_msg.data + me"/></ros_action_succeed>
+  </ros_topic_callback></state>
+</ros_action_thread>
+<datamodel><data id="next" type="int64" expr="0"/></datamodel>
+<state id="idle">
+  <ros_action_handle_goal name="act">
+    <ros_action_accept_goal name="act" goal_id="_event.goal_id"/>
+    <ros_action_start_thread name="act" goal_id="_event.goal_id" thread_id="next"/>
+    <assign location="next" expr="1 - next"/>
+  </ros_action_handle_goal>
+  <ros_topic_callback name="/stop">
+    <ros_topic_publish name="/freed"><field name="data" expr="_msg.data"/></ros_topic_publish>
+  </ros_topic_callback>
+</state></scxml>"""
+)
+STOPPING = (
+    HEAD.format("Client")
+    + """
+<ros_action_client name="act" action_name="/do" type="t/Do"/>
+<ros_topic_publisher topic="/stop" type="std_msgs/Int32"/>
+<ros_topic_publisher topic="/got" type="std_msgs/Int32MultiArray"/>
+<datamodel><data id="sent" type="int32" expr="0"/></datamodel>
+<state id="idle">
+  <onentry><ros_action_send_goal name="act"/><assign location="sent" expr="sent + 1"/></onentry>
+  <ros_action_handle_goal_response name="act" accept="next" reject="idle"/>
+</state>
+<state id="next">
+  <transition cond="sent &lt; 2" target="idle"/><transition after="100ms" target="soon"/>
+</state>
+<state id="soon">
+  <onentry><ros_topic_publish name="/stop"><field name="data" expr="5"/></ros_topic_publish></onentry>
+  <transition after="100ms" target="now"/>
+</state>
+<state id="now">
+  <onentry><ros_topic_publish name="/stop"><field name="data" expr="20"/></ros_topic_publish></onentry>
+  <ros_action_handle_success_result name="act">
+    <ros_topic_publish name="/got"><field name="data" expr="[_wrapped_result.result.n]"/></ros_topic_publish>
+  </ros_action_handle_success_result>
+  <transition after="1500ms" target="later"/>
+</state>
+<state id="later">
+  <onentry><ros_topic_publish name="/stop"><field name="data" expr="5"/></ros_topic_publish></onentry>
+</state></scxml>"""
+)
+
+
+def test_a_message_reaches_the_machine_and_each_of_its_threads(tmp_path: Path) -> None:
+    published, violations = ran(tmp_path, STOPPED, client=STOPPING)
+    assert published["/freed"] == [5, 20]
+    assert sorted(published["/got"]) == [[20], [21]]
+    assert violations == []
+
+
+def test_a_message_that_only_threads_take_reaches_them(tmp_path: Path) -> None:
+    begin, end = STOPPED.rindex("  <ros_topic_callback"), STOPPED.rindex("</state></scxml>")
+    published, violations = ran(tmp_path, STOPPED[:begin] + STOPPED[end:], client=STOPPING)
+    assert sorted(published["/got"]) == [[20], [21]]
+    assert violations == []
+
+
+@pytest.mark.parametrize(
+    "change", [("&gt; 5", "&gt; 50"), ("&gt; 5", "&gt; 4"), ("_msg.data + me", "_msg.data")]
+)
+def test_a_thread_that_takes_a_message_otherwise_than_its_model_is_found(
+    change: tuple[str, str], tmp_path: Path
+) -> None:
+    _, violations = ran(
+        tmp_path, STOPPED, client=STOPPING, instead=STOPPED.replace(*change), seconds=3.0
+    )
+    assert {item.node for item in violations} == {"Server"}

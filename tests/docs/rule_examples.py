@@ -219,6 +219,16 @@ RULE_EXAMPLES: dict[str, Example] = {
         '<ros_action_server name="act" action_name="/act" type="example_interfaces/Fibonacci"/>'
         f'{STATE}<ros_action_thread name="act" n_threads="none" initial="a">{STATE}</ros_action_thread>'
     ),
+    "thread-event": Example(
+        {
+            "m.scxml": machine(
+                f'<ros_action_server name="act" action_name="/act" type="t/Do"/>{STATE}'
+                '<ros_action_thread name="act" n_threads="1" initial="a"><state id="a">'
+                '<ros_action_handle_goal name="act"/></state></ros_action_thread>'
+            ),
+            "interfaces/t/action/Do.action": "---\n---\n",
+        }
+    ),
     "bad-probability": model(
         '<state id="a"><transition event="e"><target id="a" prob="0.5"/><target id="a" prob="0.2"/>'
         "</transition></state>"
