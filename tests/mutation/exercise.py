@@ -1,20 +1,20 @@
 """Partners that make a machine do what the tour alone does not: odd callers, odd answers.
 
-They are made from a machine's interfaces. Values are drawn from the machine's own constants and
-their neighbours, so that both sides of every condition are reached.
+They are made from a machine's interfaces. Numbers and texts are drawn from the machine's own constants
+and their neighbours, so that both sides of every condition are reached.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from random import Random
 from typing import Any
 
 import msgspec
 
 from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
-from m2c.model.expressions import Literal
+from m2c.model.expressions import Literal, Unary
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.runtime.messages import message_class
@@ -49,17 +49,28 @@ class Values:
     """Draws messages.
 
     Args:
-        machine: whose constants are of interest.
+        machines: whose constants are of interest.
         draw: the source of randomness.
     """
 
-    def __init__(self, machine: Machine, draw: Random) -> None:
+    def __init__(self, machines: Iterable[Machine], draw: Random) -> None:
         self._draw = draw
-        numbers = {0, 1, 2}
-        for literal in _literals(machine):
-            if isinstance(literal, int) and not isinstance(literal, bool) and abs(literal) < 10**6:
-                numbers |= {literal - 1, literal, literal + 1}
-        self._numbers = sorted(numbers)
+        integers = {0, 1, 2}
+        fractions: set[float] = set()
+        texts = {"", "a", "x"}
+        for value in _literals(tuple(machines)):
+            match value:
+                case bool():
+                    pass
+                case int():
+                    integers |= {value - 1, value, value + 1}
+                case float():
+                    fractions |= {value - 1, value, value + 1}
+                case str():
+                    texts.add(value)
+        self._integers = sorted(integers)
+        self._fractions = sorted(fractions.union(map(float, integers)))
+        self._texts = sorted(texts)
 
     def message(self, structure: Structure) -> msgspec.Struct:
         """A message of the type ``structure``."""
@@ -72,13 +83,13 @@ class Values:
             case Primitive("bool"):
                 return draw.random() < 0.6
             case Primitive("string"):
-                return draw.choice(("", "a", "x"))
+                return draw.choice(self._texts)
             case Primitive(name) if name in INTEGER_RANGES:
                 low, high = INTEGER_RANGES[name]
-                number = draw.choice(self._numbers) if draw.random() < 0.8 else draw.randrange(101)
+                number = draw.choice(self._integers) if draw.random() < 0.8 else draw.randrange(101)
                 return min(max(number, low), high)
             case Primitive():
-                return float(draw.choice(self._numbers))
+                return draw.choice(self._fractions)
             case Structure():
                 return self.message(kind)
             case Array(element, length, fixed):
@@ -87,8 +98,10 @@ class Values:
 
 
 def _literals(value: Any) -> Iterator[Any]:
-    """The values of all literals in ``value``."""
+    """The values of all literals in ``value``; of ``-1`` it is -1."""
     match value:
+        case Unary(operator="-", operand=Literal(value=int() | float() as number)):
+            yield -number
         case tuple():
             for item in value:
                 yield from _literals(item)
@@ -149,7 +162,7 @@ class _Caller:
         number: int,
     ) -> None:
         self._draw = draw = Random(f"{world.seed}/caller/{number}")
-        self._values = Values(machine, draw)
+        self._values = Values([machine], draw)
         self._node = node = SimulatedTransport(world, f"caller_{number}")
         self._acts: list[Callable[[], None]] = []
         for interface in machine.interfaces:
@@ -215,7 +228,7 @@ def answerers(world: SimulatedWorld, machine: Machine, library: InterfaceLibrary
 class _Answerer:
     def __init__(self, world: SimulatedWorld, machine: Machine, library: InterfaceLibrary) -> None:
         self._draw = Random(f"{world.seed}/answerer")
-        self._values = Values(machine, self._draw)
+        self._values = Values([machine], self._draw)
         self._node = node = SimulatedTransport(world, "answerer")
         for interface in machine.interfaces:
             if interface.kind is InterfaceKind.CLIENT:
