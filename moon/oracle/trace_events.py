@@ -377,6 +377,8 @@ class Channels:
         """Type of the message of each output."""
         self.aliases: dict[tuple[InterfaceKind, str], str] = {}
         self._goals: dict[tuple[str, str, int], str] = {}
+        self._nameless: dict[tuple[str, str, int], list[TraceEvent]] = {}
+        """Responses whose request was not received yet."""
         self._sent: dict[str, None] = {}
         for interface in machine.interfaces:
             channel, name, kind = interface.channel, interface.name, interface.kind
@@ -523,18 +525,27 @@ class Channels:
         return remembering
 
     def _remember_goal(self, event: TraceEvent) -> None:
-        """Responses of an action's services do not name their goal; their requests do."""
+        """Responses of an action's services do not name their goal; their requests do.
+
+        A response may be received first: on ROS 2, that nobody serves the call has a topic of its own.
+        """
         place = (event.observation.channel, *event.call)
         if event.goal:
             self._goals[place] = event.goal
+            for response in self._nameless.pop(place, ()):
+                response.goal = event.goal
             if event.output is OutputKind.SEND_GOAL:
                 self._sent[event.goal] = None
                 if len(self._sent) > _KEPT_CALLS:
                     del self._sent[next(iter(self._sent))]
             if len(self._goals) > _KEPT_CALLS:
                 del self._goals[next(iter(self._goals))]
+        elif place in self._goals:
+            event.goal = self._goals[place]
         else:
-            event.goal = self._goals.get(place, "")
+            self._nameless.setdefault(place, []).append(event)
+            if len(self._nameless) > _KEPT_CALLS:
+                del self._nameless[next(iter(self._nameless))]
 
     def forget_goals(self) -> None:
         """From here on, goals that were sent before may or may not be under way."""
