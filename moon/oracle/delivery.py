@@ -113,6 +113,12 @@ class Delivery:
         self._judge.start(stamp_ns, whole, self._linked_ns)
         self.wake_at(0)
 
+    def linked(self, since: int) -> None:
+        """What is sent to the machine from ``since`` (ns) on reaches it; see ``Oracle.listen``."""
+        if self._is_listening and since != FOREVER:
+            self._judge.linked(since)
+        self.wake_at(0)
+
     def listen(self, stamp: int) -> None:
         """Something is received that happened at ``stamp`` (ns); nothing changes if it is not the first."""
         if self._is_listening:

@@ -108,6 +108,10 @@ class ModelOracle:
         self.search.last = 0
         self._note_due()
 
+    def linked(self, since_ns: int) -> None:
+        """What is sent to the machine before ``since_ns`` may not reach it."""
+        self._linked_ns = max(self._linked_ns, since_ns)
+
     def listen(self, since_ns: int) -> None:
         """All that happens after ``since_ns`` is handed over, and nothing is known of what was before."""
         self.resynchronisation.begin(since_ns, self.search.last)

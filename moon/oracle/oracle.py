@@ -144,13 +144,14 @@ class Oracle:
         nothing of it before the first observation, and takes the first thing it does for the end of
         something that began before. With it, the silence before counts as silence.
         Until then none does on a channel on which nothing was received from its node yet: what it sent
-        may be missing.
+        may be missing. Nor does a message of others: of a machine that has started, it may not be linked
+        to its publisher.
 
         Args:
             since_ns: ns since the epoch; ``FOREVER``: it is not known to be there, and owes nothing.
         """
         self._streams.received_since = since_ns
-        self._delivery.wake_at(0)
+        self._delivery.linked(since_ns)
 
     def lose(self, stamp_ns: int, text: str) -> list[Verdict]:
         """Something is missing: no verdict until the machine's doing is certain again.

@@ -9,6 +9,7 @@ import pytest
 
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
+from moon.oracle.bounds import LINKED_NS
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome
 from transports.interface import Observation, ObservationKind
@@ -82,3 +83,31 @@ def test_a_goal_that_nobody_serves_is_rejected_whichever_is_received_first(
     watched.see(12, "/rejected", ObservationKind.MESSAGE, data={"data": 1})
     assert watched.end(800) == []
     assert watched.oracle.outcome is Outcome.CONFORMING
+
+
+@pytest.mark.parametrize(
+    ("published_ms", "is_linked_at_once", "outcomes"),
+    [(2000, True, [Outcome.VIOLATED]), (2000, False, []), (5500, False, [Outcome.VIOLATED])],
+)
+def test_a_message_may_be_missed_until_the_middleware_has_linked_a_node_that_starts(
+    system: System, published_ms: int, is_linked_at_once: bool, outcomes: list[Outcome]
+) -> None:
+    """On ROS 2, where a node that starts is found channel by channel; it does not go on with a goal."""
+    watched = Watched(system)
+    if not is_linked_at_once:
+        watched.oracle.listen(START + LINKED_NS)
+    watched.goal(10, 1, nobody_is_first=False)
+    watched.see(12, "/rejected", ObservationKind.MESSAGE, data={"data": 1})
+    for number, at_ms in enumerate((published_ms, published_ms + 5000)):
+        watched.see(
+            at_ms,
+            "/go",
+            ObservationKind.MESSAGE,
+            data={"data": 1},
+            source="other",
+            sequence=number,
+        )
+        if not number:
+            watched.end(published_ms + 4000)
+    said = [outcome for outcome in watched.end(published_ms + 5100) if outcome is Outcome.VIOLATED]
+    assert said == outcomes
