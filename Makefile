@@ -36,9 +36,10 @@ types: $(VENV)/.installed
 imports: $(VENV)/.installed
 	$(BIN)/lint-imports
 
-# The example's interface packages, built by colcon for ROS 2.
+# The examples' interface packages, built by colcon for ROS 2.
 interfaces: $(VENV)/.installed
 	$(BIN)/m2c interfaces build examples/lab_tour/interfaces -o build/interfaces
+	$(BIN)/m2c interfaces build examples/charging_station/interfaces -o build/charging_station_interfaces
 	$(BIN)/m2c interfaces build tests/transports/ros2_interfaces -o build/test-interfaces
 
 # Chromium, in which the report's page is tested. Where it cannot be installed, its tests say so.
@@ -82,9 +83,10 @@ benchmarks: $(VENV)/.installed compiled
 overhead: $(VENV)/.installed compiled
 	$(BIN)/python -m examples.overhead --full --update-docs -o build/overhead
 
-# Every fault that one change can make in a lab-tour model, against the oracle: docs/mutants.md.
+# Every fault that one change can make in a model of an example, against the oracle: docs/mutants*.md.
 mutants: $(VENV)/.installed compiled
-	$(BIN)/python -m tests.mutation.run
+	$(BIN)/python -m tests.mutation.run lab_tour
+	$(BIN)/python -m tests.mutation.run charging_station
 
 # Hours, with fresh seeds; what fails prints the command that repeats it (tests/soak.py).
 soak: $(VENV)/.installed compiled

@@ -29,7 +29,10 @@ def steps(seed: int) -> list[list[str]]:
     pytest = ["-m", "pytest", "-q", "-n", "2", "-m", "hypothesis", "--hypothesis-profile", "soak"]
     return [
         ["-m", "tests.oracle.agreement", "--pairs", "100000", "--first", first],
-        ["-m", "tests.oracle.test_no_false_alarm", "10000", first],
+        *(
+            ["-m", "tests.oracle.test_no_false_alarm", "10000", first, "--system", name]
+            for name in ("lab_tour", "charging_station")
+        ),
         ["-m", "tests.properties.soak", *LONG_PROPERTIES, "--seed", first],
         ["-m", "tests.offline.losing", "--patterns", "10000", "--seed", first],
         ["-m", "tests.attacks.soak", "--seconds", "3600", "--seed", first],

@@ -1,33 +1,38 @@
-"""No verdict against the nominal lab tour, whatever the network does within its bounds.
+"""No verdict against an example as it is, whatever the network does within its bounds.
 
-``python -m tests.oracle.test_no_false_alarm RUNS [SEED]`` is the long run of ``make soak``.
+``python -m tests.oracle.test_no_false_alarm RUNS [SEED] [--system NAME]`` is the long run of ``make soak``.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Sequence
 
 import pytest
 
 from moon.verdict import Outcome
-from tests.oracle.tour import LATENCY_S, Heard, tour
+from tests.oracle.tour import LATENCY_S, Heard, tour, watched
+from tests.systems import CHARGING_STATION, LAB_TOUR, SYSTEMS
 from transports.simulated import Conditions
 
 RUNS = 200
 BLOCKS = 10
-SECONDS = 6.0
+SECONDS = {LAB_TOUR: 6.0, CHARGING_STATION: 20.0}
+"""The charging station's supply breaks and is repaired after 10 s to 15 s."""
 
 DELAYS_S = (0.0001, 0.002, 0.02, LATENCY_S / 2 - 0.001)
 """Longest delays, of messages and of observations; both together stay within the latency bound."""
 
 
-def nominal(seed: int) -> Heard:
-    """One run of the nominal tour under conditions drawn from its number."""
+def nominal(seed: int, name: str = LAB_TOUR) -> Heard:
+    """One run of the example ``name`` under conditions drawn from the run's number, the policy judged too."""
     longest = DELAYS_S[seed % len(DELAYS_S)]
     conditions = Conditions(
         delay_s=(0.0, longest), tap_delay_s=(0.0, longest), busy_s=(0.0, 0.0002 * (seed % 3))
     )
-    return tour(seed, SECONDS, conditions, intruders=(0, 2, 3, 5)[seed // 4 % 4])
+    intruders = (0, 2, 3, 5)[seed // 4 % 4]
+    return watched(name, seed, SECONDS[name], conditions, policy=True, intruders=intruders)
 
 
 def complaints(heard: Heard) -> list[str]:
@@ -42,6 +47,13 @@ def test_the_nominal_tour_raises_no_alarm(block: int) -> None:
         heard = nominal(seed)
         assert not heard.verdicts, f"seed {seed}: {complaints(heard)[:3]}"
         assert heard.observations > 300
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_the_nominal_charging_station_raises_no_alarm(seed: int) -> None:
+    heard = nominal(seed, CHARGING_STATION)
+    assert not heard.verdicts, complaints(heard)[:3]
+    assert heard.observations > 1000
 
 
 def test_a_long_run_stays_small() -> None:
@@ -87,14 +99,23 @@ def test_a_run_is_a_function_of_its_seed() -> None:
     assert runs[0].world.events == runs[1].world.events
 
 
-if __name__ == "__main__":
-    runs, first = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 1000
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; exit code 1: there was an alarm."""
+    parser = argparse.ArgumentParser(description="Count the alarms of runs in which all is well.")
+    parser.add_argument("runs", type=int)
+    parser.add_argument("first", type=int, nargs="?", default=1000, metavar="seed")
+    parser.add_argument("--system", choices=SYSTEMS, default=LAB_TOUR)
+    chosen = parser.parse_args(arguments)
     alarms = 0
-    for number, seed in enumerate(range(first, first + runs), 1):
-        heard = nominal(seed)
+    for number, seed in enumerate(range(chosen.first, chosen.first + chosen.runs), 1):
+        heard = nominal(seed, chosen.system)
         if heard.verdicts:
             alarms += 1
             print(f"seed {seed}: {complaints(heard)[:3]}", flush=True)
         if number % 100 == 0:
             print(f"{number} runs, {alarms} with an alarm", flush=True)
-    sys.exit(1 if alarms else 0)
+    return 1 if alarms else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,37 +1,33 @@
-"""The lab tour on virtual time with all its oracles listening: runs for soundness and for faults."""
+"""An example on virtual time with all its oracles listening: runs for soundness and for faults."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from pathlib import Path
 from random import Random
-from typing import Any
 
 import msgspec
 
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
-from m2c.model import DiagnosticLog, load
-from m2c.model.machine import InterfaceKind
+from m2c.launch.in_process import Program, SimulatedRun
+from m2c.model import DiagnosticLog
+from m2c.model.datatypes import Structure
+from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.runtime.messages import message_class
 from moon.monitor.models import ModelMonitor
 from moon.oracle.bounds import Bounds
+from moon.policy import policy_oracle
 from moon.verdict import Outcome, Verdict
+from tests.mutation.exercise import Values
+from tests.systems import LAB_TOUR, compiled
 from transports.interface import Observation, Topic
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
-SYSTEM = Path(__file__).parents[2] / "examples/lab_tour/system.xml"
 LATENCY_S = 0.2
 
 
-@functools.cache
-def lab_tour() -> tuple[System, Program]:
-    """The lab tour's models and its imported code."""
-    log = DiagnosticLog()
-    system = load([SYSTEM], log)
-    assert system is not None, log.diagnostics
-    return system, compile_system(system)
+lab_tour = functools.partial(compiled, LAB_TOUR)
+"""The lab tour's models and its imported code."""
 
 
 class Heard(msgspec.Struct):
@@ -49,11 +45,13 @@ class Heard(msgspec.Struct):
         return [v for v in self.verdicts if v.outcome is Outcome.VIOLATED]
 
 
-def tour(
+def watched(
+    name: str,
     seed: int,
     seconds: float,
     conditions: Conditions | None = None,
     *,
+    policy: bool = False,
     program: Program | None = None,
     intruders: int = 0,
     join_after_s: float = 0.0,
@@ -62,28 +60,36 @@ def tour(
     prepare: Callable[[SimulatedWorld], None] | None = None,
     lossy: bool | None = None,
 ) -> Heard:
-    """Run the lab tour and judge it live.
+    """Run the example ``name`` and judge it live.
 
     Args:
+        name: the example's folder.
         seed: of the world.
         seconds: of virtual time.
         conditions: of the network.
+        policy: judge the policy too, which has to be known from its start.
         program: the code to run instead of the nominal one.
-        intruders: further nodes that publish on the tour's topics at adversarial moments.
+        intruders: further nodes that publish on the system's topics at adversarial moments.
         join_after_s: the monitor comes this long after the system.
         linked_s: so long after it came, it is known to hear all nodes.
         bounds: of the oracles.
         prepare: called with the world before anything runs.
         lossy: whether the monitor knows that observations get lost; by default, if they do.
     """
-    system, nominal = lab_tour()
+    system, nominal = compiled(name)
     world = SimulatedWorld(seed, conditions)
     if prepare is not None:
         prepare(world)
     if lossy is None:
         lossy = conditions is not None and conditions.tap_loss > 0
+    tree = policy_oracle(system, DiagnosticLog()) if policy else None
     monitor = ModelMonitor(
-        system.nodes, system.library, bounds, synchronised=not join_after_s, lossy=lossy
+        system.nodes,
+        system.library,
+        bounds,
+        synchronised=not join_after_s,
+        lossy=lossy,
+        policy=tree,
     )
     verdicts: list[Verdict] = []
     count = 0
@@ -102,8 +108,8 @@ def tour(
         listener.every(0.02, lambda: verdicts.extend(monitor.advance(world.now_ns)))
 
     if not join_after_s:
-        for oracle in monitor.oracles.values():
-            oracle.start(world.now_ns)
+        for node in monitor.watched:
+            monitor.node_started(node, world.now_ns)
         listen()
     run = SimulatedRun(program or nominal, world)
     for number in range(intruders):
@@ -119,34 +125,36 @@ def tour(
     return Heard(verdicts, monitor, count, most, world)
 
 
+tour = functools.partial(watched, LAB_TOUR)
+"""The same of the lab tour."""
+
+
 def _intrude(world: SimulatedWorld, system: System, number: int) -> None:
-    """A node that publishes random values within microseconds of what others do."""
+    """A node that publishes what machines compare, within microseconds of what others do."""
     draw = Random(f"{world.seed}/{number}")
     node = SimulatedTransport(world, f"intruder_{number}")
-    topics = sorted(
-        {
-            (interface.channel, interface.type_name)
-            for machine in system.nodes
-            for interface in machine.interfaces
-            if interface.kind is InterfaceKind.SUBSCRIBER and interface.channel
-        }
-    )
-    senders: list[tuple[Any, Any]] = []
-    for channel, type_name in topics:
-        message = message_class(system.library.message(type_name))
-        senders.append((node.publisher(Topic(channel, type_name, message)), message))
+    takers: dict[tuple[str, str], list[Machine]] = {}
+    for machine in system.nodes:
+        for interface in machine.interfaces:
+            if interface.kind is InterfaceKind.SUBSCRIBER and interface.channel:
+                takers.setdefault((interface.channel, interface.type_name), []).append(machine)
+    senders = [
+        _sender(node, channel, system.library.message(type_name), Values(machines, draw))
+        for (channel, type_name), machines in sorted(takers.items(), key=lambda item: item[0])
+    ]
 
     def send() -> None:
-        publisher, message = draw.choice(senders)
-        fields = {
-            name: draw.choice([True, False]) if kind.name == "bool" else draw.randrange(101)
-            for name, kind in system.library.message(message.__type_name__).fields
-            if hasattr(kind, "name")
-        }
-        publisher.publish(message(**fields))
+        draw.choice(senders)()
         # ticks come every 200 ms: mostly close to one, from either side
         rest = 0.2 - (world.now_ns / 1e9) % 0.2
         near = rest + draw.choice([-1, 1]) * draw.random() * draw.choice([1e-6, 1e-4, 1e-2])
         node.after(max(1e-6, near if draw.random() < 0.8 else draw.random() * 0.3), send)
 
     node.after(draw.random(), send)
+
+
+def _sender(
+    node: SimulatedTransport, channel: str, kind: Structure, values: Values
+) -> Callable[[], None]:
+    publisher = node.publisher(Topic(channel, kind.name, message_class(kind)))
+    return lambda: publisher.publish(values.message(kind))

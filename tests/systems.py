@@ -1,0 +1,31 @@
+"""The systems of ``examples/`` that tests run: read and compiled once."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+from m2c.launch.in_process import Program, compile_system
+from m2c.model import DiagnosticLog, load
+from m2c.model.system import System
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+LAB_TOUR, CHARGING_STATION = "lab_tour", "charging_station"
+SYSTEMS = (LAB_TOUR, CHARGING_STATION)
+"""Folders of ``examples/`` that have a ``system.xml``."""
+
+
+@functools.cache
+def read(name: str) -> System:
+    """The models of the example ``name``."""
+    log = DiagnosticLog()
+    system = load([EXAMPLES / name / "system.xml"], log)
+    assert system is not None, log.diagnostics
+    assert not log.has_errors, log.diagnostics
+    return system
+
+
+@functools.cache
+def compiled(name: str) -> tuple[System, Program]:
+    """The models of the example ``name``, and its imported code."""
+    return read(name), compile_system(read(name))
