@@ -7,6 +7,10 @@ from __future__ import annotations
 
 _ANSWERED = "the goal has had its answer by then; a second one is not sent"
 _ENDED = "the goal has ended by then; it cannot end again"
+_CHARGING = "the thread is `charging` after the first, where a start is discarded"
+_UNREAD = "the name of the vehicle is read before; a bay does nothing with it"
+_ON_THE_GRID = "the temperature is 20 + 3.5 k: 58.5 and 62, 79.5 and 83, and nothing between"
+_AND_BACK = "`tripping` has neither entry nor timer, and leads on by the number of trips, which has not changed"
 _FREE = "nothing comes between the two, and what the second assigns is assigned already"
 
 BY_HAND: dict[str, str] = {
@@ -30,6 +34,40 @@ BY_HAND: dict[str, str] = {
     "NavigationComponent.scxml:47: cancel drive sent twice": _ENDED,
     "NavigationComponent.scxml:44: thread_free drive sent twice": _FREE,
     "NavigationComponent.scxml:50: thread_free drive sent twice": _FREE,
+    "ChargingStation.scxml:94: reject_goal charge sent twice": _ANSWERED,
+    "ChargingStation.scxml:98: accept_goal charge sent twice": _ANSWERED,
+    "ChargingStation.scxml:107: accept_goal charge sent twice": _ANSWERED,
+    "ChargingStation.scxml:99: start_thread charge sent twice": _CHARGING,
+    "ChargingStation.scxml:108: start_thread charge sent twice": _CHARGING,
+    "ChargingStation.scxml:46: succeed charge sent twice": _ENDED,
+    "ChargingStation.scxml:53: abort charge sent twice": _ENDED,
+    "ChargingStation.scxml:60: cancel charge sent twice": _ENDED,
+    "ChargingStation.scxml:100: start_thread charge: field `vehicle` left out": _UNREAD,
+    "ChargingStation.scxml:109: start_thread charge: field `vehicle` left out": _UNREAD,
+    "ChargingStation.scxml:47: succeed charge: field `level`: `level` became `target`": (
+        "a goal is accepted with a level below its target, and charged until they are equal"
+    ),
+    "Courier.scxml:33: the assignment to `goal` dropped": (
+        "a goal without a number is the last one sent, and a courier sends one at a time"
+    ),
+    **{
+        f"PowerSupply.scxml:{line}: transition of `{state}` on {event} leads to `tripping` instead of "
+        "staying": _AND_BACK
+        for line, state, event in (
+            (55, "tripped", "message load"),
+            (58, "tripped", "timer measure"),
+            (71, "tripped", "request /PowerSupply/Reset"),
+            (77, "tripped", "request /PowerSupply/Repair"),
+            (85, "broken", "message load"),
+            (88, "broken", "timer measure"),
+            (95, "broken", "request /PowerSupply/Reset"),
+        )
+    },
+    "PowerSupply.scxml:26: `<` became `<=`": _ON_THE_GRID,
+    "PowerSupply.scxml:26: `HOT` became `81` in a condition": _ON_THE_GRID,
+    "PowerSupply.scxml:65: `<` became `<=`": _ON_THE_GRID,
+    "PowerSupply.scxml:65: `COOL` became `61` in a condition": _ON_THE_GRID,
+    "PowerSupply.scxml:65: `COOL` became `59` in a condition": _ON_THE_GRID,
     "GoToPoiSkill.scxml:89: send_cancel go_to_poi sent twice": (
         "the goal has not been accepted there: that it is to be canceled is noted, once or twice, "
         "and asked for once when it is"

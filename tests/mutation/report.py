@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from enum import StrEnum
+from pathlib import Path
 
 import msgspec
 
 from tests.mutation import OPERATORS
 from tests.mutation.trial import SCENES
+from tests.systems import LAB_TOUR, SYSTEMS
 
 GOAL = 0.99
 """Of the mutants that are not equivalent, this part should be found."""
+
+
+ROOT = Path(__file__).parents[2]
 
 
 class Found(StrEnum):
@@ -33,6 +38,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What came of one mutant.
 
     Attributes:
+        system: the example.
         machine, number: which of whose mutants; -1 is the machine as it should be.
         operator: that made it.
         description: where and what was changed.
@@ -43,6 +49,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         reason: the verdict's, the equivalence's, or what a survivor did differently.
     """
 
+    system: str
     machine: str
     number: int
     operator: str
@@ -66,11 +73,30 @@ def summary(results: Sequence[Result]) -> str:
     )
 
 
-def document(results: Sequence[Result]) -> str:
-    """The page ``docs/mutants.md``."""
-    parts = [_INTRODUCTION, f"**{summary(results)}.**", _by_operator(results), _by_scene(results)]
+def page_of(system: str) -> Path:
+    """The page of the example ``system``."""
+    name = "mutants" if system == LAB_TOUR else f"mutants-{system.replace('_', '-')}"
+    return ROOT / "docs" / f"{name}.md"
+
+
+def document(system: str, results: Sequence[Result]) -> str:
+    """The page of the example ``system``."""
+    if system == LAB_TOUR:
+        others = [(name, page_of(name).name) for name in SYSTEMS if name != system]
+        links = ", ".join(f"[{_called(name)}]({page})" for name, page in others)
+        introduction = f"{_INTRODUCTION}\n\nThe same was done with other examples: {links}."
+    else:
+        introduction = (
+            f"# Mutants of {_called(system)}\n\nWritten by `make mutants`; how they are found, and what "
+            f"the words mean, is said [of the lab tour's](mutants.md)."
+        )
+    parts = [introduction, f"**{summary(results)}.**", _by_operator(results), _by_scene(results)]
     parts += [_by_machine(results), _list_of(results)]
     return "\n\n".join(parts) + "\n"
+
+
+def _called(system: str) -> str:
+    return f"the {system.replace('_', ' ')}"
 
 
 _INTRODUCTION = """# Mutants: what the oracle would miss
@@ -80,9 +106,9 @@ as code, put in the original's place on the simulated transport, and watched by 
 model. A mutant is killed when the oracle says *violated*. Each is tried for one virtual minute in each of
 three scenes, and who survives that, for ten (the last scene first):
 
-* the tour: the lab tour as it is. Whatever it never does, it cannot show: most of what handles errors,
+* the system: the lab tour as it is. Whatever it never does, it cannot show: most of what handles errors,
   refusals and second requests;
-* the tour, and further callers: nodes that also call the machine's services, send it goals, cancel them, and
+* the system, and further callers: nodes that also call the machine's services, send it goals, cancel them, and
   publish to it, alone and at once;
 * among moody partners: the machine's node with those callers, and one node in the place of everything it
   calls, that answers rightly, wrongly, late, with an error or never, and rejects, aborts and cancels goals.

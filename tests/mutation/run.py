@@ -1,7 +1,7 @@
-"""The mutation run: every first-order mutant of every lab-tour machine, on trial.
+"""The mutation run: every first-order mutant of every machine of an example, on trial.
 
-``python -m tests.mutation.run`` (``make mutants``) writes ``docs/mutants.md``. A run that was stopped
-goes on where it was with ``--resume``. Exit code 1: a machine as it should be raised an alarm, or
+``python -m tests.mutation.run [SYSTEM]`` (``make mutants``) writes the example's page, for the lab tour
+``docs/mutants.md``. A run that was stopped goes on where it was with ``--resume``. Exit code 1: a machine as it should be raised an alarm, or
 fewer than 99 % of the mutants that are not equivalent were found.
 """
 
@@ -26,15 +26,14 @@ from m2c.launch.in_process import NodeClass, compile_node
 from m2c.model.machine import Machine
 from tests.mutation import Mutant, equivalence, mutants
 from tests.mutation.by_hand import BY_HAND, HOLES
-from tests.mutation.report import GOAL, Found, Result, document, summary
+from tests.mutation.report import GOAL, Found, Result, document, page_of, summary
 from tests.mutation.trial import SCENES, Scene, Trial, trial
 from tests.mutation.waiting import UNAWAITED, without_unawaited_responses
-from tests.oracle.tour import lab_tour
+from tests.systems import LAB_TOUR, SYSTEMS, compiled, read
 from transports.interface import Observation
 
 ROOT = Path(__file__).parents[2]
 RECORD = ROOT / "build/mutants.jsonl"
-DOCUMENT = ROOT / "docs/mutants.md"
 
 PROCESSES = 2
 NICE = 10
@@ -47,18 +46,24 @@ STUCK_S = 120
 """Seconds of processor time after which a trial is given up: the mutant does not come to rest."""
 
 
+Key = tuple[str, str, int]
+"""Of a trial: the example, the machine, and which of its mutants."""
+
+
 class _StuckError(Exception):
     """A trial does not end."""
 
 
 def main() -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(description="Put all mutants of the lab tour on trial.")
+    parser = argparse.ArgumentParser(description="Put all mutants of an example on trial.")
+    parser.add_argument("system", nargs="?", choices=SYSTEMS, default=LAB_TOUR)
     parser.add_argument("--resume", action="store_true", help="keep results of a stopped run")
     parser.add_argument("--machine", action="append", help="only its mutants (repeatable)")
-    parser.add_argument("--output", type=Path, default=DOCUMENT, help="where the report goes")
+    parser.add_argument("--output", type=Path, help="where the report goes")
     arguments = parser.parse_args()
-    system, _ = lab_tour()
+    output = arguments.output or page_of(arguments.system)
+    system = read(arguments.system)
     names = arguments.machine or [machine.name for machine in system.nodes]
     unknown = [name for name in names if system.node(name) is None]
     if unknown:
@@ -69,50 +74,53 @@ def main() -> int:
     RECORD.parent.mkdir(exist_ok=True)
     if not arguments.resume:
         RECORD.unlink(missing_ok=True)
+    trials = [key for name in names for key in _keys(arguments.system, name)]
     results = _read()
     with RECORD.open("ab") as record, multiprocessing.Pool(PROCESSES, _settle_in) as pool:
         for judge, stage in ((_first, "first"), (_second, "second")):
-            work = [
-                key for name in names for key in _keys(name) if _is_open(results.get(key), stage)
-            ]
+            work = [key for key in trials if _is_open(results.get(key), stage)]
             print(f"{stage} pass: {len(work)} trials, {len(results)} known", flush=True)
             for count, result in enumerate(
                 pool.imap_unordered(judge, work, chunksize=4 if judge is _first else 1), start=1
             ):
                 record.write(msgspec.json.encode(result) + b"\n")
                 record.flush()
-                results[result.machine, result.number] = result
+                results[_key(result)] = result
                 _show(result, stage, count, len(work), time.monotonic() - began)
-    ordered = [results[key] for name in names for key in _keys(name)]
-    arguments.output.write_text(document(ordered))
+    ordered = [results[key] for key in trials]
+    output.write_text(document(arguments.system, ordered))
     print(summary(ordered))
-    print(f"{time.monotonic() - began:.0f} s; written: {arguments.output.name}")
+    print(f"{time.monotonic() - began:.0f} s; written: {output.name}")
     alarms = any(result.found is Found.FALSE_ALARM for result in ordered)
     relevant = [r for r in ordered if r.found in (Found.KILLED, Found.SURVIVED)]
     killed = sum(result.found is Found.KILLED for result in relevant)
     return 1 if alarms or killed < GOAL * len(relevant) else 0
 
 
-def _read() -> dict[tuple[str, int], Result]:
+def _read() -> dict[Key, Result]:
     if not RECORD.is_file():
         return {}
     lines = RECORD.read_bytes().splitlines()
     found = [msgspec.json.decode(line, type=Result) for line in lines]
-    return {(result.machine, result.number): result for result in found}
+    return {_key(result): result for result in found}
 
 
-def _keys(name: str) -> Iterator[tuple[str, int]]:
+def _key(result: Result) -> Key:
+    return result.system, result.machine, result.number
+
+
+def _keys(system: str, name: str) -> Iterator[Key]:
     """Trial -1 of a machine is the machine as it should be."""
-    yield from ((name, number) for number in range(-1, len(_mutants(name))))
+    yield from ((system, name, number) for number in range(-1, len(_mutants(system, name))))
 
 
 @functools.cache
-def _mutants(name: str) -> list[Mutant]:
-    return list(mutants(_machine(name)))
+def _mutants(system: str, name: str) -> list[Mutant]:
+    return list(mutants(_machine(system, name)))
 
 
-def _machine(name: str) -> Machine:
-    machine = lab_tour()[0].node(name)
+def _machine(system: str, name: str) -> Machine:
+    machine = read(system).node(name)
     assert machine is not None
     return machine
 
@@ -143,14 +151,19 @@ def _give_up(number: int, frame: FrameType | None) -> None:
     raise _StuckError
 
 
-def _first(key: tuple[str, int]) -> Result:
+def _first(key: Key) -> Result:
     """A short trial in each scene; who survives is not decided yet."""
-    name, number = key
+    system, name, number = key
+    models, program = compiled(system)
     if number < 0:
-        result = Result(machine=name, number=-1, operator="", description=f"{name} as it should be")
-        return _tried_in_all(result, lab_tour()[1].nodes[name], FIRST_S, FIRST_SEED)
-    machine, mutant = _machine(name), _mutants(name)[number]
+        description = f"{name} as it should be"
+        result = Result(
+            system=system, machine=name, number=-1, operator="", description=description
+        )
+        return _tried_in_all(result, program.nodes[name], FIRST_S, FIRST_SEED)
+    machine, mutant = _machine(system, name), _mutants(system, name)[number]
     result = Result(
+        system=system,
         machine=name,
         number=number,
         operator=mutant.operator,
@@ -159,19 +172,20 @@ def _first(key: tuple[str, int]) -> Result:
     reason = _argument(machine, mutant.machine)
     if reason:
         return replace(result, found=Found.EQUIVALENT, reason=reason)
-    node = compile_node(mutant.machine, lab_tour()[0])
+    node = compile_node(mutant.machine, models)
     return _tried_in_all(result, node, FIRST_S, FIRST_SEED)
 
 
-def _second(key: tuple[str, int]) -> Result:
+def _second(key: Key) -> Result:
     """A long trial, for who survived the short one; then it is decided."""
-    name, number = key
+    system, name, number = key
+    models, program = compiled(system)
     before = _first_results()[key]
     if number < 0:
-        result = _tried_in_all(before, lab_tour()[1].nodes[name], LONG_S, LONG_SEED)
+        result = _tried_in_all(before, program.nodes[name], LONG_S, LONG_SEED)
         nominal = result.found is Found.UNDECIDED
         return replace(result, found=Found.NOMINAL) if nominal else result
-    node = compile_node(_mutants(name)[number].machine, lab_tour()[0])
+    node = compile_node(_mutants(system, name)[number].machine, models)
     result = _tried_in_all(before, node, LONG_S, LONG_SEED)
     if result.found is not Found.UNDECIDED:
         return result
@@ -184,18 +198,19 @@ def _second(key: tuple[str, int]) -> Result:
 
 
 @functools.cache
-def _first_results() -> dict[tuple[str, int], Result]:
+def _first_results() -> dict[Key, Result]:
     return _read()
 
 
 def _tried_in_all(result: Result, node: NodeClass, seconds: float, seed: int) -> Result:
     """``result``, decided if a trial in one of the scenes does."""
-    machine = _machine(result.machine)
+    system = result.system
+    machine = _machine(system, result.machine)
     original = result.number < 0
     difference = result.reason
     # who survived the short trials is most likely to show itself in the last scene
     for scene in SCENES if seconds == FIRST_S else reversed(SCENES):
-        found = _tried(machine, node, scene, seconds, seed)
+        found = _tried(system, machine, node, scene, seconds, seed)
         if isinstance(found, str):
             kind = Found.FALSE_ALARM if original else Found.BROKEN
             return replace(result, found=kind, scene=scene, reason=found)
@@ -209,7 +224,8 @@ def _tried_in_all(result: Result, node: NodeClass, seconds: float, seed: int) ->
                 reason=found.verdict.reason,
             )
         if not original:
-            difference = difference or _difference(result.machine, found, scene, seconds, seed)
+            said = _said(system, result.machine, scene, seconds, seed)
+            difference = difference or _difference(said, found, scene)
     return replace(result, found=Found.UNDECIDED, reason=difference)
 
 
@@ -224,9 +240,8 @@ def _argument(machine: Machine, mutant: Machine) -> str:
     return f"{found.rstrip(': ')}: {UNAWAITED}"
 
 
-def _difference(name: str, trial: Trial, scene: Scene, seconds: float, seed: int) -> str:
+def _difference(original: list[Observation], trial: Trial, scene: Scene) -> str:
     """The first thing that a mutant did otherwise than the original in the same world."""
-    original = _said(name, scene, seconds, seed)
     for expected, seen in zip(original, trial.said, strict=False):
         if expected != seen:
             return f"differs in {scene}: {_told(seen)} instead of {_told(expected)}"
@@ -236,8 +251,9 @@ def _difference(name: str, trial: Trial, scene: Scene, seconds: float, seed: int
 
 
 @functools.lru_cache(maxsize=8)
-def _said(name: str, scene: Scene, seconds: float, seed: int) -> list[Observation]:
-    found = _tried(_machine(name), lab_tour()[1].nodes[name], scene, seconds, seed)
+def _said(system: str, name: str, scene: Scene, seconds: float, seed: int) -> list[Observation]:
+    node = compiled(system)[1].nodes[name]
+    found = _tried(system, _machine(system, name), node, scene, seconds, seed)
     return [] if isinstance(found, str) else found.said
 
 
@@ -246,6 +262,7 @@ def _told(seen: Observation) -> str:
 
 
 def _tried(
+    system: str,
     machine: Machine,
     node: NodeClass,
     scene: Scene,
@@ -253,10 +270,10 @@ def _tried(
     seed: int,
 ) -> Trial | str:
     """The trial, or why it could not be held."""
-    system, program = lab_tour()
+    models, program = compiled(system)
     signal.setitimer(signal.ITIMER_VIRTUAL, STUCK_S)
     try:
-        return trial(system, program, machine, node, scene, seconds, seed)
+        return trial(models, program, machine, node, scene, seconds, seed)
     except _StuckError:
         return f"not at rest after {STUCK_S} s of processor time"
     except Exception as error:  # whatever a mutant's code raises ends its node

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from tests.mutation import mutants
-from tests.mutation.test_lab_tour_mutants import LAB_TOUR, SYSTEM
+from tests.systems import EXAMPLES, LAB_TOUR, read
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -16,19 +16,19 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_table_counts_every_mutant_of_the_system_in_a_folder() -> None:
-    done = run(str(SYSTEM.parent))
+    done = run(str(EXAMPLES / LAB_TOUR))
     assert done.returncode == 0, done.stderr
     last = done.stdout.splitlines()[-1].split()
-    wanted = sum(1 for machine in LAB_TOUR.nodes for _ in mutants(machine))
+    wanted = sum(1 for machine in read(LAB_TOUR).nodes for _ in mutants(machine))
     assert last[0] == "all"
     assert int(last[-1]) == wanted
     assert sum(map(int, last[1:-1])) == wanted
 
 
 def test_every_mutant_is_listed_on_request() -> None:
-    model = SYSTEM.parent / "skills" / "WaitSkill.scxml"
+    model = EXAMPLES / LAB_TOUR / "skills" / "WaitSkill.scxml"
     lines = run(str(model), "--list").stdout.splitlines()
-    machine = LAB_TOUR.node("WaitSkill")
+    machine = read(LAB_TOUR).node("WaitSkill")
     assert machine is not None
     assert len(lines) == len(list(mutants(machine)))
     assert all(line.startswith(f"{model}:") for line in lines)

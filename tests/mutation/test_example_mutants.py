@@ -1,4 +1,4 @@
-"""Every mutant of the lab tour is a machine that checks and compiles."""
+"""Every mutant of an example is a machine that checks and compiles."""
 
 from __future__ import annotations
 
@@ -13,41 +13,37 @@ from m2c.model import DiagnosticLog, Severity, System, load
 from m2c.model.machine import Machine
 from tests.mutation import OPERATORS, mutants
 from tests.mutation.shape import Shapes
+from tests.systems import EXAMPLES, LAB_TOUR, SYSTEMS, read
 
-SYSTEM = Path(__file__).parents[2] / "examples" / "lab_tour" / "system.xml"
-
-
-def _system() -> System:
-    log = DiagnosticLog()
-    system = load([SYSTEM], log)
-    assert system is not None
-    assert not log.has_errors
-    return system
+MACHINES = [
+    pytest.param(read(name), machine, id=machine.name)
+    for name in SYSTEMS
+    for machine in read(name).nodes
+]
 
 
-LAB_TOUR = _system()
-
-
-@pytest.mark.parametrize("machine", LAB_TOUR.nodes, ids=lambda machine: machine.name)
-def test_mutants_pass_the_check_and_their_code_compiles(machine: Machine) -> None:
+@pytest.mark.parametrize(("system", "machine"), MACHINES)
+def test_mutants_pass_the_check_and_their_code_compiles(system: System, machine: Machine) -> None:
     count = 0
     for mutant in mutants(machine):
-        others = tuple(node for node in LAB_TOUR.nodes if node.name != machine.name)
+        others = tuple(node for node in system.nodes if node.name != machine.name)
         log = DiagnosticLog()
-        check_system(replace(LAB_TOUR, nodes=(*others, mutant.machine)), log)
+        check_system(replace(system, nodes=(*others, mutant.machine)), log)
         # a status that is none is found before anything runs; monitors find it all the same
         found = [item for item in log.diagnostics if item.rule != "bad-status"]
         errors = [str(item) for item in found if item.severity is Severity.ERROR]
         assert not errors, (mutant.description, errors)
-        for path, text in node_package(mutant.machine, LAB_TOUR.library, "mutant").items():
+        for path, text in node_package(mutant.machine, system.library, "mutant").items():
             if path.endswith(".py"):
                 compile(text, f"{mutant.description} {path}", "exec")
         count += 1
     assert count >= 5
 
 
-@pytest.mark.parametrize("machine", LAB_TOUR.nodes, ids=lambda machine: machine.name)
-def test_mutants_differ_from_the_original_and_from_each_other(machine: Machine) -> None:
+@pytest.mark.parametrize(("system", "machine"), MACHINES)
+def test_mutants_differ_from_the_original_and_from_each_other(
+    system: System, machine: Machine
+) -> None:
     shapes = Shapes()
     found = [shapes.of(mutant.machine) for mutant in mutants(machine)]
     assert shapes.of(machine) not in found
@@ -55,17 +51,18 @@ def test_mutants_differ_from_the_original_and_from_each_other(machine: Machine) 
 
 
 def test_mutants_come_in_the_same_order_every_time() -> None:
-    machine = LAB_TOUR.nodes[2]
-    assert list(mutants(machine)) == list(mutants(_system().nodes[2]))
+    again = load([EXAMPLES / LAB_TOUR / "system.xml"], DiagnosticLog())
+    assert again is not None
+    assert list(mutants(read(LAB_TOUR).nodes[2])) == list(mutants(again.nodes[2]))
 
 
 def test_every_operator_finds_something_in_the_lab_tour() -> None:
-    used = {mutant.operator for machine in LAB_TOUR.nodes for mutant in mutants(machine)}
+    used = {mutant.operator for machine in read(LAB_TOUR).nodes for mutant in mutants(machine)}
     assert used == set(OPERATORS)
 
 
 def test_a_mutant_says_where_the_change_is() -> None:
-    machine = LAB_TOUR.node("BatteryLevelSkill")
+    machine = read(LAB_TOUR).node("BatteryLevelSkill")
     assert machine is not None
     lines = Path(machine.position.file).read_text().splitlines()
     for mutant in mutants(machine):

@@ -12,6 +12,7 @@ from tests.mutation.report import Found, Result, document, summary
 from tests.mutation.trial import SCENES, Scene, trial
 from tests.mutation.waiting import without_unawaited_responses
 from tests.oracle.tour import lab_tour
+from tests.systems import SYSTEMS, compiled, read
 
 
 def _machine(name: str) -> Machine:
@@ -26,10 +27,19 @@ def _mutant(name: str, what: str) -> Machine:
 
 
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("name", [machine.name for machine in lab_tour()[0].nodes])
-def test_a_machine_as_it_should_be_is_not_blamed(name: str, scene: Scene) -> None:
-    system, program = lab_tour()
-    found = trial(system, program, _machine(name), program.nodes[name], scene, 25.0, 5)
+@pytest.mark.parametrize(
+    ("example", "machine"),
+    [
+        pytest.param(name, machine, id=machine.name)
+        for name in SYSTEMS
+        for machine in read(name).nodes
+    ],
+)
+def test_a_machine_as_it_should_be_is_not_blamed(
+    example: str, machine: Machine, scene: Scene
+) -> None:
+    system, program = compiled(example)
+    found = trial(system, program, machine, program.nodes[machine.name], scene, 25.0, 5)
     assert found.verdict is None
     assert found.inconclusive == 0
     assert found.said
@@ -38,9 +48,9 @@ def test_a_machine_as_it_should_be_is_not_blamed(name: str, scene: Scene) -> Non
 @pytest.mark.parametrize(
     ("name", "what", "scene"),
     [
-        ("BatteryLevelSkill", "condition negated", Scene.TOUR),
-        ("WaitSkill", "`RUNNING` became `3`", Scene.TOUR),
-        ("SchedulerComponent", "the assignment to `current` dropped", Scene.TOUR),
+        ("BatteryLevelSkill", "condition negated", Scene.SYSTEM),
+        ("WaitSkill", "`RUNNING` became `3`", Scene.SYSTEM),
+        ("SchedulerComponent", "the assignment to `current` dropped", Scene.SYSTEM),
         ("GoToPoiSkill", "`arrived` on request /GoToPoiSkill/halt dropped", Scene.ALONE),
         ("SetPoi2Skill", "`setting` on call_error /SchedulerComponent/SetPoi dropped", Scene.ALONE),
     ],
@@ -80,7 +90,8 @@ def test_every_response_of_the_lab_tour_finds_a_request(name: str) -> None:
 def test_every_argument_by_hand_is_about_a_mutant() -> None:
     named = {
         f"{place.rpartition('/')[2]}: {what}"
-        for machine in lab_tour()[0].nodes
+        for name in SYSTEMS
+        for machine in read(name).nodes
         for place, _, what in (item.description.partition(": ") for item in mutants(machine))
     }
     assert set(BY_HAND) <= named
@@ -89,6 +100,7 @@ def test_every_argument_by_hand_is_about_a_mutant() -> None:
 def test_the_page_counts_what_was_found_and_lists_who_survived() -> None:
     def result(number: int, found: Found, reason: str = "") -> Result:
         return Result(
+            system="lab_tour",
             machine="M",
             number=number,
             operator="" if number < 0 else "dropped output",
@@ -101,7 +113,7 @@ def test_the_page_counts_what_was_found_and_lists_who_survived() -> None:
     results = [result(-1, Found.NOMINAL), result(1, Found.KILLED), result(2, Found.KILLED)]
     results += [result(3, Found.SURVIVED, "nobody saw it"), result(4, Found.EQUIVALENT, "the same")]
     assert "66.67% of the non-equivalent killed" in summary(results)
-    page = document(results)
+    page = document("lab_tour", results)
     assert "| dropped output | 4 | 2 | 1 | 0 | 1 |" in page
     assert "* M.scxml:3: output dropped (dropped output): nobody saw it" in page
     assert "| M | 4 | 2 | 1 | 0 | 1 | no alarm |" in page

@@ -10,9 +10,10 @@ from m2c.launch.in_process import NodeClass, Program, SimulatedRun
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.oracle.oracle import Oracle
+from moon.ordering.silence import Silence
 from moon.verdict import Outcome, Verdict
 from tests.mutation.exercise import answerers, callers
-from transports.interface import Observation
+from transports.interface import Answer, Observation
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
 CONDITIONS = Conditions(delay_s=(0.0, 0.002), tap_delay_s=(0.0, 0.002))
@@ -24,9 +25,9 @@ _PERIOD_S = 0.02
 class Scene(StrEnum):
     """What a mutant runs among."""
 
-    TOUR = "the tour"
-    """The nominal lab tour, the policy ticking."""
-    CALLED = "the tour, and further callers"
+    SYSTEM = "the system"
+    """The nominal system, the policy ticking."""
+    CALLED = "the system, and further callers"
     """The same, and nodes that call the machine's services, send goals and publish."""
     ALONE = "among moody partners"
     """The machine's node, callers, and a node that answers what it asks in every way."""
@@ -62,6 +63,8 @@ def trial(
 ) -> Trial:
     """Run ``node`` in the place of ``machine``'s until the oracle of ``machine`` is violated.
 
+    As ``moon monitor`` does, a node that is silent when something is due is asked whether that is all.
+
     Args:
         system: the models.
         program: their code.
@@ -94,9 +97,17 @@ def trial(
         ):
             take(oracle.feed(observation))
 
+    def answered(_: str, answer: Answer) -> None:
+        take(oracle.reported(answer.next_order, answer.stamp_ns, world.now_ns))
+
+    def advance() -> None:
+        take(oracle.advance(world.now_ns))
+        silence.look(tap, {machine.name: oracle}, world.now_ns)
+
     listener = SimulatedTransport(world, "listener")
-    listener.tap([], hear)
-    listener.every(_PERIOD_S, lambda: take(oracle.advance(world.now_ns)))
+    tap = listener.tap([], hear)
+    silence = Silence(answered, oracle.bounds.latency / 1e9)
+    listener.every(_PERIOD_S, advance)
     oracle.start(world.now_ns)
     began_ns = world.now_ns
     if scene is Scene.ALONE:
@@ -107,6 +118,7 @@ def trial(
         run = SimulatedRun(program.replacing(machine.name, node), world)
         if scene is Scene.CALLED:
             callers(world, machine, system.library)
+    silence.ask(tap, machine.name)  # whether it reports what it takes
     passed = 0.0
     while passed < seconds and not found:
         run.run(min(1.0, seconds - passed))
