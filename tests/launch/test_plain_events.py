@@ -19,7 +19,7 @@ from m2c.runtime.messages import message_class
 from tests.launch.system import Run
 from tests.monitor.processes import Process
 from tests.transports.ros2_network import own_domain
-from transports import SimulatedWorld, Topic
+from transports import Observation, SimulatedWorld, Topic
 
 HEAD = '<ascxml xmlns="http://www.w3.org/2005/07/scxml" name="{0}" initial="{1}">'
 PING = (
@@ -323,7 +323,8 @@ def test_events_travel_on_ros_2_with_types_that_are_built_for_the_run(
     built = build_once(tmp_path / "generated" / "plain_events")  # a run has less time in this test
     assert "plain_events" in built.packages
     with own_domain():
-        run = Run(path, "--transport", "ros2", "--monitor", endpoint=None)
+        recording = tmp_path / "run.mcap"
+        run = Run(path, "--transport", "ros2", "--record", recording, endpoint=None)
         _end_after_five_rounds(run)
         assert any("plain_events" in line and "building" in line for line in run.lines)
         for name, value in built.environment({}).items():  # as sourcing its setup script does
@@ -331,6 +332,12 @@ def test_events_travel_on_ros_2_with_types_that_are_built_for_the_run(
         again = Run(tmp_path / "generated", "--transport", "ros2", endpoint=None)
         _end_after_five_rounds(again)
         assert not any("building" in line for line in again.lines)
+    system = m2c.read_system(path)
+    entries = moon.Recording.open(recording, system.library).entries()
+    seen = [item for item in entries if isinstance(item, Observation)]
+    rounds = [item.data["round"] for item in seen if item.channel == "/plain_events/pong"]
+    assert rounds[-1] >= 5
+    assert rounds == sorted(set(rounds))
 
 
 def _end_after_five_rounds(run: Run) -> None:
