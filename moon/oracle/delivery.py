@@ -102,7 +102,12 @@ class Delivery:
     def start(self, stamp_ns: int, whole: bool) -> None:
         """The machine starts; see ``Oracle.start``."""
         self._synchronised = True
+        # what others published may be received before it is known that the node is there, which takes it
+        messages = [event for event in self._held.observations if event.role is Role.MESSAGE]
         self._held.clear()
+        for event in messages:
+            if not whole or event.stamp >= stamp_ns:
+                self._held.add(event)
         self._requests.clear()
         self._linked_ns = 0 if whole else stamp_ns + self._latency
         self._begin(stamp_ns, whole)
@@ -445,7 +450,9 @@ class Topics:
             return False
         client, number = event.call
         channel = event.observation.channel
-        if (client, channel, number) not in map(reference_of, self._messages()):
+        reference = (client, channel, number)
+        is_known = self._takes.has_contents(reference)
+        if not is_known and reference not in map(reference_of, self._messages()):
             count = self._streams.counts.get((client, channel, True))
             if count is not None and number < count.next:
                 return False

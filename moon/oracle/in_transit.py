@@ -219,6 +219,10 @@ class TakenMessages:
         self.expected.remove(reference)
         _fill(taken, message)
 
+    def has_contents(self, reference: Place) -> bool:
+        """Whether the message of that name was received from its publisher, and was not taken yet."""
+        return reference in self._contents
+
     def forget(self) -> None:
         """It is not known any more what the node takes; what it will have taken may still come."""
         self.expected.clear()
@@ -226,9 +230,11 @@ class TakenMessages:
         self.awaited_ns = FOREVER
 
     def restart(self) -> None:
-        """Another life of the node begins: whether it reports what it takes is not known yet."""
+        """Another life of the node begins: whether it reports what it takes is not known yet.
+
+        What was published may be received before it is known that the node is there: it is kept.
+        """
         self.forget()
-        self._contents.clear()
         self._links.clear()
         self.reported = False
 

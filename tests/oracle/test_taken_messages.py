@@ -130,6 +130,25 @@ def test_contents_may_be_received_after_the_report_that_a_message_was_taken() ->
         assert probe.published(5, 10, 30) == expected
 
 
+@pytest.mark.parametrize("lives", [1, 2])
+def test_a_message_that_is_received_before_it_is_known_that_its_taker_is_up_is_its_input(
+    lives: int,
+) -> None:
+    probe = Probe(whole=False)
+    if lives == 2:
+        probe.oracle.start(START - 5_000 * MS)
+        probe.follow()
+        probe.order = -1
+    number = lives - 1
+    probe.published(20, 20, 21, sequence=number)
+    probe.oracle.start(START + 10 * MS)  # the news that the node is up come last
+    said = probe.took(number, 22, 40, sequence=0)
+    said += probe.sent(40, 23, 40, sequence=0)
+    said += probe.passed(5000)
+    assert said == []
+    assert probe.oracle.outcome is Outcome.CONFORMING
+
+
 def test_contents_that_never_come_leave_the_machine_unknown_and_nobody_accused() -> None:
     probe = Probe()
     probe.follow()
