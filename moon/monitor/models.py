@@ -157,12 +157,15 @@ class ModelMonitor:
         if oracle is not None:
             oracle.listen(stamp_ns)
 
-    def node_started(self, node: str, stamp_ns: int) -> None:
-        """``node`` has just come up: its machine is in its initial state."""
+    def node_started(self, node: str, stamp_ns: int, earliest_ns: int = FOREVER) -> None:
+        """``node`` has just come up: its machine is in its initial state at ``stamp_ns``.
+
+        Its delays may run since ``earliest_ns``, when the node began to connect.
+        """
         self._publishers.came_up(node)
         oracle = self.oracles.get(node)
         if oracle is not None:
-            oracle.start(stamp_ns)
+            oracle.start(stamp_ns, earliest_ns=earliest_ns)
         if self.policy is not None and node == self.policy.node:
             self.policy.start(stamp_ns)
 

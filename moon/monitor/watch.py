@@ -292,7 +292,7 @@ class SystemWatch:
         reach_ns = self._clock.reach_ns(self._transport.now_ns())
         stamp_ns = reach_ns - self._bounds.latency // 2
         started_ns = max(stamp_ns, node.since)
-        self._models.node_started(name, started_ns)
+        self._models.node_started(name, started_ns, node.since)
         if self.listener is not None:
             self._silence.ask(self.listener, name)
         if self._transport.repair_s:  # such a middleware links who listens channel by channel

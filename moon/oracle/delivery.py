@@ -99,7 +99,7 @@ class Delivery:
 
     # --- beginnings, and what is missing -------------------------------------------------------------
 
-    def start(self, stamp_ns: int, whole: bool) -> None:
+    def start(self, stamp_ns: int, whole: bool, earliest_ns: int = FOREVER) -> None:
         """The machine starts; see ``Oracle.start``."""
         self._synchronised = True
         # what others published may be received before it is known that the node is there, which takes it
@@ -110,12 +110,12 @@ class Delivery:
                 self._held.add(event)
         self._requests.clear()
         self._linked_ns = 0 if whole else stamp_ns + self._latency
-        self._begin(stamp_ns, whole)
+        self._begin(stamp_ns, whole, earliest_ns)
         self.watermark = max(self.watermark, stamp_ns - self._latency)
 
-    def _begin(self, stamp_ns: int, whole: bool = False) -> None:
+    def _begin(self, stamp_ns: int, whole: bool = False, earliest_ns: int = FOREVER) -> None:
         self._is_listening = True
-        self._judge.start(stamp_ns, whole, self._linked_ns)
+        self._judge.start(stamp_ns, whole, self._linked_ns, earliest_ns)
         self.wake_at(0)
 
     def linked(self, since: int) -> None:

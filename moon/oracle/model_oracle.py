@@ -92,19 +92,22 @@ class ModelOracle:
 
     # --- what the node does ---------------------------------------------------------------------------
 
-    def start(self, stamp_ns: int, whole: bool = False, linked_ns: int = 0) -> None:
+    def start(
+        self, stamp_ns: int, whole: bool = False, linked_ns: int = 0, earliest_ns: int = FOREVER
+    ) -> None:
         """The machine starts, in its initial state.
 
         Args:
             stamp_ns: when, ns since the epoch.
             whole: whether its timers run from that very moment, and what it sends at once is known.
             linked_ns: what is sent to it before that (ns) may not reach it.
+            earliest_ns: it may have started then already (ns).
         """
         self._known_since = stamp_ns
         self._linked_ns = linked_ns
         self.since_start = True
         self.gave_up_ns = None
-        self.hypotheses = self.search.successors.started(stamp_ns, whole)
+        self.hypotheses = self.search.successors.started(stamp_ns, whole, earliest_ns)
         self.search.last = 0
         self._note_due()
 

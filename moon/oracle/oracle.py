@@ -120,7 +120,7 @@ class Oracle:
 
     # --- what the node does ---------------------------------------------------------------------------
 
-    def start(self, stamp_ns: int, whole: bool = False) -> None:
+    def start(self, stamp_ns: int, whole: bool = False, earliest_ns: int = FOREVER) -> None:
         """The machine starts now, in its initial state.
 
         Args:
@@ -128,13 +128,15 @@ class Oracle:
             whole: nothing was missed: its timers run from this very moment, what it sends at once is
                 received, and it receives all that is sent from now on. Otherwise these are uncertain for
                 one latency bound.
+            earliest_ns: it may have started then already (ns), where the news came late; its delays may run
+                since then.
         """
         self._other_ends.clear()
         self._streams.restart()
         self._progress.restart()
         self._topics.restart()
         self._takes.started_ns = stamp_ns
-        self._delivery.start(stamp_ns, whole)
+        self._delivery.start(stamp_ns, whole, earliest_ns)
         self._conclusion.restart()
 
     def listen(self, since_ns: int) -> None:

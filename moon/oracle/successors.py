@@ -57,8 +57,8 @@ class Successors:
 
     # --- beginnings --------------------------------------------------------------------------------
 
-    def started(self, start: int, whole: bool = False) -> list[Hypothesis]:
-        """The machine has just started, at ``start`` (ns); see ``Oracle.start`` for ``whole``."""
+    def started(self, start: int, whole: bool = False, earliest: int = FOREVER) -> list[Hypothesis]:
+        """The machine has just started, at ``start`` (ns); see ``Oracle.start``."""
         slack = 0 if whole else self._bounds.latency
         timers = tuple(
             PendingTimer(
@@ -77,7 +77,7 @@ class Successors:
             for hypothesis in found:
                 _, data = hypothesis.instances[instance]
                 grown += [
-                    self.absorb(hypothesis, instance, step, start, start + slack)
+                    self.absorb(hypothesis, instance, step, min(earliest, start), start + slack)
                     for _, step in self._parts[instance].start(data)
                 ]
             found = grown

@@ -1,0 +1,53 @@
+"""When a machine started is known from its node, and the news may come late."""
+
+from __future__ import annotations
+
+import pytest
+
+from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.confirmation import Losses
+from moon.oracle.oracle import Oracle
+from moon.verdict import Outcome
+from tests.oracle.machines import library, read
+from transports.interface import Observation, ObservationKind
+
+MS = 1_000_000
+BEGAN = 10**18
+FOUND = BEGAN + 2_000 * MS
+DELAY_MS = 6_000
+
+LATER = f"""
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" name="Probe"
+    initial="waiting">
+  <ros_topic_publisher topic="/out" type="std_msgs/Int32"/>
+  <state id="waiting"><transition after="{DELAY_MS}ms" target="done"/></state>
+  <state id="done">
+    <onentry><ros_topic_publish name="/out"><field name="data" expr="1"/></ros_topic_publish></onentry>
+  </state>
+</scxml>
+"""
+
+
+@pytest.mark.parametrize(
+    ("at_ms", "earliest_ns", "expected"),
+    [
+        (DELAY_MS, BEGAN, Outcome.CONFORMING),
+        (DELAY_MS + 1_900, BEGAN, Outcome.CONFORMING),
+        (DELAY_MS, FOREVER, Outcome.VIOLATED),
+        (DELAY_MS - 1_000, BEGAN, Outcome.VIOLATED),
+    ],
+)
+def test_a_delay_runs_since_the_node_began_or_since_it_was_found(
+    at_ms: int, earliest_ns: int, expected: Outcome
+) -> None:
+    losses = Losses(possible=False)
+    oracle = Oracle(read(LATER), library(), bounds=Bounds(), synchronised=False, losses=losses)
+    oracle.start(FOUND, earliest_ns=earliest_ns)
+    stamp_ns = BEGAN + at_ms * MS
+    sent = Observation(
+        stamp_ns=stamp_ns, received_ns=stamp_ns + MS, channel="/out", kind=ObservationKind.MESSAGE,
+        type_name="std_msgs/msg/Int32", data={"data": 1}, source="Probe", sequence=0, order=0,
+    )  # fmt: skip
+    oracle.feed(sent)
+    oracle.advance(stamp_ns + 300 * MS)
+    assert oracle.outcome is expected
