@@ -72,7 +72,10 @@ importlib.import_module("m2c.check")
 
 
 def read_system(
-    path: Path | str, *more: Path | str, interfaces: Sequence[Path | str] = ()
+    path: Path | str,
+    *more: Path | str,
+    interfaces: Sequence[Path | str] = (),
+    lenient: bool = False,
 ) -> System:
     """Read models as one system.
 
@@ -81,6 +84,9 @@ def read_system(
         more: further models or folders; a system file is read alone.
         interfaces: folders of ROS interface packages; a folder ``interfaces`` beside a model, or up
             to three folders above it, is used without being named.
+        lenient: whether a string, number or bool becomes another of them where its type is needed, as
+            ECMAScript has it. That is run and monitored so, and :func:`check` warns of it; else it is
+            an error.
 
     Returns:
         The system, with the warnings of its reader as ``findings``.
@@ -91,7 +97,7 @@ def read_system(
     from m2c.model.reading import read_or_raise
 
     return read_or_raise(
-        [Path(item) for item in (path, *more)], [Path(item) for item in interfaces]
+        [Path(item) for item in (path, *more)], [Path(item) for item in interfaces], lenient
     )
 
 

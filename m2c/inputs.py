@@ -53,6 +53,13 @@ interface_folders = click.option(
 )
 """The option of a command that has PATHS of its own kind; it gets a tuple, ``interfaces``."""
 
+lenient_option = click.option(
+    "--lenient",
+    is_flag=True,
+    help="Let strings, numbers and bools become one another as ECMAScript has it, with warnings.",
+)
+"""The option of a command that reads models; see docs/values.md."""
+
 _OPTIONS = (
     click.argument("paths", nargs=-1, type=click.Path(path_type=Path)),
     click.option(

@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from m2c.inputs import Inputs, input_options
+from m2c.inputs import Inputs, input_options, lenient_option
 
 
 @click.command()
@@ -30,6 +30,7 @@ from m2c.inputs import Inputs, input_options
     help="Where the nodes will run: a name that it does not take is an error.  "
     "[default: any; a name that one does not take is a warning]",
 )
+@lenient_option
 @input_options
 def check(
     inputs: Inputs,
@@ -37,6 +38,7 @@ def check(
     each: bool,
     form: str,
     transport: str | None,
+    lenient: bool,
 ) -> None:
     """Check models before anything is generated from them.
 
@@ -62,7 +64,7 @@ def check(
     models = 0
     if alone:
         check_policy(inputs.paths[0], log, naming)
-    elif (system := read_and_check(*inputs, log, naming=naming)) is not None:
+    elif (system := read_and_check(*inputs, log, naming=naming, lenient=lenient)) is not None:
         models = len(system.nodes) + len(system.plugins)
     found = sorted(log.diagnostics, key=lambda item: (item.position, item.rule))
     if form == "json":

@@ -19,6 +19,7 @@ def read_and_check(
     log: DiagnosticLog,
     with_policy: bool = True,
     naming: Naming = ANYWHERE,
+    lenient: bool = False,
 ) -> System | None:
     """The system in ``paths``, or None if there is none; with errors in ``log``, it is no good.
 
@@ -29,10 +30,12 @@ def read_and_check(
         log: where findings go.
         with_policy: check the policy against its machines too.
         naming: the transports that must take the names of nodes and channels.
+        lenient: whether strings, numbers and bools become one another, which is warned of.
     """
     system = load(paths, log, [path for path in interfaces if path.is_dir()])
     if system is None:
         return None
+    system = system.made_lenient() if lenient else system
     lists = [path for path in interfaces if not path.is_dir()]
     _check(system, lists, log, with_policy, naming)
     return system

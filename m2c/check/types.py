@@ -20,7 +20,7 @@ from m2c.model.datatypes import (
     only_array,
     part,
 )
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.diagnostics import DiagnosticLog, Position, Severity
 from m2c.model.expressions import Expression, Literal, Member, Variable
 from m2c.model.initial import initial_value, is_settled
 from m2c.model.interfaces import InterfaceLibrary
@@ -117,11 +117,11 @@ class _TypeCheck:
         known: dict[str, DataType] = {}
         values: dict[str, Any] = {}
         for data in self._machine.data:
-            scope = Scope(known, {}, self._ports)
+            scope = Scope(known, {}, self._ports, self._machine.lenient)
             expected = data.type if data.declared else None
             before = len(self._log.diagnostics)
             check_expression(data.initial, scope, expected, "data", self._log)
-            if len(self._log.diagnostics) == before:
+            if self._is_right_since(before):
                 self._initial(data, scope, values)
                 initial = values.get(data.name)
                 is_literal = isinstance(initial, int | float) and is_number(data.type)
@@ -134,11 +134,15 @@ class _TypeCheck:
             for transition in state.transitions:
                 self._transition(transition)
 
+    def _is_right_since(self, before: int) -> bool:
+        """Whether there are no errors among the findings from number ``before`` on."""
+        return all(found.severity is not Severity.ERROR for found in self._log.diagnostics[before:])
+
     def _initial(self, data: Data, scope: Scope, values: dict[str, Any]) -> None:
         """An initial value is computed here, or cannot fail: no block is there that could end."""
         if is_settled(data.initial, values):
             try:
-                values[data.name] = initial_value(data, values)
+                values[data.name] = initial_value(data, values, self._machine.lenient)
             except ExecutionError as error:
                 hint = f"a value of type {describe(data.type)} is needed"
                 what = f"`{data.name}` cannot begin with this: {error}"
@@ -156,7 +160,7 @@ class _TypeCheck:
         variables = self._variables
         if "status" in event:
             variables = {**dict.fromkeys(STATUSES, STRING), **variables}
-        return Scope(variables, event, self._ports)
+        return Scope(variables, event, self._ports, self._machine.lenient)
 
     def _transition(self, transition: Transition) -> None:
         scope = self._scope(event_parts(transition.event, self._machine, self._library))
@@ -210,7 +214,7 @@ class _TypeCheck:
         kind = check_expression(location, scope, None, "assign", self._log)
         before = len(self._log.diagnostics)
         check_expression(statement.value, scope, None if kind == ANY else kind, "assign", self._log)
-        if isinstance(location, Variable) and len(self._log.diagnostics) == before:
+        if isinstance(location, Variable) and self._is_right_since(before):
             self._within(location.name, statement.value, scope, "assign")
 
     def _within(self, name: str, value: Expression, scope: Scope, element: str) -> None:

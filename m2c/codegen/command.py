@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from m2c.inputs import ExistingPath, Inputs, input_options
+from m2c.inputs import ExistingPath, Inputs, input_options, lenient_option
 from m2c.terminal import fail, say, show
 
 
@@ -26,6 +26,7 @@ from m2c.terminal import fail, say, show
     help="Folder of your own Jinja2 templates: they override or extend ours of the same name.",
 )
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
+@lenient_option
 @input_options
 def generate(
     inputs: Inputs,
@@ -33,6 +34,7 @@ def generate(
     transport: str,
     templates: Path | None,
     force: bool,
+    lenient: bool,
 ) -> None:
     """Generate running Python nodes from models.
 
@@ -58,7 +60,7 @@ def generate(
 
     naming = naming_for(transport)
     log = DiagnosticLog()
-    system = read_and_check(*inputs, log, with_policy=False, naming=naming)
+    system = read_and_check(*inputs, log, with_policy=False, naming=naming, lenient=lenient)
     print_findings(log.diagnostics)
     if system is None or log.has_errors:
         sys.exit(2)

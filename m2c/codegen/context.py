@@ -85,7 +85,7 @@ class MachineContext:
 
     def compiler(self, parts: dict[str, DataType], data_name: str = "data") -> ExpressionCompiler:
         """A compiler of expressions where an event has ``parts``, its data named ``data_name``."""
-        scope = Scope(self.variables, parts, self._ports)
+        scope = Scope(self.variables, parts, self._ports, self.machine.lenient)
         return ExpressionCompiler(scope, self._attributes, self.class_of, data_name)
 
 

@@ -10,7 +10,7 @@ import msgspec
 from m2c.codegen.interfaces import zero_text
 from m2c.codegen.names import field_attribute
 from m2c.codegen.source import py, quoted
-from m2c.model.certainty import Certain, Certainty, Fit, is_float, is_native
+from m2c.model.certainty import Certain, Certainty, Fit, fit, is_float, is_native
 from m2c.model.datatypes import (
     ANY,
     BOOL,
@@ -44,6 +44,7 @@ from m2c.model.expressions import (
     Variable,
 )
 from m2c.model.typing import Scope, constant_value, type_of
+from m2c.model.values import LENIENT
 from m2c.model.vocabulary import STATUSES
 from m2c.runtime.conversion import to_float32
 
@@ -64,6 +65,8 @@ _CONVERSIONS = {
     **{"float32": "to_float32", "float64": "to_float64", "number": "to_untyped_number"},
 }
 """The function that converts to each primitive type."""
+_LENIENT = {name: function.__name__ for name, function in LENIENT.items()}
+"""The function whose result is converted, if the model is read leniently."""
 _ATOM, _UNARY, _COMPARE = 100, 80, 40
 _PRECEDENCE = {
     "**": 90,
@@ -171,10 +174,10 @@ class ExpressionCompiler:
         constant = self._constant(node, target)
         if constant is not None:
             return constant
-        fit = self._certainty.fit(node, target)
+        how = self._certainty.fit(node, target)
         code = self._compile(node)
-        if fit is not Fit.AS_IS:
-            return self._conversion(code.text, node, target, fit)
+        if how is not Fit.AS_IS:
+            return self._conversion(code.text, node, target, how)
         literal = isinstance(node, ArrayLiteral | ObjectLiteral)
         if isinstance(self._certain(node).kind, Array | Structure) and not literal:
             return Code(f"copy.deepcopy({code.text})")
@@ -191,12 +194,19 @@ class ExpressionCompiler:
         held = to_float32(number) == number or math.isnan(number)
         return _literal(number) if target == FLOAT64 or held else None
 
-    def _conversion(self, text: str, node: Expression, target: DataType, fit: Fit) -> Code:
-        if fit is Fit.CONVERTED and target == FLOAT64 and is_integer(self._certain(node).kind):
+    def _conversion(self, text: str, node: Expression, target: DataType, how: Fit) -> Code:
+        if how is Fit.CONVERTED and target == FLOAT64 and is_integer(self._certain(node).kind):
             return Code(f"float({text})")
-        fails = fit is Fit.MAY_FAIL
+        fails = how is Fit.MAY_FAIL
+        lenient = self._scope.lenient
         match target:
             case Primitive(name):
+                if (
+                    lenient
+                    and name in _LENIENT
+                    and fit(self._certain(node), target) is Fit.MAY_FAIL
+                ):
+                    text = self._runtime(_LENIENT[name], text)
                 return Code(self._runtime(_CONVERSIONS.get(name, "to_untyped"), text, fails=fails))
             case Array(element, length, fixed):
                 arguments = [text, self._element_conversion(element)]
@@ -204,15 +214,16 @@ class ExpressionCompiler:
                     arguments += [str(length), str(length)] if fixed else [str(length)]
                 return Code(self._runtime("to_array", *arguments, fails=fails))
             case Structure(name) if name:
-                return Code(self._runtime("to_message", text, self._class_of[name], fails=fails))
+                arguments = [text, self._class_of[name], *(["lenient=True"] if lenient else [])]
+                return Code(self._runtime("to_message", *arguments, fails=fails))
             case _:
                 return Code(self._runtime("to_object", text, fails=fails))
 
     def _element_conversion(self, element: DataType) -> str:
         """What converts one element of an array."""
-        if isinstance(element, Primitive):
+        if isinstance(element, Primitive) and not self._scope.lenient:
             return f"ecmascript.{_CONVERSIONS.get(element.name, 'to_untyped')}"
-        item = Literal(value=None)
+        item = Literal(value=None)  # nothing is certain of it
         return f"lambda item: {self._conversion('item', item, element, Fit.MAY_FAIL).text}"
 
     def _array(self, elements: tuple[Expression, ...], target: Array) -> Code:

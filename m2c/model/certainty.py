@@ -29,6 +29,7 @@ from m2c.model.datatypes import (
     Structure,
     is_integer,
     is_number,
+    is_scalar,
     only_array,
     part,
 )
@@ -157,7 +158,13 @@ class Certainty:
                 return Fit.AS_IS
             case ArrayLiteral() | ObjectLiteral() if target == ANY:
                 return Fit.AS_IS
-        return fit(self.of(node), target)
+        value = self.of(node)
+        how = fit(value, target)
+        if how is Fit.MAY_FAIL and self._scope.lenient and is_scalar(value.kind):
+            # a number, string or bool becomes any other of them; a text may be too long, too
+            never_fails = is_scalar(target) and not (value.kind == target == STRING)
+            return Fit.CONVERTED if never_fails else how
+        return how
 
     # -- one form after the other ---------------------------------------------------------------
 

@@ -104,6 +104,11 @@ def is_number(kind: DataType) -> bool:
     )
 
 
+def is_scalar(kind: DataType) -> bool:
+    """Whether ``kind`` is a number's, a string's or a bool's: ECMAScript makes each of them the others."""
+    return is_number(kind) or kind in (STRING, BOOL)
+
+
 def describe(kind: DataType) -> str:
     """``kind`` as a person writes it: ``int32``, ``string[<=3]``, ``geometry_msgs/msg/Pose``."""
     dimensions = ""

@@ -31,12 +31,13 @@ def is_settled(expression: Expression, known: Collection[str]) -> bool:
             return all(is_settled(child, known) for child in children(expression))
 
 
-def initial_value(data: Data, values: Mapping[str, Any]) -> Any:
+def initial_value(data: Data, values: Mapping[str, Any], lenient: bool = False) -> Any:
     """What ``data`` begins with, as plain data.
 
     Args:
         data: a variable whose initial value is settled.
         values: of the variables before it.
+        lenient: whether strings, numbers and bools become one another.
 
     Raises:
         ExecutionError: it cannot be evaluated, or does not fit the variable's type.
@@ -44,4 +45,4 @@ def initial_value(data: Data, values: Mapping[str, Any]) -> Any:
     is_empty = isinstance(data.initial, ArrayLiteral) and not data.initial.elements
     if is_empty and isinstance(data.type, Array):
         return zero(data.type)
-    return convert(evaluate(data.initial, values, {}), data.type)
+    return convert(evaluate(data.initial, values, {}), data.type, lenient)

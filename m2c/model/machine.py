@@ -277,7 +277,11 @@ class ActionThread(msgspec.Struct, frozen=True):
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
-    """A whole state machine. States are in document order; ``initial`` names one of them."""
+    """A whole state machine. States are in document order; ``initial`` names one of them.
+
+    Of a ``lenient`` one a string, number or bool becomes another of them where its type is needed, as
+    ECMAScript has it; else that is an error.
+    """
 
     name: str
     dialect: Dialect
@@ -288,6 +292,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     interfaces: tuple[Interface, ...] = ()
     ports: tuple[Port, ...] = ()
     threads: tuple[ActionThread, ...] = ()
+    lenient: bool = False
 
     def state(self, name: str) -> State:
         """The state called ``name``; KeyError if there is none."""
@@ -295,6 +300,14 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
             if state.name == name:
                 return state
         raise KeyError(name)
+
+    def made_lenient(self) -> Machine:
+        """The same as a ``lenient`` machine, with those that execute its goals."""
+        threads = tuple(
+            msgspec.structs.replace(thread, machine=thread.machine.made_lenient())
+            for thread in self.threads
+        )
+        return msgspec.structs.replace(self, threads=threads, lenient=True)
 
     def interface(self, name: str, *kinds: InterfaceKind) -> Interface | None:
         """The interface called ``name`` of one of ``kinds`` (any if none are given)."""

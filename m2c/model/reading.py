@@ -11,12 +11,15 @@ from m2c.model.diagnostics import DiagnosticLog, ModelError, Position
 from m2c.model.system import System, load
 
 
-def read_or_raise(paths: Sequence[Path], interfaces: Sequence[Path] = ()) -> System:
+def read_or_raise(
+    paths: Sequence[Path], interfaces: Sequence[Path] = (), lenient: bool = False
+) -> System:
     """The system in ``paths``, with what its reader found as ``findings``.
 
     Args:
         paths: models, folders of them, or one system file.
         interfaces: folders of interface packages.
+        lenient: whether strings, numbers and bools become one another.
 
     Raises:
         ModelError: there are errors in a file, or there is no model.
@@ -27,4 +30,5 @@ def read_or_raise(paths: Sequence[Path], interfaces: Sequence[Path] = ()) -> Sys
     if system is None or not (system.nodes or system.plugins):
         log.error("no-models", Position(str(paths[0])), "", "no model in it")
         raise ModelError(log.diagnostics)
+    system = system.made_lenient() if lenient else system
     return msgspec.structs.replace(system, findings=tuple(log.diagnostics))

@@ -88,6 +88,14 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     qualities: tuple[TopicQuality, ...] = ()
     findings: tuple[Diagnostic, ...] = ()
 
+    def made_lenient(self) -> System:
+        """The same system, of ``lenient`` machines."""
+        return msgspec.structs.replace(
+            self,
+            nodes=tuple(machine.made_lenient() for machine in self.nodes),
+            plugins=tuple(machine.made_lenient() for machine in self.plugins),
+        )
+
     def node(self, name: str) -> Machine | None:
         """The node called ``name``."""
         return next((node for node in self.nodes if node.name == name), None)

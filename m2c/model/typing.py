@@ -26,10 +26,11 @@ from m2c.model.datatypes import (
     describe,
     is_integer,
     is_number,
+    is_scalar,
     only_array,
     part,
 )
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.diagnostics import DiagnosticLog, shortened
 from m2c.model.evaluate import evaluate
 from m2c.model.expressions import (
     ArrayLiteral,
@@ -49,7 +50,8 @@ from m2c.model.expressions import (
     Variable,
     children,
 )
-from m2c.runtime.conversion import ExecutionError, to_string
+from m2c.model.values import convert
+from m2c.runtime.conversion import ExecutionError, to_number, to_string
 
 INTEGRAL_MATH = frozenset({"floor", "ceil", "round", "trunc", "sign"})
 """``Math`` functions whose result is a whole number."""
@@ -57,6 +59,8 @@ COMPARED = 100
 """Names, and letters of one, that a suggestion is looked for in: bounds the work on hostile input."""
 LISTED = 5
 """Names that a hint lists."""
+SHOWN = 40
+"""Characters of a text that a message repeats."""
 
 
 class Scope(msgspec.Struct, frozen=True):
@@ -66,11 +70,13 @@ class Scope(msgspec.Struct, frozen=True):
         variables: the datamodel.
         event: what of the event can be read here, by ``EventData.part``.
         ports: the behaviour-tree input ports, by key.
+        lenient: whether strings, numbers and bools become one another, as ECMAScript has it.
     """
 
     variables: Mapping[str, DataType]
     event: Mapping[str, DataType] = {}
     ports: Mapping[str, DataType] = {}
+    lenient: bool = False
 
 
 def type_of(expression: Expression, scope: Scope) -> DataType:
@@ -215,6 +221,15 @@ class _Typer:
         if self._log is not None:
             self._log.error(rule, node.position, self._element, message, hint)
 
+    def _let_through(self, node: Expression, message: str, *kinds: DataType) -> bool:
+        """Whether values of ``kinds`` become others here, as ECMAScript has it; says so."""
+        if not self._scope.lenient or not all(kind == ANY or is_scalar(kind) for kind in kinds):
+            return False
+        if self._log is not None:
+            hint = "an error without --lenient"
+            self._log.warning("lenient-conversion", node.position, self._element, message, hint)
+        return True
+
     def check_fits(self, node: Expression, expected: DataType) -> None:
         """Report what of ``node`` cannot be in a place of type ``expected``."""
         match node:
@@ -238,6 +253,9 @@ class _Typer:
         kind = silent.type_of(node, expected)  # an index out of range was reported as such
         if assignable(kind, expected):
             return
+        if self._scope.lenient and is_scalar(kind) and is_scalar(expected):
+            self._let_through(node, _becoming(value if known else None, kind, expected), kind)
+            return
         hint = f"a value of type {describe(expected)} is needed"
         if is_integer(expected) and is_number(kind):
             hint = "use Math.floor, Math.round or Math.trunc to make it whole"
@@ -250,7 +268,7 @@ class _Typer:
             return False
         low, high = INTEGER_RANGES[describe(expected)]
         if isinstance(value, float) and not value.is_integer():
-            if math.isfinite(value):
+            if math.isfinite(value) or self._scope.lenient:
                 return False
             hint = f"{describe(expected)} holds {low} to {high}"
             self._error("out-of-range", node, f"this is {to_string(value)}", hint)
@@ -381,7 +399,9 @@ class _Typer:
         if operator == "typeof":
             return STRING
         if kind != ANY and not is_number(kind):
-            self._error("type-mismatch", node, f"`{operator}` applied to {describe(kind)}")
+            what = f"`{operator}` applied to {describe(kind)}"
+            if not self._let_through(node, f"{what}, which becomes a number: ToNumber", kind):
+                self._error("type-mismatch", node, what)
             return NUMBER
         return kind if kind != ANY else NUMBER
 
@@ -407,12 +427,13 @@ class _Typer:
         return common_type(left, right) or NUMBER
 
     def _mixed(self, node: Binary, left: DataType, right: DataType) -> None:
-        self._error(
-            "type-mismatch",
-            node,
-            f"`{node.operator}` between {describe(left)} and {describe(right)}",
-            "both sides must have one type",
-        )
+        what = f"`{node.operator}` between {describe(left)} and {describe(right)}"
+        converts = len(node.operator) < 3  # `===` never does
+        if converts and self._let_through(
+            node, f"{what} takes both as numbers: ToNumber", left, right
+        ):
+            return
+        self._error("type-mismatch", node, what, "both sides must have one type")
 
     def _math(self, function: str, arguments: tuple[Expression, ...]) -> DataType:
         kinds = []
@@ -420,11 +441,10 @@ class _Typer:
             kind = self.type_of(argument)
             kinds.append(kind)
             if kind != ANY and not is_number(kind):
-                self._error(
-                    "type-mismatch",
-                    argument,
-                    f"Math.{function} of a value of type {describe(kind)}",
-                )
+                what = f"Math.{function} of a value of type {describe(kind)}"
+                becomes = f"{what}, which becomes a number: ToNumber"
+                if not self._let_through(argument, becomes, kind):
+                    self._error("type-mismatch", argument, what)
         if function in INTEGRAL_MATH:
             return INT64
         if function in ("abs", "max", "min") and kinds and all(is_integer(kind) for kind in kinds):
@@ -480,6 +500,26 @@ class _Typer:
                 self.check_fits(value, inner)
             fields.append((key, kind))
         return wanted if wanted is not None else Structure("", tuple(fields))
+
+
+def _becoming(value: Any, kind: DataType, target: DataType) -> str:
+    """What becomes of ``value`` (None: not known), of one scalar type, in a place of another."""
+    if target in (STRING, BOOL):
+        how = "ToString" if target == STRING else "ToBoolean"
+    elif is_number(kind):
+        how = "truncated"
+    else:
+        how = "ToNumber, truncated" if is_integer(target) else "ToNumber"
+    if value is None:
+        return f"a value of type {describe(kind)} becomes one of type {describe(target)}: {how}"
+    number = to_number(value)
+    if is_integer(target) and not math.isfinite(number):
+        how = f"no integer is {to_string(number)}"
+    return f"{_shown(value)} becomes {_shown(convert(value, target, lenient=True))}: {how}"
+
+
+def _shown(value: Any) -> str:
+    return f"`'{shortened(value, SHOWN)}'`" if isinstance(value, str) else f"`{to_string(value)}`"
 
 
 def _literal_type(value: bool | int | float | str | None) -> DataType:

@@ -15,6 +15,10 @@ from m2c.runtime import conversion
 from m2c.runtime.conversion import (
     Convert,
     ExecutionError,
+    as_flag,
+    as_number,
+    as_text,
+    as_whole,
     to_array,
     to_flag,
     to_float32,
@@ -37,18 +41,27 @@ _SCALARS: dict[str, Convert] = {
     "number": to_untyped_number,
 }
 
+LENIENT: dict[str, Convert] = {
+    **dict.fromkeys(INTEGER_RANGES, as_whole),
+    **{"bool": as_flag, "string": as_text},
+    **dict.fromkeys(("float32", "float64", "number"), as_number),
+}
+"""What a string, number or bool becomes before it goes to a place, of a model that is read leniently."""
 
-def convert(value: Any, kind: DataType) -> Any:
+
+def convert(value: Any, kind: DataType, lenient: bool = False) -> Any:
     """``value`` in a place of type ``kind``, as plain data (a structure is a dict).
 
     Raises:
         ExecutionError: it cannot be there.
     """
-    return converter(kind)(value)
+    return converter(kind, lenient=lenient)(value)
 
 
 def converter(
-    kind: DataType, around: Callable[[DataType, Convert], Convert] | None = None
+    kind: DataType,
+    around: Callable[[DataType, Convert], Convert] | None = None,
+    lenient: bool = False,
 ) -> Convert:
     """What converts plain data to ``kind``, made once; see :func:`convert`.
 
@@ -56,27 +69,35 @@ def converter(
         kind: the type of the place.
         around: what each conversion, of parts too, is replaced with, given its type; for values that
             stand for several.
+        lenient: whether strings, numbers and bools become one another.
     """
-    made = _converter(kind, around)
+    made = _converter(kind, around, lenient)
     return made if around is None else around(kind, made)
 
 
-def _converter(kind: DataType, around: Callable[[DataType, Convert], Convert] | None) -> Convert:
+def _converter(
+    kind: DataType, around: Callable[[DataType, Convert], Convert] | None, lenient: bool
+) -> Convert:
     match kind:
+        case Primitive(name) if lenient and name in LENIENT:
+            becomes, strictly = LENIENT[name], _SCALARS[name]
+            return lambda value: strictly(becomes(value))
         case Primitive(name):
             return _SCALARS.get(name, to_untyped)
         case Array(element, length, fixed):
-            inner = converter(element, around)
+            inner = converter(element, around, lenient)
             least = (length or 0) if fixed else 0
             return lambda value: to_array(value, inner, length, least)
         case Structure(name) if name:
-            return _structured(kind, around)
+            return _structured(kind, around, lenient)
         case _:
             return to_object
 
 
-def _structured(kind: Structure, around: Callable[[DataType, Convert], Convert] | None) -> Convert:
-    conversions = {name: converter(inner, around) for name, inner in kind.fields}
+def _structured(
+    kind: Structure, around: Callable[[DataType, Convert], Convert] | None, lenient: bool
+) -> Convert:
+    conversions = {name: converter(inner, around, lenient) for name, inner in kind.fields}
     template = zero(kind)
 
     def convert_fields(value: Any) -> Any:

@@ -197,6 +197,35 @@ def to_status(value: Any) -> str:
     return name
 
 
+# -- of a model that is read with --lenient ----------------------------------------------------------
+#
+# What becomes of a string, number or bool before it goes to a typed place. All else stays as it is, so
+# that the place refuses it: what is missing is never made a value.
+
+
+def as_whole(value: Any) -> Any:
+    """ToNumber, without its fraction; NaN and the infinities are 0 (ECMA-262 7.1.6 ToInt32, 1 to 3)."""
+    number = as_number(value)
+    if number.__class__ is not float:
+        return number
+    return int(number) if math.isfinite(number) else 0
+
+
+def as_number(value: Any) -> Any:
+    """ECMA-262 7.1.4 ToNumber, of a string or bool."""
+    return to_number(value) if isinstance(value, str | bool) else value
+
+
+def as_text(value: Any) -> Any:
+    """ECMA-262 7.1.17 ToString, of a number or bool."""
+    return to_string(value) if isinstance(value, int | float) else value
+
+
+def as_flag(value: Any) -> Any:
+    """ECMA-262 7.1.2 ToBoolean, of a string or number."""
+    return truthy(value) if isinstance(value, str | int | float) else value
+
+
 # -- to a declared type -----------------------------------------------------------------------------
 
 Convert = Callable[[Any], Any]
@@ -383,8 +412,13 @@ def check_length(length: int, most: int | None, least: int = 0) -> None:
         raise ExecutionError(f"{length} elements where {wanted} fit")
 
 
-def to_message(value: Any, message: type[msgspec.Struct]) -> Any:
+def to_message(value: Any, message: type[msgspec.Struct], lenient: bool = False) -> Any:
     """A copy of a message of the class ``message``, or one made of an object with such fields.
+
+    Args:
+        value: what goes to the place.
+        message: its class.
+        lenient: whether strings, numbers and bools become one another.
 
     Raises:
         ExecutionError: it is neither, or a field does not fit.
@@ -399,26 +433,30 @@ def to_message(value: Any, message: type[msgspec.Struct]) -> Any:
         field = fields.get(name)
         if field is None:
             raise ExecutionError(f"{message.__name__} has no field `{name}`")
-        made[field.name] = _annotated(item, msgspec.inspect.type_info(field.type))
+        made[field.name] = _annotated(item, msgspec.inspect.type_info(field.type), lenient)
     return message(**made)
 
 
-def _annotated(value: Any, kind: Any) -> Any:
+def _annotated(value: Any, kind: Any, lenient: bool) -> Any:
     """``value`` for a field of a message class, by the field's annotation."""
     match kind:
         case msgspec.inspect.BoolType():
-            return to_flag(value)
+            return to_flag(as_flag(value) if lenient else value)
         case msgspec.inspect.StrType():
-            return to_text(value)
+            return to_text(as_text(value) if lenient else value)
         case msgspec.inspect.IntType():
-            return (_UNSIGNED if kind.ge == 0 else _SIGNED)[kind.le](value)
+            to_integer = (_UNSIGNED if kind.ge == 0 else _SIGNED)[kind.le]
+            return to_integer(as_whole(value) if lenient else value)
         case msgspec.inspect.FloatType():
-            return to_float64(value)
+            return to_float64(as_number(value) if lenient else value)
         case msgspec.inspect.ListType():
             least = kind.min_length or 0
             return to_array(
-                value, lambda item: _annotated(item, kind.item_type), kind.max_length, least
+                value,
+                lambda item: _annotated(item, kind.item_type, lenient),
+                kind.max_length,
+                least,
             )
         case msgspec.inspect.StructType(cls=inner):
-            return to_message(value, inner)
+            return to_message(value, inner, lenient)
     raise AssertionError(kind)

@@ -37,7 +37,13 @@ class Recorder:
 class Generated:
     """A generated machine, started, with its modules."""
 
-    def __init__(self, folder: Path, text: str, interfaces: dict[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        text: str,
+        interfaces: dict[str, str] | None = None,
+        lenient: bool = False,
+    ) -> None:
         for name, content in (interfaces or {}).items():
             path = folder / "interfaces" / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -48,6 +54,7 @@ class Generated:
         system = load([model], log)
         assert system is not None
         assert not log.has_errors, log.diagnostics
+        system = system.made_lenient() if lenient else system
         self.machine_model = system.nodes[0]
         self.package = f"generated_{next(_numbers)}"
         self.files = node_modules(self.machine_model, system.library, self.package)

@@ -41,6 +41,10 @@ def log(expression: str) -> Example:
     )
 
 
+def lenient(example: Example) -> Example:
+    return Example(example.files, ("--lenient", *example.files))
+
+
 STATE = '<state id="a"/>'
 TICK = '<ros_service_server service_name="/s/tick" type="std_srvs/Trigger"/>'
 TAKE = '<ros_service_handle_request name="/s/tick"'
@@ -329,6 +333,7 @@ RULE_EXAMPLES: dict[str, Example] = {
     "eventless-cycle": model('<state id="a"><transition target="a"/></state>'),
     "unread-input": model(IN + STATE),
     "unused-interface": model(OUT + STATE),
+    "lenient-conversion": lenient(data("int8", "'3'")),
     "unset-output-field": entry('<ros_topic_publish name="/t"/>', OUT),
     "nobody-serves": Example(
         {"one.scxml": client("/Alarm/strat"), "two.scxml": server(channel="/Alarm/start")},

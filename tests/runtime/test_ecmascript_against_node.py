@@ -214,3 +214,33 @@ def test_a_number_in_a_float32_is_what_node_s_fround_says(node: Node, number: fl
 def test_a_corner_of_ecmascript_means_what_node_says(node: Node, text: str) -> None:
     reference = node.evaluate(text)
     assert agree(ours(text), reference), (ours(text), reference)
+
+
+LENIENT = {
+    **{name: f"new {array}([{{0}}])[0]" for name, array in ARRAYS.items()},
+    "int64": "Number(BigInt.asIntN(64, BigInt(isFinite({0}) ? Math.trunc({0}) : 0)))",
+    "uint64": "Number(BigInt.asUintN(64, BigInt(isFinite({0}) ? Math.trunc({0}) : 0)))",
+    "float32": "Math.fround({0})",
+    "float64": "Number({0})",
+    "number": "Number({0})",
+    "string": "String({0})",
+    "bool": "Boolean({0})",
+}
+TEXTS = st.one_of(
+    st.sampled_from(
+        ["", " ", "3", " -7.5 ", "300", "1e3", "0x1F", "abc", "3a", "true", "Infinity"]
+    ),
+    st.integers(-(2**40), 2**40).map(str),
+    st.floats(-1e12, 1e12).map(repr),
+)
+
+
+@pytest.mark.parametrize("name", LENIENT)
+@settings(max_examples=examples(150, 3000), deadline=None)
+@given(value=st.one_of(TEXTS, st.booleans(), st.integers(-(2**40), 2**40), st.floats(-1e12, 1e12)))
+def test_what_a_lenient_model_s_place_takes_is_what_node_says(
+    node: Node, name: str, value: str | bool | float
+) -> None:
+    made = shown(convert(value, Primitive(name), lenient=True))
+    reference = node.evaluate(LENIENT[name].replace("{0}", json.dumps(value)))
+    assert agree(made, reference), (made, reference)
