@@ -265,7 +265,8 @@ class Compiler:
 
     def _closures(self, parts: Mapping[str, DataType]) -> Closures:
         ports = readable_ports(self._machine)
-        return Closures(self._variables, Scope(self._types, parts, ports), self._symbolic)
+        scope = Scope(self._types, parts, ports, self._machine.lenient)
+        return Closures(self._variables, scope, self._symbolic)
 
     def _transition(self, transition: Transition) -> TransitionProgram:
         event = transition.event
@@ -523,7 +524,7 @@ def live_variables(
     ports = readable_ports(machine)
     assigns: list[Assign] = []
     for statement, parts in _statements(machine, library, owner or machine):
-        certainty = Certainty(Scope(types, parts, ports))
+        certainty = Certainty(Scope(types, parts, ports, machine.lenient))
         match statement:
             case Assign(location=location, value=value):
                 assigns.append(statement)

@@ -8,6 +8,7 @@ are known, and one that also takes :class:`~moon.oracle.unknowns.Unknown` values
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -82,10 +83,12 @@ class Closures:
         fit = self._certainty.fit(node, target)
         if fit is Fit.AS_IS:
             return evaluate
-        convert = converter(target)
+        lenient = self._scope.lenient
+        convert = converter(target, lenient=lenient)
         if not self._symbolic:
             return lambda step: convert(evaluate(step))
-        lenient = converter(target, unknowns.tolerant)
+        around = functools.partial(unknowns.tolerant, lenient=lenient)
+        tolerant = converter(target, around, lenient)
         fails = fit is Fit.MAY_FAIL
 
         def converted(step: Step) -> Any:
@@ -94,7 +97,7 @@ class Closures:
                 return convert(value)
             if fails and not unknowns.is_whole(value, target) and not step.either():
                 raise ecmascript.ExecutionError("a value that is not known may not fit")
-            return lenient(value)
+            return tolerant(value)
 
         return converted
 
@@ -246,11 +249,14 @@ class Closures:
             operate = _SYMBOLIC[operator]
             return lambda step: operate(step.enumerated(left(step)), step.enumerated(right(step)))
 
+        kinds = type_of(node.left, self._scope), type_of(node.right, self._scope)
+        becomes_another = self._scope.lenient and kinds[0] != kinds[1] and len(operator) == 2
+
         def related(step: Step) -> bool:
             first, second = left(step), right(step)
             if first.__class__ is not Unknown and second.__class__ is not Unknown:
                 return bool(exact(first, second))
-            return relate(step, operator, first, second)
+            return relate(step, operator, first, second, not becomes_another)
 
         return related
 
@@ -271,10 +277,20 @@ class Closures:
         return choose
 
 
-def relate(step: Step, operator: str, left: Any, right: Any) -> bool:
-    """A comparison with an unknown side: what is certain, else both, each remembered."""
+def relate(step: Step, operator: str, left: Any, right: Any, tells: bool = True) -> bool:
+    """A comparison with an unknown side: what is certain, else both, each remembered.
+
+    Args:
+        step: the step that is taken.
+        operator: of the comparison.
+        left: its left side.
+        right: its right side.
+        tells: whether a value of which nothing is known is the one that it is equal to, not another that
+            becomes it: ``'3' == 3``.
+    """
     if operator in ("==", "===", "!=", "!=="):
-        equal = _may_equal(step, left, right)
+        loosely = len(operator) == 2
+        equal = _may_equal(step, left, right, loosely, tells)
         return equal if operator[0] == "=" else not equal
     if left is right and not left.anything:
         return operator in ("<=", ">=")  # one number, whichever it is
@@ -290,14 +306,16 @@ def relate(step: Step, operator: str, left: Any, right: Any) -> bool:
     return holds
 
 
-def _may_equal(step: Step, left: Any, right: Any) -> bool:
+def _may_equal(step: Step, left: Any, right: Any, loosely: bool, tells: bool) -> bool:
     if left is right:
         return True
     unknown, other = (left, right) if isinstance(left, Unknown) else (right, left)
+    if loosely and isinstance(other, str | bool) and not unknown.anything:
+        other = ecmascript.to_number(other)  # ECMA-262 7.2.13 IsLooselyEqual
     if not isinstance(other, Unknown) and not unknown.allows(other):
         return False
     equal = step.either()
-    if equal and not isinstance(other, Unknown):
+    if equal and not isinstance(other, Unknown) and (tells or not unknown.anything):
         step.replace(unknown, other)
     return equal
 

@@ -104,7 +104,8 @@ class MachineProgram:
         made: list[Any] = []
         step = Step(self.initial, (), None, {}, [])
         ports = readable_ports(self.machine)
-        closures = Closures(self.variables, Scope(self._types, {}, ports), True)
+        scope = Scope(self._types, {}, ports, self.machine.lenient)
+        closures = Closures(self.variables, scope, True)
         for data in self.machine.data:
             if isinstance(data.initial, ObjectLiteral) and not data.initial.entries:
                 value = zero(data.type)

@@ -81,12 +81,17 @@ def is_whole(value: Any, target: DataType) -> bool:
     return is_integer and isinstance(value, Unknown) and value.integer and not value.anything
 
 
-def tolerant(kind: DataType, convert: Convert) -> Convert:
-    """``convert``, the conversion to ``kind``, for values that may be unknown."""
-    return lambda value: _in_place(value, kind) if value.__class__ is Unknown else convert(value)
+def tolerant(kind: DataType, convert: Convert, lenient: bool = False) -> Convert:
+    """``convert``, the conversion to ``kind``, for values that may be unknown.
+
+    ``lenient``: whether strings, numbers and bools become one another.
+    """
+    return lambda value: (
+        _in_place(value, kind, lenient) if value.__class__ is Unknown else convert(value)
+    )
 
 
-def _in_place(value: Unknown, kind: DataType) -> Unknown:
+def _in_place(value: Unknown, kind: DataType, lenient: bool) -> Unknown:
     """What is known of ``value`` once a place of type ``kind`` has taken it."""
     match kind:
         case Primitive(name) if name in INTEGER_RANGES:
@@ -95,7 +100,13 @@ def _in_place(value: Unknown, kind: DataType) -> Unknown:
                 return Unknown(low, high, integer=True)  # it may have wrapped
             if value.integer:
                 return value
+            if lenient:
+                return Unknown(math.trunc(value.low), math.trunc(value.high), integer=True)
             return Unknown(math.ceil(value.low), math.floor(value.high), integer=True)
+        case Primitive("bool" | "string") if lenient:
+            return anything()  # not that value: what it becomes
+        case Primitive("float32" | "float64" | "number") if lenient and value.anything:
+            return anything()
         case Primitive("float32") if not value.anything:
             return Unknown(to_float32(value.low), to_float32(value.high))
         case _:
