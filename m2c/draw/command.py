@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import interface_folders
+from m2c.inputs import interface_folders, lenient_option
 
 if TYPE_CHECKING:
     from m2c.draw.reading import Drawable
@@ -28,7 +28,10 @@ SUFFIXES = (".svg", ".mmd", ".dot")
 )
 @click.option("--node", metavar="NODE", help="Draw this machine of a system, not the wiring.")
 @interface_folders
-def draw(path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...]) -> None:
+@lenient_option
+def draw(
+    path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...], lenient: bool
+) -> None:
     """Draw a state machine, a system's wiring or a policy.
 
     A model (.scxml, .ascxml) gives its states and transitions; a system file or a folder of models
@@ -50,7 +53,7 @@ def draw(path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...
     if output.suffix not in SUFFIXES:
         raise click.UsageError(f"{output} names no format; it ends in {', '.join(SUFFIXES)}")
     log = DiagnosticLog()
-    drawable = read(path, interfaces, log, node)
+    drawable = read(path, interfaces, log, node, lenient)
     if drawable is None:
         print_findings(log.diagnostics)
         sys.exit(2)

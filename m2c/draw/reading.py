@@ -25,7 +25,11 @@ class Drawable(msgspec.Struct, frozen=True):
 
 
 def read(
-    path: Path, interfaces: Sequence[Path], log: DiagnosticLog, node: str | None = None
+    path: Path,
+    interfaces: Sequence[Path],
+    log: DiagnosticLog,
+    node: str | None = None,
+    lenient: bool = False,
 ) -> Drawable | None:
     """Read what ``path`` names; None after errors, which go to ``log``.
 
@@ -34,6 +38,7 @@ def read(
         interfaces: folders of interface packages, besides those near the models.
         log: gets what ``m2c check`` finds in it.
         node: the machine of a system that is to be drawn, instead of the wiring.
+        lenient: whether strings, numbers and bools become one another.
     """
     if (
         node is None
@@ -47,7 +52,7 @@ def read(
         return None if policy is None or log.has_errors else Drawable(path.stem, policy)
     from m2c.check.reading import read_and_check
 
-    system = read_and_check([path], interfaces, log)
+    system = read_and_check([path], interfaces, log, lenient=lenient)
     if system is None or log.has_errors:
         return None
     if node is not None:

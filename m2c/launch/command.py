@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import ExistingPath, finite
+from m2c.inputs import ExistingPath, finite, lenient_option
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
 from m2c.launch.simulation_options import Simulation, simulation_options
 from m2c.terminal import fail, say
@@ -78,6 +78,7 @@ class _Run(click.Command):
     metavar="FILE",
     help="Record the whole run to this MCAP file.",
 )
+@lenient_option
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
 @simulation_options
 def run(
@@ -94,6 +95,7 @@ def run(
     monitored: bool,
     monitor: str | None,
     record: Path | None,
+    lenient: bool,
     quiet: bool,
     simulation: Simulation,
 ) -> None:
@@ -140,13 +142,17 @@ def run(
         fail(f"{system}: no such file or folder; {wanted}")
     changed = parse_replacements(replacements)
     log_as_lines()
+    if lenient and system.is_dir():
+        fail("--lenient: these nodes are generated already; give it to `m2c generate`")
     of_monitor = watch_options(system, "" if monitored and monitor is None else monitor)
+    if lenient and of_monitor is not None:
+        of_monitor.append("--lenient")
     if transport == SIMULATED:
         refused = {"--endpoint": endpoint, "--zenoh-config": zenoh_config, "--namespace": namespace}
         _refuse(transport, [name for name, value in refused.items() if value], "a middleware")
         from m2c.launch.simulated import run_simulated
 
-        chosen = (rate, ticks or 0, only, without)
+        chosen = (lenient, rate, ticks or 0, only, without)
         sys.exit(run_simulated(system, changed, *chosen, simulation, of_monitor, record, quiet))
     _refuse(transport, simulation.given(), SIMULATED)
     interfaces: tuple[Path, ...] = ()
@@ -154,7 +160,7 @@ def run(
         try:
             folder = system if system.is_dir() else Path(scratch) / "system"
             if not system.is_dir():
-                interfaces = _generate(system, folder, changed, transport)
+                interfaces = _generate(system, folder, changed, transport, lenient)
             models = {name: path for name, path in changed.items() if path.is_file()}
             if system.is_dir() and models:
                 name, path = next(iter(models.items()))
@@ -265,7 +271,7 @@ def _provide(package: Path) -> None:
 
 
 def _generate(
-    path: Path, folder: Path, changed: dict[str, Path], transport: str
+    path: Path, folder: Path, changed: dict[str, Path], transport: str, lenient: bool
 ) -> tuple[Path, ...]:
     """Generate the system in ``path``, with the models of ``changed`` in place of its own.
 
@@ -280,7 +286,7 @@ def _generate(
     from m2c.naming import naming_for
 
     naming = naming_for(transport)
-    system = read_to_run(path, changed, naming)
+    system = read_to_run(path, changed, naming, lenient)
     try:
         write_files(system_files(system, naming=naming), folder)
     except ModelError as error:

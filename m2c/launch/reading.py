@@ -31,7 +31,7 @@ def parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
     return found
 
 
-def read_to_run(path: Path, changed: dict[str, Path], naming: Naming) -> System:
+def read_to_run(path: Path, changed: dict[str, Path], naming: Naming, lenient: bool) -> System:
     """The system in ``path``, with the models of ``changed`` in place of its own, without errors."""
     log = DiagnosticLog()
     system = load([path], log)
@@ -50,6 +50,7 @@ def read_to_run(path: Path, changed: dict[str, Path], naming: Naming) -> System:
                     nodes[index] = machine
         if changed:
             system = linked(msgspec.structs.replace(system, nodes=tuple(nodes)), log)
+        system = system.made_lenient() if lenient else system
         check_system(system, log, naming)
     if system is None or log.has_errors:
         print_findings(log.diagnostics)

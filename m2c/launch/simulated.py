@@ -58,6 +58,7 @@ _NS = 1e9
 def run_simulated(
     path: Path,
     changed: dict[str, Path],
+    lenient: bool,
     rate_hz: float | None,
     ticks: int,
     only: tuple[str, ...],
@@ -77,7 +78,7 @@ def run_simulated(
     semantics = Semantics(simulation.semantics or Semantics.DEPLOYED)
     if semantics is Semantics.AS2FM:
         _refuse_what_is_deployed(simulation, changed, of_monitor)
-    system = read_to_run(path, changed, naming_for(TRANSPORT))
+    system = read_to_run(path, changed, naming_for(TRANSPORT), lenient)
     try:
         program = _program(system, changed, only, without, semantics)
         if ticks and program.policy is None:

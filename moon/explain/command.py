@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import interface_folders
+from m2c.inputs import interface_folders, lenient_option
 from m2c.terminal import fail, show
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     "models", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MODEL...|SYSTEM"
 )
 @interface_folders
+@lenient_option
 @click.option("--only", multiple=True, metavar="NODE", help="Explain only this node (repeatable).")
 @click.option(
     "--recording",
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 def explain(
     models: tuple[Path, ...],
     interfaces: tuple[Path, ...],
+    lenient: bool,
     only: tuple[str, ...],
     recording: Path | None,
     as_json: bool,
@@ -53,7 +55,7 @@ def explain(
     from moon.monitor.reading import read_checked, say_why
 
     try:
-        system = read_checked(models, interfaces)
+        system = read_checked(models, interfaces, lenient=lenient)
     except ModelError as error:
         say_why(error)
         sys.exit(2)

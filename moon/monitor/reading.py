@@ -17,7 +17,10 @@ from moon.properties.files.interfaces import Interfaces
 
 
 def read_checked(
-    paths: Sequence[Path], interfaces: Sequence[Path] = (), log: DiagnosticLog | None = None
+    paths: Sequence[Path],
+    interfaces: Sequence[Path] = (),
+    log: DiagnosticLog | None = None,
+    lenient: bool = False,
 ) -> System:
     """The system in ``paths``.
 
@@ -25,12 +28,13 @@ def read_checked(
         paths: models, folders of them, or one system file.
         interfaces: folders of interface packages.
         log: where findings go.
+        lenient: whether strings, numbers and bools become one another.
 
     Raises:
         ModelError: ``m2c check`` would find errors, which the exception has.
     """
     log = log or DiagnosticLog()
-    system = read_and_check(paths, interfaces, log)
+    system = read_and_check(paths, interfaces, log, lenient=lenient)
     log.raise_if_errors()
     if system is None or not (system.nodes or system.plugins):
         log.error("no-models", Position(str(paths[0])), "", "no model in it")

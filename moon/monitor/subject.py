@@ -36,6 +36,7 @@ class Subject(msgspec.Struct, frozen=True):
         only: monitor these nodes; empty: all.
         without: do not monitor these.
         bounds: what is assumed of the middleware.
+        lenient: whether the models are read leniently.
     """
 
     models: tuple[Path, ...]
@@ -44,6 +45,7 @@ class Subject(msgspec.Struct, frozen=True):
     only: tuple[str, ...]
     without: tuple[str, ...]
     bounds: Bounds
+    lenient: bool = False
 
 
 class Monitored(msgspec.Struct, frozen=True):
@@ -88,7 +90,7 @@ def read_subject(subject: Subject) -> Monitored:
     """
     system = no_system(subject.interfaces)
     if subject.models:
-        system = read_checked(subject.models, subject.interfaces)
+        system = read_checked(subject.models, subject.interfaces, lenient=subject.lenient)
     log = DiagnosticLog()
     interfaces = interfaces_of(system, subject.interfaces)
     properties = tuple(load_properties(*subject.properties, interfaces=interfaces, log=log))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import interface_folders
+from m2c.inputs import interface_folders, lenient_option
 from m2c.terminal import fail, say
 from moon.connection import finite
 
@@ -29,6 +29,7 @@ _OPTIONS = (
         help="Monitor the properties in it, .yaml or .xml (repeatable).",
     ),
     interface_folders,
+    lenient_option,
     click.option(
         "--only", multiple=True, metavar="NODE", help="Monitor only this node (repeatable)."
     ),
@@ -63,6 +64,7 @@ class Choice(NamedTuple):  # msgspec's would cost each --help its import
     without: tuple[str, ...]
     deadline: float
     latency_bound: float
+    lenient: bool
 
     def subject(self, models: tuple[Path, ...]) -> Subject:
         """These options, for ``models``."""
@@ -73,7 +75,13 @@ class Choice(NamedTuple):  # msgspec's would cost each --help its import
             latency=round(self.latency_bound * 1e9), deadline=round(self.deadline * 1e9)
         )
         return Subject(
-            models, self.property_files, self.interfaces, self.only, self.without, bounds
+            models,
+            self.property_files,
+            self.interfaces,
+            self.only,
+            self.without,
+            bounds,
+            self.lenient,
         )
 
 
@@ -88,9 +96,10 @@ def subject_options(command: Callable[..., None]) -> Callable[..., None]:
         without: tuple[str, ...],
         deadline: float,
         latency_bound: float,
+        lenient: bool,
         **others: object,
     ) -> None:
-        choice = Choice(property_files, interfaces, only, without, deadline, latency_bound)
+        choice = Choice(property_files, interfaces, only, without, deadline, latency_bound, lenient)
         command(choice=choice, **others)
 
     for option in reversed(_OPTIONS):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import interface_folders
+from m2c.inputs import interface_folders, lenient_option
 from m2c.terminal import fail, say, show
 
 if TYPE_CHECKING:
@@ -26,8 +26,11 @@ if TYPE_CHECKING:
     metavar="FILE... [MODEL...|SYSTEM]",
 )
 @interface_folders
+@lenient_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a property, for pipes.")
-def check_properties(paths: tuple[Path, ...], interfaces: tuple[Path, ...], as_json: bool) -> None:
+def check_properties(
+    paths: tuple[Path, ...], interfaces: tuple[Path, ...], lenient: bool, as_json: bool
+) -> None:
     """Check property files (XML or YAML) and say what each property means.
 
     For every property: its formula, its meaning in one sentence, the deadline it implies. With models
@@ -47,7 +50,7 @@ def check_properties(paths: tuple[Path, ...], interfaces: tuple[Path, ...], as_j
     if not files:
         fail("all that is named are models; give a property file, too (.yaml or .xml)")
     models = tuple(path for path in paths if path not in files)
-    known = _interfaces(models, interfaces)
+    known = _interfaces(models, interfaces, lenient)
     log = DiagnosticLog()
     found: list[Property] = []
     for path in files:
@@ -83,13 +86,17 @@ def _is_model(path: Path) -> bool:
     return root is not None and root.tag in (*SYSTEM_ROOTS, "specification")
 
 
-def _interfaces(models: tuple[Path, ...], folders: tuple[Path, ...]) -> Interfaces | None:
+def _interfaces(
+    models: tuple[Path, ...], folders: tuple[Path, ...], lenient: bool
+) -> Interfaces | None:
     """What the properties are held against; models with errors end the process."""
     from m2c.model.diagnostics import ModelError
     from moon.monitor.reading import interfaces_of, no_system, read_checked, say_why
 
     try:
-        system = read_checked(models, folders) if models else no_system(folders)
+        system = no_system(folders)
+        if models:
+            system = read_checked(models, folders, lenient=lenient)
     except ModelError as error:
         say_why(error)
         sys.exit(2)
