@@ -201,11 +201,9 @@ class ExpressionCompiler:
         lenient = self._scope.lenient
         match target:
             case Primitive(name):
-                if (
-                    lenient
-                    and name in _LENIENT
-                    and fit(self._certain(node), target) is Fit.MAY_FAIL
-                ):
+                value = self._certain(node)
+                fits = value.kind == target == STRING or fit(value, target) is not Fit.MAY_FAIL
+                if lenient and name in _LENIENT and not fits:
                     text = self._runtime(_LENIENT[name], text)
                 return Code(self._runtime(_CONVERSIONS.get(name, "to_untyped"), text, fails=fails))
             case Array(element, length, fixed):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from m2c.model.certainty import Certainty, Fit
-from m2c.model.datatypes import ANY, Array, DataType, Structure, only_array, part
+from m2c.model.datatypes import ANY, Array, DataType, Structure, is_number, only_array, part
 from m2c.model.evaluate import OPERATORS
 from m2c.model.expressions import (
     ArrayLiteral,
@@ -250,13 +250,14 @@ class Closures:
             return lambda step: operate(step.enumerated(left(step)), step.enumerated(right(step)))
 
         kinds = type_of(node.left, self._scope), type_of(node.right, self._scope)
-        becomes_another = self._scope.lenient and kinds[0] != kinds[1] and len(operator) == 2
+        alike = kinds[0] == kinds[1] != ANY or (is_number(kinds[0]) and is_number(kinds[1]))
+        tells = alike or len(operator) == 3 or not self._scope.lenient
 
         def related(step: Step) -> bool:
             first, second = left(step), right(step)
             if first.__class__ is not Unknown and second.__class__ is not Unknown:
                 return bool(exact(first, second))
-            return relate(step, operator, first, second, not becomes_another)
+            return relate(step, operator, first, second, tells)
 
         return related
 

@@ -43,6 +43,7 @@ SCOPE = Scope(
         ("s", FLOAT64, "ecmascript.to_float64(ecmascript.as_number(self.s))", False),
         ("s", NUMBER, "ecmascript.to_untyped_number(ecmascript.as_number(self.s))", False),
         ("n", STRING, "ecmascript.to_text(ecmascript.as_text(self.n))", False),
+        ("s + s", STRING, "ecmascript.to_text(self.s + self.s)", True),
         ("s", BOOL, "ecmascript.to_flag(ecmascript.as_flag(self.s))", False),
         ("any", INT32, "ecmascript.to_int32(ecmascript.as_whole(self.any))", True),
         ("texts[0]", INT32, 'ecmascript.to_int32(ecmascript.as_whole(ecmascript.element(self.texts, 0)))', True),

@@ -87,6 +87,8 @@ def test_a_number_that_is_not_known_may_be_what_a_text_says() -> None:
 def test_a_text_that_equals_a_number_is_not_taken_for_that_number() -> None:
     model = machine(f'<if cond="s == 3">{publish("/text", "s")}</if>')
     assert sent(model, s=anything()) == {(), ("?",)}
+    number = machine(f"<if cond='n == 3'>{publish('/out', 'n')}</if>")
+    assert sent(number, n=anything()) == {(), ("3",)}
     known = machine(f"<if cond=\"s == '3'\">{publish('/text', 's')}</if>")
     assert sent(known, s=anything()) == {(), ("'3'",)}
 
