@@ -119,8 +119,8 @@ class Delivery:
         self.wake_at(0)
 
     def linked(self, since: int) -> None:
-        """What is sent to the machine from ``since`` (ns) on reaches it; see ``Oracle.listen``."""
-        if self._is_listening and since != FOREVER:
+        """From ``since`` (ns) on, what is sent to a started machine reaches it; see ``Oracle.listen``."""
+        if self._judge.since_start and since != FOREVER:
             self._judge.linked(since)
         self.wake_at(0)
 

@@ -6,8 +6,8 @@ from random import Random
 
 import pytest
 
+from tests import systems
 from tests.mutation import equivalence, mutants
-from tests.mutation.test_lab_tour_mutants import LAB_TOUR
 from tests.mutation.test_operators import GATE, read
 from tests.oracle import machines
 from tests.oracle.reference import conforms
@@ -18,7 +18,7 @@ from tests.oracle.traces import DEADLINE_NS, LATENCY_NS, TOLERANCE_NS, conformin
 def test_the_equivalent_mutants_of_the_lab_tour_are_known() -> None:
     found = {
         f"{machine.name}: {mutant.description.partition(': ')[2]}"
-        for machine in LAB_TOUR.nodes
+        for machine in systems.read(systems.LAB_TOUR).nodes
         for mutant in mutants(machine)
         if equivalence(machine, mutant.machine)
     }
