@@ -188,15 +188,17 @@ class _Run:
         self._nodes: SimulatedRun | None = None
         self._ticking: Task | None = None
         self._ticks = 0
+        self._has_begun = False
+        """Whether the nodes were started, or one of them failed as it was."""
         self._interrupted = False
         self._unshown: OSError | None = None
         """Why nothing can be shown."""
         self._fault = ""
         """What a node raised, and where."""
         self._stands_still = False
-        """Whether no time passes any more."""
+        """Whether no time passes any more, where that is no fault: in steps."""
         self._instant = (0, 0)
-        """Virtual time as it was seen last, and after how many events it was first so late."""
+        """Virtual time as it was seen last, and how many events of the system have happened since."""
         self._took = (0.0, 0.0)
         """Seconds of virtual and of real time."""
 
@@ -225,7 +227,7 @@ class _Run:
                 connection = self._world.connect(WATCHER)
                 with self._faults_kept():
                     found = observe([*words, "--transport", TRANSPORT], connection, self._drive)
-                if self._nodes is None:
+                if not self._has_begun:
                     return found
             else:
                 self._drive(lambda: False)
@@ -239,6 +241,7 @@ class _Run:
     def _drive(self, is_over: Callable[[], bool]) -> None:
         """From the start of the nodes to their end (``m2c.launch.observers.Drive``)."""
         world, simulation = self._world, self._simulation
+        self._has_begun = True
         world.run_for(BEFORE_S)
         self._introduce()
         began_ns, began_s = world.now_ns, time.monotonic()
@@ -252,10 +255,12 @@ class _Run:
                 world.run(lambda: self._has_ended() or is_over(), end_ns)
             world.keep_pace(None)
             self._took = ((world.now_ns - began_ns) / _NS, time.monotonic() - began_s)
-            with self._faults_kept():
-                self._stop()
-        if (self._fault or self._stands_still) and self._nodes is not None:
-            self._nodes.close()  # it would raise the same again, or never end
+            for _ in tuple(world.nodes):  # each may fail, once
+                with self._faults_kept():
+                    self._stop()
+                    break
+        if self._stands_still and self._nodes is not None:
+            self._nodes.close()  # it would never end
 
     def _start(self) -> None:
         semantics = self._program.semantics
@@ -282,19 +287,33 @@ class _Run:
 
     def _has_ended(self) -> bool:
         """Whether the last tick was made, a signal came, or time stands still."""
-        world, ticking = self._world, self._ticking
-        now_ns, since = self._instant
+        self._look_at_time()
+        ticking = self._ticking
+        ended = self._interrupted or self._stands_still
+        return ended or (ticking is not None and ticking.done)
+
+    def _look_at_time(self) -> None:
+        """Find out whether time stands still; unless in steps, that is the fault of who acted last.
+
+        Raises:
+            TransportError: so it is.
+        """
+        world = self._world
+        now_ns, count = self._instant
         if now_ns != world.now_ns:
-            self._instant = (world.now_ns, world.events)
-        elif world.events - since > STILL:
-            self._stands_still = True
-            if not self._program.semantics.is_stepwise:
-                self._fault = (
-                    f"{world.acted}: {STILL:,} events and no time has passed: does its model send itself "
-                    "event after event? Give one a delay"
-                )
-        ended = self._interrupted or self._fault or self._stands_still
-        return bool(ended or (ticking is not None and ticking.done))
+            self._instant = (world.now_ns, 0)
+        elif world.acted != WATCHER:  # much may be received at one instant of what happened before
+            self._instant = (now_ns, count + 1)
+        if self._instant[1] > STILL:
+            self._instant = (now_ns, 0)
+            if self._program.semantics.is_stepwise:
+                self._stands_still = True
+                return
+            world.failed = world.acted
+            raise TransportError(
+                f"{STILL:,} events and no time has passed: does its model send itself "
+                "event after event? Give one a delay"
+            )
 
     def _stop(self) -> None:
         """The policy halts its tree. The nodes go on, until what observes them has judged the rest."""
@@ -304,11 +323,16 @@ class _Run:
         if nodes.policy is not None and ticking is not None:
             nodes.policy.stop()
             limit_s = self._program.semantics.tick_timeout_s(self._seconds)
-            self._world.run_until(lambda: ticking.done, max(STOP_S, 2 * limit_s))
+
+            def is_over() -> bool:
+                self._look_at_time()
+                return ticking.done or self._stands_still
+
+            self._world.run_until(is_over, max(STOP_S, 2 * limit_s))
 
     @contextmanager
     def _faults_kept(self) -> Iterator[None]:
-        """What a node raises ends what is done; it is reported at the end of the run."""
+        """A node that raises something dies, and who calls it gets an error; the run's end reports it."""
         try:
             yield
         except Exception as error:  # a node's code may be anybody's
@@ -316,6 +340,8 @@ class _Run:
             if node is None or node == WATCHER:
                 raise
             self._fault = self._fault or f"{node}: {_described(error)}"
+            self._world.failed = None
+            self._world.crash(node)
 
     def _interrupt(self) -> None:
         self._interrupted = True
@@ -390,7 +416,7 @@ class _Lines(logging.Handler):
 
 
 def _described(error: Exception) -> str:
-    """An exception in one line, with the line of code that raised it where that is a node's."""
+    """An exception in one line, with the line of code that raised it."""
     if isinstance(error, PolicyError | TransportError):
         return str(error)
     text = f"{type(error).__name__}: {error}"
@@ -398,4 +424,5 @@ def _described(error: Exception) -> str:
     if not frames:
         return text
     last = frames[-1]
-    return f"{text}, in {last.filename}:{last.lineno}: {last.line}"
+    module = last.filename.removeprefix("<").partition("#")[0]  # m2c.launch.in_process names it so
+    return f"{text}, in {module}, line {last.lineno}: {last.line}"

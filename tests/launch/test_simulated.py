@@ -196,6 +196,47 @@ def test_what_code_in_a_node_raises_is_one_error_that_names_the_node(system: Sys
         assert "Traceback" not in made.output
 
 
+@pytest.mark.parametrize("options", [(), ("--monitor",)])
+def test_a_node_that_fails_as_it_starts_is_one_error(
+    options: tuple[str, ...], system: System
+) -> None:
+    package = system.generate() / "level_skill"
+    machine = package / "level_skill" / "machine.py"
+    head = "    def start(self) -> None:\n"
+    text = machine.read_text()
+    assert head in text
+    machine.write_text(text.replace(head, f"{head}        1 // 0\n"))
+    made = run(system.path, "--ticks", 5, "--replace", f"LevelSkill={package}", *options)
+    assert code(made) == 1, made.output
+    (error,) = [line for line in made.lines if line.startswith("error: ")]
+    assert error.startswith("error: LevelSkill: ZeroDivisionError: "), error
+
+
+@pytest.mark.parametrize("options", [(), ("--monitor",), ("--monitor", "--delay", 0)])
+def test_a_node_that_goes_round_without_end_while_the_tree_waits_for_it_is_one_error(
+    options: tuple[object, ...], system: System
+) -> None:
+    endless = system.folder / "Endless.scxml"
+    endless.write_text(
+        HEAD.format("LevelSkill", "idle")
+        + """<ros_service_server service_name="/LevelSkill/tick" type="t/TickCondition"/>
+        <ros_topic_publisher topic="/round" type="std_msgs/Int32"/>
+        <state id="idle"><ros_service_handle_request name="/LevelSkill/tick" target="round"/></state>
+        <state id="round">
+          <onentry><send event="again"/>
+            <ros_topic_publish name="/round"><field name="data" expr="1"/></ros_topic_publish>
+          </onentry>
+          <transition event="again" target="round"/>
+        </state></scxml>"""
+    )
+    made = run(system.path, "--ticks", 5, "--replace", f"LevelSkill={endless}", *options)
+    assert code(made) == 1, made.output
+    (error,) = [line for line in made.lines if line.startswith("error: ")]
+    assert error.startswith("error: LevelSkill: 100,000 events and no time has passed: "), error
+    assert "tick    1  FAILURE  Level no" in made.output  # its caller got an error, and could go on
+    assert "Python exception" not in made.output
+
+
 def test_a_script_that_fails_while_ticking_ends_the_run_with_its_reason(system: System) -> None:
     system.write('<Sequence><Script code="n:=\'x\'"/><Script code="m:=n*2"/></Sequence>')
     made = run(system.path, "--ticks", 5)
