@@ -293,10 +293,10 @@ class _Run:
         return ended or (ticking is not None and ticking.done)
 
     def _look_at_time(self) -> None:
-        """Find out whether time stands still; unless in steps, that is the fault of who acted last.
+        """Find out whether time stands still: many events, all at one instant.
 
         Raises:
-            TransportError: so it is.
+            TransportError: it does, and that is the fault of the node that acted last; in steps it is none.
         """
         world = self._world
         now_ns, count = self._instant

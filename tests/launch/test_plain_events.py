@@ -328,7 +328,7 @@ def test_events_travel_on_ros_2_with_types_that_are_built_for_the_run(
         run.until("linked to 5 nodes")  # the nodes run before ROS 2 has linked the recorder to them
         for _ in range(20):
             run.until("round: ")
-        _end_after_five_rounds(run, "round: ")
+        _end(run)
         assert any("plain_events" in line and "building" in line for line in run.lines)
         for name, value in built.environment({}).items():  # as sourcing its setup script does
             monkeypatch.setenv(name, value, prepend=os.pathsep)
@@ -344,8 +344,12 @@ def test_events_travel_on_ros_2_with_types_that_are_built_for_the_run(
     assert rounds == sorted(set(rounds))
 
 
-def _end_after_five_rounds(run: Run, line: str = "round: 5") -> None:
-    run.until(line)
+def _end_after_five_rounds(run: Run) -> None:
+    run.until("round: 5")
+    _end(run)
+
+
+def _end(run: Run) -> None:
     run.process.send_signal(signal.SIGINT)
     assert run.end() == 0, run.output
     assert not [line for line in run.lines if "VIOLATED" in line], run.output
