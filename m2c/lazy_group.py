@@ -47,7 +47,7 @@ class LazyGroup(click.Group):
         """The command that ``args`` begin with; a wrong name is refused with the nearest one."""
         name = args[0]
         if name not in self._lazy and not name.startswith("-"):
-            from m2c.model.typing import nearest
+            from m2c.suggestions import nearest
 
             ctx.fail(f"No such command '{name}'; {nearest(name, self._lazy)}")
         return super().resolve_command(ctx, args)

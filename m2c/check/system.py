@@ -14,7 +14,7 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import CHANNEL_KINDS, Interface, InterfaceKind, Machine
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
-from m2c.model.typing import nearest
+from m2c.suggestions import nearest
 
 _COUNTERPARTS = {
     InterfaceKind.CLIENT: (InterfaceKind.SERVER, "calls", "serves"),

@@ -40,10 +40,11 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
-from m2c.model.typing import Scope, check_expression, nearest, type_of
+from m2c.model.typing import Scope, check_expression, type_of
 from m2c.model.vocabulary import OUTPUTS, STATUSES
 from m2c.model.walk import ports_read
 from m2c.runtime.conversion import STATUS_NUMBERS, ExecutionError, to_string
+from m2c.suggestions import nearest
 
 _TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
 _LOOKUP = {

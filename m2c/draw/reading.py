@@ -12,9 +12,9 @@ from m2c.draw.wiring import Wiring, wiring_of
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Machine
 from m2c.model.system import MODEL_SUFFIXES, System
-from m2c.model.typing import nearest
 from m2c.policy.alone import is_policy
 from m2c.policy.tree import PolicyFile
+from m2c.suggestions import nearest
 
 
 class Drawable(msgspec.Struct, frozen=True):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.typing import nearest
 from m2c.policy.program import Policy
+from m2c.suggestions import nearest
 
 FILE = "launch.json"
 FORMAT = 1

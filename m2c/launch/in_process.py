@@ -22,10 +22,10 @@ from m2c.launch.semantics import Semantics
 from m2c.model.diagnostics import DiagnosticLog, ModelError
 from m2c.model.machine import Machine
 from m2c.model.system import System
-from m2c.model.typing import nearest
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.runner import PolicyRunner, TreeTick
 from m2c.runtime.binding import NodeSettings
+from m2c.suggestions import nearest
 from transports.simulated import SimulatedTransport, SimulatedWorld
 
 NodeClass = Callable[..., Any]

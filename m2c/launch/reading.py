@@ -16,7 +16,7 @@ from m2c.check.report import print_findings
 from m2c.model import DiagnosticLog, load
 from m2c.model.naming import Naming
 from m2c.model.system import System, linked, read_with_reference
-from m2c.model.typing import nearest
+from m2c.suggestions import nearest
 from m2c.terminal import fail
 
 

@@ -25,9 +25,9 @@ from m2c.model.machine import (
 )
 from m2c.model.scopes import parts_in_data
 from m2c.model.structure import check_element, note_read_as, require
-from m2c.model.typing import nearest
 from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, STATUSES, UNSUPPORTED
 from m2c.model.xml import Element
+from m2c.suggestions import nearest
 
 LEGACY_SENDS = {
     "bt_halt_response": (OutputKind.BT_RETURN_HALTED, ""),

@@ -14,8 +14,8 @@ from m2c.model.inputs import resolve
 from m2c.model.machine import InterfaceKind
 from m2c.model.structure import require
 from m2c.model.system import System, library_for, read_machines
-from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
+from m2c.suggestions import nearest
 
 _CALL_KINDS = {
     "sync-service": "service",

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from m2c.model.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.paths import meant, why_no_file, why_no_folder
-from m2c.model.typing import nearest
 from m2c.model.xml import Element
+from m2c.suggestions import nearest
 
 _MAX_SHOWN = 200
 """Characters of a path that a message repeats."""

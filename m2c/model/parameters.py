@@ -8,8 +8,8 @@ import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.structure import number, require
-from m2c.model.typing import nearest
 from m2c.model.xml import Element
+from m2c.suggestions import nearest
 
 DEFAULT_TICK_RATE_HZ = 1.0
 DEFAULT_ARRAY_SIZE = 100

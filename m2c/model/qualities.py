@@ -10,8 +10,8 @@ from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
 from m2c.model.structure import note_read_as, require
-from m2c.model.typing import nearest
 from m2c.model.xml import Element
+from m2c.suggestions import nearest
 
 _TOPICS = (InterfaceKind.PUBLISHER, InterfaceKind.SUBSCRIBER)
 _VALUES = {

@@ -25,9 +25,9 @@ from m2c.model.machine import (
 )
 from m2c.model.states import LEGACY_EVENTS, StateReader
 from m2c.model.structure import check_element, number, require
-from m2c.model.typing import nearest
 from m2c.model.vocabulary import ROOT_CHILDREN, UNSUPPORTED
 from m2c.model.xml import Element, read_xml
+from m2c.suggestions import nearest
 
 
 def read_machine(

@@ -8,9 +8,9 @@ from m2c.model.durations import parse_duration
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, InterfaceKind, State, Target, Transition
 from m2c.model.structure import check_element, note_read_as, number, require
-from m2c.model.typing import nearest
 from m2c.model.vocabulary import HANDLERS, STATE_CHILDREN, UNSUPPORTED
 from m2c.model.xml import Element
+from m2c.suggestions import nearest
 
 LEGACY_EVENTS = {
     "bt_tick": EventKind.BT_TICK,

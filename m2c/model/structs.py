@@ -19,8 +19,8 @@ from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
 from m2c.model.json_places import JsonValue, read_json
 from m2c.model.structure import require
 from m2c.model.types import PRIMITIVES, type_of_text
-from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
+from m2c.suggestions import nearest
 
 MAX_MEMBERS = 10_000
 """Members of a structure, with those of its members: the largest published one has 3."""

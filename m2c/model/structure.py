@@ -6,9 +6,9 @@ import math
 from collections.abc import Collection
 
 from m2c.model.diagnostics import DiagnosticLog, Position, shortened
-from m2c.model.typing import nearest
 from m2c.model.vocabulary import ATTRIBUTES
 from m2c.model.xml import Element
+from m2c.suggestions import nearest
 
 _MAX_SHOWN = 80
 """Characters of a name that a note repeats."""

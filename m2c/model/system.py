@@ -29,8 +29,8 @@ from m2c.model.qualities import (
 from m2c.model.reader import machine_of
 from m2c.model.structs import declare_structures
 from m2c.model.structure import note_read_as
-from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
+from m2c.suggestions import nearest
 
 MODEL_SUFFIXES = (".scxml", ".ascxml")
 POLICY_ROOT = "root"

@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterator
 
 from m2c.model.diagnostics import DiagnosticLog
-from m2c.model.typing import nearest
 from m2c.policy.plugins import referenced_entry
 from m2c.policy.tree import (
     CONDITIONS,
@@ -20,6 +19,7 @@ from m2c.policy.tree import (
     SubTreeNode,
     TreeNode,
 )
+from m2c.suggestions import nearest
 
 _SCRIPTS = {("Script", "code"), ("ScriptCondition", "code"), ("Precondition", "if")}
 _READ = {

@@ -17,7 +17,6 @@ from m2c.model.interfaces import ServiceType
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
 from m2c.model.system import System
-from m2c.model.typing import nearest
 from m2c.policy.plugins import PortValue, check_children, port_values, referenced_entry
 from m2c.policy.tree import (
     BUILTINS,
@@ -29,6 +28,7 @@ from m2c.policy.tree import (
     PolicyFile,
     is_marked,
 )
+from m2c.suggestions import nearest
 
 TICK_KINDS = {"TickCondition": LeafKind.CONDITION, "TickAction": LeafKind.ACTION}
 """Last part of a tick service's type name (bt_interfaces and its variants)."""

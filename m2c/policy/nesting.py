@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog
-from m2c.model.typing import nearest
 from m2c.policy.tree import LeafNode, SubTreeNode, Tree, TreeNode
+from m2c.suggestions import nearest
 
 MAX_DEPTH = 256
 """Nodes nested in one another, sub-trees unfolded: every level is a few frames of the C++ stack."""

@@ -12,9 +12,9 @@ from m2c.model.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.naming import absolute
-from m2c.model.typing import nearest
 from m2c.model.walk import emits_of, events_of, ports_read
 from m2c.policy.tree import LeafNode
+from m2c.suggestions import nearest
 
 CHILDREN_COUNT = "CHILDREN_COUNT"
 """The input port by which a control node learns how many children it has (AS2FM)."""

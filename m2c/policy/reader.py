@@ -13,7 +13,6 @@ import msgspec
 
 from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.structure import note_read_as
-from m2c.model.typing import nearest
 from m2c.model.xml import Element, read_xml
 from m2c.policy.blackboard_check import blackboard_check
 from m2c.policy.entries import check_entries
@@ -37,6 +36,7 @@ from m2c.policy.tree import (
     TreeNode,
     is_marked,
 )
+from m2c.suggestions import nearest
 
 _VERSION_3 = {
     "SequenceStar": "SequenceWithMemory",

@@ -48,7 +48,7 @@ def explain(
       moon explain examples/lab_tour/skills/GoToPoiSkill.scxml
     """
     from m2c.model import ModelError
-    from m2c.model.typing import nearest
+    from m2c.suggestions import nearest
     from moon.explain.observables import observables
     from moon.explain.report import ASSUMED, report
     from moon.json_lines import versioned_line

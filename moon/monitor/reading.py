@@ -11,7 +11,7 @@ from m2c.model import DiagnosticLog, ModelError, Position, System
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.system import library_for
-from m2c.model.typing import nearest
+from m2c.suggestions import nearest
 from moon.monitor.status import POLICY
 from moon.properties.files.interfaces import Interfaces
 

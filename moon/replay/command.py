@@ -81,7 +81,7 @@ def replay(
     """
     from m2c.model.diagnostics import DiagnosticLog
     from m2c.model.interfaces import InterfaceLibrary
-    from m2c.model.typing import nearest
+    from m2c.suggestions import nearest
     from moon.recording.reader import RecordingError
     from moon.replay.script import Selected, read_script
 

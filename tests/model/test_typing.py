@@ -21,7 +21,8 @@ from m2c.model.datatypes import (
 )
 from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import Expression, PortInput
-from m2c.model.typing import Scope, assignable, check_expression, constant_value, nearest, type_of
+from m2c.model.typing import Scope, assignable, check_expression, constant_value, type_of
+from m2c.suggestions import nearest
 
 INT8, UINT8, FLOAT32 = Primitive("int8"), Primitive("uint8"), Primitive("float32")
 POINT = Structure("g/msg/Point", (("x", FLOAT64), ("y", FLOAT64)), (), (("LIMIT", "int8", 5),))

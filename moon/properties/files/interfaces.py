@@ -35,7 +35,8 @@ from m2c.model.expressions import (
 from m2c.model.interfaces import InterfaceLibrary, canonical
 from m2c.model.machine import InterfaceKind
 from m2c.model.system import System
-from m2c.model.typing import Scope, check_expression, nearest, type_of
+from m2c.model.typing import Scope, check_expression, type_of
+from m2c.suggestions import nearest
 
 _KINDS = {
     InterfaceKind.PUBLISHER: "topic",

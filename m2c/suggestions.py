@@ -1,0 +1,39 @@
+"""What a misspelt name may have meant: *did you mean*, and the names that there are."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from functools import lru_cache
+
+COMPARED = 100
+"""Names, and letters of one, that a suggestion is looked for in: bounds the work on hostile input."""
+LISTED = 5
+"""Names that a hint lists."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """``did you mean x?`` for the closest of ``known``, else a list of them (see :func:`listed`)."""
+    names = _sorted(frozenset(name for name in known if name))
+    near = difflib.get_close_matches(name[:COMPARED], names[:COMPARED], 1)
+    if near:
+        return f"did you mean {near[0]}?"
+    return f"known: {listed(name, names)}" if names else ""
+
+
+def listed(name: str, known: Iterable[str]) -> str:
+    """``a, b and 18 more``: of ``known`` the five nearest to ``name``, nearest first."""
+    names = _sorted(frozenset(known))
+    alike = difflib.SequenceMatcher(None, "", name[:COMPARED])
+    likeness = {}
+    for other in names[:COMPARED]:
+        alike.set_seq1(other[:COMPARED])
+        likeness[other] = alike.quick_ratio()
+    ordered = sorted(names, key=lambda other: -likeness.get(other, 0.0))  # stable: else by name
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return f"{', '.join(ordered[:LISTED])}{more}"
+
+
+@lru_cache(maxsize=64)
+def _sorted(names: frozenset[str]) -> tuple[str, ...]:
+    return tuple(sorted(names))
