@@ -8,6 +8,8 @@ import threading
 import time
 from pathlib import Path
 
+import zenoh
+
 from transports.zenoh import connect, session
 
 PEER = Path(__file__).with_name("zenoh_peer.py")
@@ -87,7 +89,7 @@ class Network:
 
 
 def linked(bare, key):
-    """A publisher of a bare session whose publications somebody hears."""
-    publisher = bare.declare_publisher(key)
+    """A publisher of a bare session whose publications somebody hears; none is lost on the way."""
+    publisher = bare.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
     eventually(lambda: publisher.matching_status.matching)
     return publisher
