@@ -61,7 +61,8 @@ class Place(msgspec.Struct, frozen=True):
 
     Attributes:
         name: of the node.
-        role: ``policy``, ``skill`` (the policy calls it), ``node`` or ``outside``.
+        role: ``policy``, ``skill`` (the policy calls it), ``plugin`` (the policy runs it), ``node`` or
+            ``outside``.
         offers: what others use, or nobody; in the order of the model.
         served: what only the policy calls.
     """
@@ -92,21 +93,24 @@ def wiring_of(system: System, policy_calls: Collection[str] = ()) -> Wiring:
     """The wiring of ``system``.
 
     Args:
-        system: the nodes and what they declare.
+        system: the nodes, the policy's plugins and what they declare; plugins without channels are left out.
         policy_calls: channels that the policy's leaves use; without any there is no policy in it.
     """
     called = [Offer(channel, Sort.SERVICE) for channel in policy_calls]
-    used = {offer for node in system.nodes for offer in _used(node)}
+    plugins = [one for one in system.plugins if _offers(one) or _used(one)]
+    machines = [*system.nodes, *plugins]
+    used = {offer for machine in machines for offer in _used(machine)}
     places = [Place(POLICY, "policy")] if called else []
     first = len(places)
     providers: dict[Offer, list[int]] = {}
-    for node in system.nodes:
-        offers = _offers(node)
+    for machine in machines:
+        offers = _offers(machine)
         served = tuple(offer for offer in offers if offer in called and offer not in used)
         rest = tuple(offer for offer in offers if offer not in served)
         for offer in rest:
             providers.setdefault(offer, []).append(len(places))
-        places.append(Place(node.name, "skill" if served else "node", rest, served))
+        role = "plugin" if machine in plugins else "skill" if served else "node"
+        places.append(Place(machine.name, role, rest, served))
     wires = [
         Wire(0, index, None)
         for index, place in enumerate(places)
@@ -114,8 +118,8 @@ def wiring_of(system: System, policy_calls: Collection[str] = ()) -> Wiring:
     ]
     only_served = {offer for place in places for offer in place.served}
     calls = [(0, offer) for offer in called if offer not in only_served]
-    for index, node in enumerate(system.nodes, first):
-        calls += [(index, offer) for offer in _used(node)]
+    for index, machine in enumerate(machines, first):
+        calls += [(index, offer) for offer in _used(machine)]
     outside = dict.fromkeys(offer for _, offer in calls if offer not in providers)
     if outside:
         providers.update((offer, [len(places)]) for offer in outside)
@@ -223,6 +227,8 @@ class _Drawing:
         return width, max(height, _PER_LINK * (leaving + 1))
 
     def _served(self, place: Place) -> str:
+        if place.role == "plugin":
+            return "plugin"
         names = " · ".join(self._names[offer.channel] for offer in place.served)
         return svg.shortened(names, _COLUMNS)
 
@@ -231,7 +237,7 @@ class _Drawing:
 
     def _place(self, place: Place, size: tuple[float, float], x: float, y: float) -> list[str]:
         width, height = size
-        kind = {"skill": "tool", "outside": "outside"}.get(place.role, "box")
+        kind = {"skill": "tool", "plugin": "tool", "outside": "outside"}.get(place.role, "box")
         parts = [svg.box(x, y, width, height, kind)]
         name = svg.shortened(place.name, _COLUMNS)
         if place.role == "policy":
@@ -242,8 +248,7 @@ class _Drawing:
             return parts
         base = y + (19 if place.offers else height / 2 + 5)
         parts.append(svg.text(x + _PADDING, base, name, "head"))
-        if place.served:
-            served = self._served(place)
+        if served := self._served(place):
             parts.append(svg.text(x + width - _PADDING, base, served, "small", "end"))
         for row, offer in enumerate(place.offers):
             at = y + _HEAD + (row + 0.5) * _ROW + 4
