@@ -87,6 +87,7 @@ overhead: $(VENV)/.installed compiled
 mutants: $(VENV)/.installed compiled
 	$(BIN)/python -m tests.mutation.run lab_tour
 	$(BIN)/python -m tests.mutation.run charging_station
+	$(BIN)/python -m tests.mutation.run sorting_cell
 
 # Hours, with fresh seeds; what fails prints the command that repeats it (tests/soak.py).
 soak: $(VENV)/.installed compiled

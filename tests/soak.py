@@ -16,6 +16,8 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
+from tests.systems import SYSTEMS
+
 SEEDS = 2**31
 """A fresh seed is less: it, and the seeds counted up from it, are a machine's integers everywhere."""
 LONG_PROPERTIES = ("--pairs", "100000", "--losses", "200000", "--seconds", "600")
@@ -31,7 +33,7 @@ def steps(seed: int) -> list[list[str]]:
         ["-m", "tests.oracle.agreement", "--pairs", "100000", "--first", first],
         *(
             ["-m", "tests.oracle.test_no_false_alarm", "10000", first, "--system", name]
-            for name in ("lab_tour", "charging_station")
+            for name in SYSTEMS
         ),
         ["-m", "tests.properties.soak", *LONG_PROPERTIES, "--seed", first],
         ["-m", "tests.offline.losing", "--patterns", "10000", "--seed", first],

@@ -10,8 +10,8 @@ from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-LAB_TOUR, CHARGING_STATION = "lab_tour", "charging_station"
-SYSTEMS = (LAB_TOUR, CHARGING_STATION)
+LAB_TOUR, CHARGING_STATION, SORTING_CELL = "lab_tour", "charging_station", "sorting_cell"
+SYSTEMS = (LAB_TOUR, CHARGING_STATION, SORTING_CELL)
 """Folders of ``examples/`` that have a ``system.xml``."""
 
 

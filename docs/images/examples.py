@@ -8,24 +8,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import m2c
 from m2c.draw import document, draw_machine, draw_policy, draw_wiring, tree_of
 from m2c.draw.reading import read
 from m2c.draw.wiring import Wiring
-from m2c.model import DiagnosticLog, Machine
+from m2c.model import DiagnosticLog
 from m2c.policy.tree import PolicyFile
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[1] / "examples"
 MACHINES = {
-    "charging_station_supply.svg": "charging_station/components/PowerSupply.scxml",
-    "lab_tour_skill.svg": "lab_tour/skills/SetPoi1Skill.scxml",
+    "charging_station_supply.svg": ("charging_station", "PowerSupply"),
+    "lab_tour_skill.svg": ("lab_tour", "SetPoi1Skill"),
+    "sorting_cell_belt.svg": ("sorting_cell", "Belt"),
 }
+"""The example and the machine in it."""
 
 
 def pictures() -> dict[str, str]:
     """Every picture of an example: file name → SVG."""
     found = {}
-    for name in ("charging_station", "lab_tour"):
+    for name in ("charging_station", "lab_tour", "sorting_cell"):
         title = f"The {name.replace('_', ' ')}'s"
         tree = read(EXAMPLES / name / "policy.xml", (), DiagnosticLog())
         system = read(EXAMPLES / name / "system.xml", (), DiagnosticLog())
@@ -35,11 +38,10 @@ def pictures() -> dict[str, str]:
         assert isinstance(system.content, Wiring)
         found[f"{name}_tree.svg"] = document(draw_policy(tree_of(tree.content)), f"{title} policy")
         found[f"{name}_wiring.svg"] = document(draw_wiring(system.content), f"{title} wiring")
-    for picture, path in MACHINES.items():
-        machine = read(EXAMPLES / path, (), DiagnosticLog())
+    for picture, (name, node) in MACHINES.items():
+        machine = m2c.read_system(EXAMPLES / name / "system.xml").node(node)
         assert machine is not None
-        assert isinstance(machine.content, Machine)
-        found[picture] = document(draw_machine(machine.content), machine.name)
+        found[picture] = document(draw_machine(machine), machine.name)
     return found
 
 

@@ -21,6 +21,7 @@ from m2c.model.ecmascript import parse_expression
 from m2c.model.expression_text import expression_text
 from m2c.policy.reader import read_policy_file
 from m2c.policy.tree import PolicyFile
+from tests.systems import SORTING_CELL, read
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 CALLS = tuple(f"/{name}/tick" for name in ("AlarmSkill", "BatteryLevelSkill", "WaitSkill"))
@@ -270,3 +271,15 @@ def test_a_long_value_is_shortened_in_its_box_and_in_full_where_one_points(tmp_p
     assert float(str(drawn.get("width"))) < 1600
     assert policy_as_dot("p", tree).count("ever") == 200
     assert policy_as_mermaid("p", tree).count("ever") == 200
+
+
+def test_what_a_plugin_sends_does_not_come_from_outside() -> None:
+    wiring = wiring_of(read(SORTING_CELL))
+    roles = {place.name: place.role for place in wiring.places}
+    assert roles.keys() == {"Belt", "Bins", "Gripper", "NextParcel", "ChooseBin", "Grip", "Drop"}
+    assert {name for name, role in roles.items() if role == "plugin"} == {
+        *("NextParcel", "ChooseBin", "Grip", "Drop")
+    }
+    names = list(roles)
+    wires = {(names[wire.user], names[wire.provider]) for wire in wiring.wires}
+    assert {("Gripper", "Grip"), ("Grip", "Gripper"), ("NextParcel", "Belt")} < wires

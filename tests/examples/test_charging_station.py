@@ -1,10 +1,7 @@
-"""The charging station: what happens in virtual time, and that it conforms as processes."""
+"""The charging station: what happens in virtual time."""
 
 from __future__ import annotations
 
-import re
-import signal
-import subprocess
 from collections.abc import Iterator
 
 import pytest
@@ -12,27 +9,15 @@ import pytest
 from m2c.check import check_system
 from m2c.launch.in_process import SimulatedRun
 from m2c.model import DiagnosticLog, load
-from m2c.rosidl.build import build_interfaces
-from tests.launch.system import M2C
-from tests.monitor.processes import Monitor, Process, free_endpoint
 from tests.systems import CHARGING_STATION, EXAMPLES, compiled
-from tests.transports.ros2_network import own_domain
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
 EXAMPLE = EXAMPLES / CHARGING_STATION
-ROOT = EXAMPLES.parent
 SECONDS = 40.0
 """Two lives of the supply: it is repaired after 15 s to 20 s."""
 SLOW = Conditions(delay_s=(100e-6, 8e-3), busy_s=(0.0, 2e-3))
 ACTION = "/ChargingStation/Charge/_action"
-BUILT = ("build", "charging_station_interfaces")
-"""Where `make interfaces` puts them."""
-TICKS = 36
-"""Seven seconds of a real run: the supply has tripped by then."""
-ENOUGH = 5
-"""Of seven nodes: one that repairs is silent for long. The policy counts attempts, so it is never found in
-the middle of a run."""
 
 
 def heard_in(seed: int) -> list[Observation]:
@@ -98,53 +83,3 @@ def test_a_supply_that_fails_is_reset_and_after_the_third_failure_repaired(seed:
     assert life[:7] == ["on", "tripped", "on", "tripped", "on", "broken", "on"]
     before = resets.index("broken")
     assert resets[before : before + 3] == ["broken"] * 3, "the policy gives up after three attempts"
-
-
-def conforming(said: str) -> int:
-    """How many machines conform by the last lines of a monitor; nothing is violated."""
-    found = re.search(r"0 violations in .* 8 machines: (\d) conforming", said)
-    assert found is not None, said[-3000:]
-    return int(found[1])
-
-
-@pytest.mark.slow
-@pytest.mark.zenoh
-def test_on_zenoh_nodes_and_policy_conform() -> None:
-    command = [str(M2C), "run", str(EXAMPLE / "system.xml"), "--ticks", str(TICKS), "--quiet"]
-    done = subprocess.run(
-        [*command, "--monitor", "--endpoint", free_endpoint()],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
-    assert conforming(done.stdout) >= 6  # on a busy machine, one or two may have become uncertain
-
-
-@pytest.mark.slow
-@pytest.mark.ros2
-@pytest.mark.timeout(400)
-def test_on_ros_2_a_monitor_that_joins_finds_that_nodes_conform() -> None:
-    """It joins because on a busy machine a tap on ROS 2 may not receive how a node begins."""
-    install = build_interfaces([EXAMPLE / "interfaces"], ROOT.joinpath(*BUILT))
-    with own_domain():
-        environment = install.environment()
-        on_ros2 = [str(EXAMPLE / "system.xml"), "--transport", "ros2"]
-        running = Process("m2c", "run", *on_ros2, "--ticks", 500, "--quiet", env=environment)
-        try:
-            running.until(lambda: any("ticking" in line for line in running.out))
-            monitor = Monitor(*on_ros2, env=environment)
-            try:
-                monitor.until(lambda: len(conformed(monitor)) >= ENOUGH)
-                assert monitor.end(signal.SIGINT) == 0, monitor.said[-3000:]
-            finally:
-                monitor.close()
-        finally:
-            running.close()
-    assert {verdict["outcome"] for verdict in monitor.verdicts} <= {"conforming", "inconclusive"}
-
-
-def conformed(monitor: Monitor) -> set[str]:
-    """The machines that were found to conform, at whatever time."""
-    return {item["machine"] for item in monitor.verdicts if item["outcome"] == "conforming"}

@@ -12,6 +12,8 @@ _UNREAD = "the name of the vehicle is read before; a bay does nothing with it"
 _ON_THE_GRID = "the temperature is 20 + 3.5 k: 58.5 and 62, 79.5 and 83, and nothing between"
 _AND_BACK = "`tripping` has neither entry nor timer, and leads on by the number of trips, which has not changed"
 _FREE = "nothing comes between the two, and what the second assigns is assigned already"
+_EMPTY = "an empty belt has no first parcel: its number cannot be read, and such a condition does not hold"
+_APART = "neither reads what the other changes, and where one fails, so does the other"
 
 BY_HAND: dict[str, str] = {
     "BatteryComponent.ascxml:14: `10` became `11` in a condition": (
@@ -72,6 +74,13 @@ BY_HAND: dict[str, str] = {
         "the goal has not been accepted there: that it is to be canceled is noted, once or twice, "
         "and asked for once when it is"
     ),
+    "Belt.ascxml:20: `>` became `>=`": _EMPTY,
+    "Belt.ascxml:20: `0` became `-1` in a condition": _EMPTY,
+    **{
+        f"Bins.ascxml:{line}: the assignments to `bins[_event.data.bin].count` and "
+        "`bins[_event.data.bin].weight` swapped": _APART
+        for line in (21, 42)
+    },
 }
 """Argument by description."""
 

@@ -7,8 +7,8 @@ that are equivalent for deeper reasons are not found: a survivor still has to be
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -34,8 +34,15 @@ from tests.mutation.shape import Shapes
 Step = Callable[[Machine], Machine]
 
 
+FEWER = "of the outcomes that are drawn by probability, some never come; all that it does, the original may do"
+"""The argument for a mutant whose runs are all runs of the original: only their frequency could tell."""
+
+
 def equivalence(original: Machine, mutant: Machine) -> str:
     """Why ``mutant`` cannot be told from ``original``: one sentence; "" if that is not known."""
+    widened = _with_outcomes_of(original, mutant)
+    if widened != mutant and _equal(original, widened, tuple(STEPS)):
+        return FEWER
     needed = tuple(STEPS)
     if not _equal(original, mutant, needed):
         return ""
@@ -50,7 +57,7 @@ def _equal(one: Machine, other: Machine, reasons: tuple[str, ...]) -> bool:
     return bool(_shape_of_normal(one, reasons) == Shapes().of(_normal(other, reasons)))
 
 
-@lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=32)
 def _shape_of_normal(original: Machine, reasons: tuple[str, ...]) -> Any:
     """Kept, as an original is compared with all of its mutants."""
     return Shapes().of(_normal(original, reasons))
@@ -66,6 +73,37 @@ def _everywhere(machine: Machine, step: Step) -> Machine:
     """``step`` on the machine and on its action threads."""
     threads = tuple(replace(item, machine=step(item.machine)) for item in machine.threads)
     return step(replace(machine, threads=threads))
+
+
+def _with_outcomes_of(original: Machine, mutant: Machine) -> Machine:
+    """``mutant``; where it draws from some of the outcomes of a draw in ``original``, from all of them."""
+    drawn = {
+        (state.name, transition.position): transition.targets
+        for machine in (original, *(item.machine for item in original.threads))
+        for state in machine.states
+        for transition in state.transitions
+        if len(transition.targets) > 1
+    }
+
+    def widened(state: State, transition: Transition) -> Transition:
+        targets = drawn.get((state.name, transition.position), ())
+        outcomes = {(target.state, target.body) for target in targets}
+        kept = {(target.state, target.body) for target in transition.targets}
+        return replace(transition, targets=targets) if kept and kept <= outcomes else transition
+
+    return _everywhere(mutant, functools.partial(_with_transitions, widened))
+
+
+def _with_transitions(
+    change: Callable[[State, Transition], Transition], machine: Machine
+) -> Machine:
+    return replace(
+        machine,
+        states=tuple(
+            replace(state, transitions=tuple(change(state, item) for item in state.transitions))
+            for state in machine.states
+        ),
+    )
 
 
 # -- steps ------------------------------------------------------------------------------------
@@ -227,13 +265,7 @@ def _without_returns_to_where_it_is(machine: Machine) -> Machine:
         body = (*transition.body, *transition.targets[0].body)
         return replace(transition, targets=(), body=body)
 
-    return replace(
-        machine,
-        states=tuple(
-            replace(state, transitions=tuple(changed(state, item) for item in state.transitions))
-            for state in machine.states
-        ),
-    )
+    return _with_transitions(changed, machine)
 
 
 _WAITED_FOR = (EventKind.REQUEST, EventKind.GOAL, EventKind.CALL_ERROR)

@@ -116,7 +116,8 @@ three scenes, and who survives that, for ten (the last scene first):
 The machines as they should be run in the same scenes, as long; an alarm there would be a failure of the run.
 
 A mutant is equivalent if a normal form that keeps everything observable is the original's
-(`tests/mutation/equivalence.py`); if it only adds responses that nobody can be waiting for
+(`tests/mutation/equivalence.py`); if all that it does, the original may do, as some outcomes of a draw by
+probability never come; if it only adds responses that nobody can be waiting for
 (`tests/mutation/waiting.py`); or by an argument written by hand (`tests/mutation/by_hand.py`), which counts
 only if the mutant never did anything else than the original did in the same worlds. What a survivor did
 otherwise is listed with it."""

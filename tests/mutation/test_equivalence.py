@@ -8,6 +8,7 @@ import pytest
 
 from tests import systems
 from tests.mutation import equivalence, mutants
+from tests.mutation.equivalence import FEWER
 from tests.mutation.test_operators import GATE, read
 from tests.oracle import machines
 from tests.oracle.reference import conforms
@@ -38,6 +39,21 @@ def test_the_argument_names_only_what_it_rests_on() -> None:
         "assignments that do not concern each other may come in either order",
         "gate.scxml:13: the assignment to `last` dropped": "the same machine: a variable that "
         "nothing reads does not matter",
+    }
+
+
+def test_a_machine_that_never_draws_one_of_its_outcomes_does_what_it_may() -> None:
+    machine = systems.read(systems.SORTING_CELL).node("Gripper")
+    assert machine is not None
+    found = {
+        mutant.description.partition(": ")[2]
+        for mutant in mutants(machine)
+        if equivalence(machine, mutant.machine) == FEWER
+    }
+    drawn = "transition of `closing` on after closing#0 leads to"
+    assert found == {
+        f"{drawn} `slipped` instead of `holding`",
+        f"{drawn} `holding` instead of `slipped`",
     }
 
 
