@@ -23,17 +23,22 @@ MOST = {
 _OTHER = re.compile(r"[^A-Za-z0-9_]")
 _FIELD = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 """https://design.ros2.org/articles/legacy_interface_definition.html, "Field names"."""
+_STRUCTURE = re.compile(r"[A-Z][A-Za-z0-9]*")
+"""The same page, "Message and service file names": VALID_MESSAGE_NAME_PATTERN of rosidl_adapter."""
 
 
 def refusal(kind: str, name: str) -> tuple[str, str] | None:
     """Why ROS 2 does not take ``name``, and a name that it takes; None if it takes it.
 
     Args:
-        kind: ``node``, ``topic``, ``service`` or ``action``; ``field`` of a message, or ``type`` of one.
+        kind: ``node``, ``topic``, ``service`` or ``action``; of messages: ``field``, ``type`` of a field,
+            ``structure`` (a type's own name).
         name: without a namespace; a channel's is absolute.
     """
     if kind == "field":
         return _field_refusal(name)
+    if kind == "structure":
+        return _structure_refusal(name)
     if kind == "type":
         nested = "][" in name
         return ("it has no arrays of arrays", "an array of structures with one") if nested else None
@@ -59,6 +64,13 @@ def _field_refusal(name: str) -> tuple[str, str] | None:
     words = re.sub(r"_+", "_", _plain(name).lower()).strip("_")
     right = words if words[:1].isalpha() else f"n{words}"
     return "lower-case letters, digits and single underscores may be in it", right
+
+
+def _structure_refusal(name: str) -> tuple[str, str] | None:
+    if _STRUCTURE.fullmatch(name) is not None:
+        return None
+    right = "".join(word[:1].upper() + word[1:] for word in _plain(name).split("_"))
+    return "it begins with a capital letter, and letters and digits may be in it", right
 
 
 def _written(parts: list[str], kind: str) -> str:

@@ -11,7 +11,6 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 
-from m2c.model.datatypes import describe
 from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.ecmascript import parse_expression
 from m2c.model.expressions import Variable
@@ -115,7 +114,7 @@ def _check_events(
                     kind = fields[item.interface].get(field.name)
                     if kind is not None and (item.interface, field.name) not in seen:
                         seen.add((item.interface, field.name))
-                        check_field(field.name, describe(kind), field.position, naming, log)
+                        check_field(field.name, kind, field.position, naming, log)
 
 
 def _check_content(machine: Machine, log: DiagnosticLog) -> None:

@@ -32,7 +32,10 @@ def parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
 
 
 def read_to_run(path: Path, changed: dict[str, Path], naming: Naming, lenient: bool) -> System:
-    """The system in ``path``, with the models of ``changed`` in place of its own, without errors."""
+    """The system in ``path``, with the models of ``changed`` in place of its own, without errors.
+
+    What is found is printed, warnings too.
+    """
     log = DiagnosticLog()
     system = load([path], log)
     if system is not None:
@@ -52,7 +55,7 @@ def read_to_run(path: Path, changed: dict[str, Path], naming: Naming, lenient: b
             system = linked(msgspec.structs.replace(system, nodes=tuple(nodes)), log)
         system = system.made_lenient() if lenient else system
         check_system(system, log, naming)
+    print_findings(log.diagnostics)
     if system is None or log.has_errors:
-        print_findings(log.diagnostics)
         sys.exit(2)
     return system

@@ -43,21 +43,25 @@ PACKAGE = "plain_events"
 """The package of the types of plain events, and the first part of the names of their topics."""
 
 
-def type_names(events: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
+def type_names(
+    events: Iterable[str], known: Mapping[str, str], structures: Iterable[str]
+) -> dict[str, str]:
     """The type of each of ``events``: ``plain_events/msg/NavDone`` for ``nav_done``.
 
     Args:
         events: in the order in which equal names are told apart by a number.
         known: those that have one already.
+        structures: names of those that the system declares, which are in the same package.
     """
     found = dict(known)
+    declared = {f"{PACKAGE}/msg/{name}" for name in structures}
     for event in events:
         if event not in found:
             words = re.findall(r"[A-Za-z0-9]+", event)
             base = "".join(word[0].upper() + word[1:] for word in words)
             base = base if base[:1].isalpha() else f"Event{base}"
             last, count = base, 1
-            while f"{PACKAGE}/msg/{last}" in found.values():
+            while f"{PACKAGE}/msg/{last}" in {*found.values(), *declared}:
                 count += 1
                 last = f"{base}{count}"
             found[event] = f"{PACKAGE}/msg/{last}"

@@ -69,7 +69,8 @@ def link_events(
     _report_threads(threads, shared, log)
     _report_names((*uses, *threads), shared, log)
     _report_taken_channels(machines, shared, log)
-    types = type_names(shared, {event: name for use in uses for event, name in use.linked.items()})
+    known = {event: name for use in uses for event, name in use.linked.items()}
+    types = type_names(shared, known, library.structures)
     linked = tuple(_Linker(machine, types, log).linked() for machine in machines)
     owners = [owner for item in linked for owner in (item, *(t.machine for t in item.threads))]
     define_types(owners, types, library, log)

@@ -11,11 +11,12 @@ from collections.abc import Callable, Mapping
 
 import msgspec
 
+from m2c.model.datatypes import Array, DataType, Structure, describe
 from m2c.model.diagnostics import DiagnosticLog, Position
 
 NameRule = Callable[[str, str], tuple[str, str] | None]
-"""Of what (``node``, ``topic``, ``service``, ``action``; ``field`` or ``type`` of a message) and the name:
-why it is refused, and one that works ("" if only the writer can find one); None if it is taken."""
+"""Of what (``node``, ``topic``, ``service``, ``action``; of messages ``field``, ``type``, ``structure``) and
+the name: why it is refused, and one that works ("" if only the writer can find one); None if it is taken."""
 
 _WILD = "*$?#"
 """Zenoh's wildcards and separators; ROS 2 has none of them either."""
@@ -52,11 +53,20 @@ def check_node(
 
 
 def check_field(
-    name: str, type_name: str, position: Position, naming: Naming, log: DiagnosticLog
+    name: str, kind: DataType, position: Position, naming: Naming, log: DiagnosticLog
 ) -> None:
-    """Report a transport that does not take a param of a plain event as a field, or its type."""
+    """Report a transport that does not take a param of a plain event as a field, or its type.
+
+    Of a structure that the system declares, its name and its members are looked at, too.
+    """
     _ask("field", name, position, "param", naming, log)
-    _ask("type", type_name, position, "param", naming, log)
+    _ask("type", describe(kind), position, "param", naming, log)
+    while isinstance(kind, Array):
+        kind = kind.element
+    if isinstance(kind, Structure) and "/" not in kind.name:  # else an interface package has it
+        _ask("structure", kind.name, position, "param", naming, log)
+        for member, inner in kind.fields:
+            check_field(member, inner, position, naming, log)
 
 
 def check_channel(

@@ -46,6 +46,7 @@ def test_a_run_its_monitor_and_the_check_of_its_recording_agree(
     run.end()
     assert run.process.returncode == 0, run.lines
     assert any(line.split()[:2] == ["Talker", "conforming"] for line in run.lines), run.lines
+    assert any("[lenient-conversion]" in line for line in run.lines), run.lines
     checked = CliRunner().invoke(moon, ["check", "--lenient", str(recording), str(system)])
     assert checked.exit_code == 0, checked.output
     assert "Talker" in checked.output

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 import m2c
+from m2c.check import check_system
 from m2c.check.reading import read_and_check
 from m2c.model import DiagnosticLog, load
 from m2c.model.datatypes import FLOAT64, INT64, STRING, Array, DataType, Primitive, describe
@@ -311,6 +312,53 @@ def test_what_ros_2_cannot_carry_is_a_warning_and_an_error_where_it_is_chosen(
         "<param>: the ros2 transport does not take the type `int64[][]`: it has no arrays of arrays; write "
         "an array of structures with one [bad-name]",
     ]
+
+
+def test_an_event_is_not_called_as_a_structure_is_with_which_it_shares_a_package(
+    tmp_path: Path,
+) -> None:
+    system = m2c.read_system(_declared(tmp_path, "Parcel", "number"))
+    (kind,) = system.library.defined()
+    assert (kind.name, [name for name, _ in kind.fields]) == ("plain_events/msg/Parcel2", ["it"])
+    m2c.generate(system, tmp_path / "out")
+    made = tmp_path / "out/plain_events/msg"
+    assert made.joinpath("Parcel2.msg").read_text().splitlines()[1:] == ["Parcel it"]
+    assert made.joinpath("Parcel.msg").read_text().splitlines()[1:] == ["int32 number"]
+
+
+def test_structures_whose_names_ros_2_does_not_take_are_refused_where_it_is_chosen(
+    tmp_path: Path,
+) -> None:
+    log = DiagnosticLog()
+    system = load([_declared(tmp_path, "my_parcel", "theNumber")], log)
+    assert system is not None
+    check_system(system, log, Naming(name_rules(), chosen=True))
+    assert [str(item).partition("error: ")[2] for item in log.diagnostics] == [
+        "<param>: the ros2 transport does not take the structure `my_parcel`: it begins with a capital "
+        "letter, and letters and digits may be in it; write MyParcel [bad-name]",
+        "<param>: the ros2 transport does not take the field `theNumber`: lower-case letters, digits and "
+        "single underscores may be in it; write thenumber [bad-name]",
+    ]
+
+
+def _declared(folder: Path, structure: str, member: str) -> Path:
+    """A system file: the event `parcel` has a param of a declared structure."""
+    (folder / "types.xml").write_text(
+        f'<types><struct id="{structure}"><member id="{member}" type="int32"/></struct></types>'
+    )
+    data = f'<datamodel><data id="it" type="{structure}"/></datamodel>'
+    for name, content in (
+        ("A", f'{data}<state id="s"><onentry>{send("parcel", it="it")}</onentry></state>'),
+        ("B", '<state id="s"><transition event="parcel"/></state>'),
+    ):
+        (folder / f"{name}.ascxml").write_text(machine(name, content))
+    system = folder / "system.xml"
+    system.write_text(
+        '<roaml><node_models><input type="node-ascxml" src="A.ascxml"/>'
+        '<input type="node-ascxml" src="B.ascxml"/></node_models>'
+        '<data_declarations><input type="xml" src="types.xml"/></data_declarations></roaml>'
+    )
+    return system
 
 
 def test_a_topic_that_a_model_declares_is_no_event_s(tmp_path: Path) -> None:
