@@ -134,12 +134,10 @@ def _moon(plant: Plant, models: bool, properties: bool) -> Child:
         what += ["--properties", str(PROPERTIES)]
     arguments = ["-m", "moon.cli", "monitor", *what, "--json", *plant.where.arguments()]
     child = Child("moon monitor", arguments, plant.where.environment)
-    wanted = {*plant.names, "policy"}
+    wanted = len({*plant.names, "policy"})
     try:
         child.wait_for(
-            lambda line: (
-                line.startswith("linked to ") and wanted <= set(line.partition(": ")[2].split(", "))
-            )
+            lambda line: line.startswith("linked to ") and int(line.split()[2]) >= wanted
         )
     except ChildError:
         child.stop()

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 
 _COUNT = re.compile(r"\b(\d+) (?:message|call)s?\b")
 """What grows in a sentence about messages that were missed."""
+_MOST_NAMED = 8
+"""Nodes that are new, or gone, by name; of more, so many and a number."""
 
 
 class Standing:
@@ -37,7 +39,7 @@ class Notices:
         self._standing = Standing()
 
     def links(self, peers: Sequence[str]) -> None:
-        """Say to which nodes the tap is linked, if that changed."""
+        """Say to how many nodes the tap is linked, and which are new or gone, if that changed."""
         now = tuple(sorted(peers))
         self._looks += 1
         if now == self._peers:
@@ -47,11 +49,22 @@ class Notices:
                     "is this the endpoint where the nodes meet?"
                 )
             return
-        self._peers = now
-        if now:
-            self._say(f"linked to {len(now)} node{'s' * (len(now) != 1)}: {', '.join(now)}")
-        else:
+        new, gone = (
+            sorted(set(now).difference(self._peers)),
+            sorted(set(self._peers).difference(now)),
+        )
+        if not now:
             self._say("no longer linked to any node")
+        else:
+            signs = ("+ ", "- ") if self._peers else ("", "")
+            changes = [
+                f"{sign}{_some(names)}"
+                for sign, names in zip(signs, (new, gone), strict=True)
+                if names
+            ]
+            nodes = f"{len(now)} node{'s' * (len(now) != 1)}"
+            self._say(f"linked to {nodes}: {'; '.join(changes)}")
+        self._peers = now
 
     def problems(self, sentences: Sequence[str]) -> None:
         """Warn of what is new, and of a number of messages when it has doubled since the last warning."""
@@ -71,6 +84,13 @@ class Notices:
     def _warn(self, sentence: str, problem: str, count: int) -> None:
         self._warned[problem] = count
         self._say(f"warning: {sentence}")
+
+
+def _some(names: Sequence[str]) -> str:
+    """``a, b and 40 more``."""
+    if len(names) <= _MOST_NAMED:
+        return ", ".join(names)
+    return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
 
 
 def _parts(sentence: str) -> tuple[str, int]:

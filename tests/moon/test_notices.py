@@ -14,12 +14,28 @@ def missed(count: int, channel="/robot/1/x") -> str:
 def test_links_are_said_when_they_change() -> None:
     said: list[str] = []
     notices = Notices(said.append)
-    for peers in (["b", "a"], ["a", "b"], ["a"], ["a"], []):
+    for peers in (["b", "a"], ["a", "b"], ["a"], ["a"], ["a", "d", "c"], ["b", "c"], [], ["a"]):
         notices.links(peers)
     assert said == [
         "linked to 2 nodes: a, b",
-        "linked to 1 node: a",
+        "linked to 1 node: - b",
+        "linked to 3 nodes: + c, d",
+        "linked to 2 nodes: + b; - a, d",
         "no longer linked to any node",
+        "linked to 1 node: a",
+    ]
+
+
+def test_of_many_links_only_some_are_named() -> None:
+    said: list[str] = []
+    notices = Notices(said.append)
+    names = [f"node_{number:02}" for number in range(48)]
+    notices.links(names)
+    notices.links(names[:1])
+    first = ", ".join(names[:8])
+    assert said == [
+        f"linked to 48 nodes: {first} and 40 more",
+        f"linked to 1 node: - {', '.join(names[1:9])} and 39 more",
     ]
 
 
