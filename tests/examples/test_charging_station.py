@@ -83,3 +83,21 @@ def test_a_supply_that_fails_is_reset_and_after_the_third_failure_repaired(seed:
     assert life[:7] == ["on", "tripped", "on", "tripped", "on", "broken", "on"]
     before = resets.index("broken")
     assert resets[before : before + 3] == ["broken"] * 3, "the policy gives up after three attempts"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_courier_says_how_many_jobs_wait_and_leaves_its_bay_only_for_one(seed: int) -> None:
+    jobs = left = 0
+    level = 100
+    for seen in heard_in(seed):
+        if seen.channel == "/Courier/jobs":
+            jobs += 1
+            assert seen.data == {"data": jobs}
+        elif seen.channel == "/Courier/battery":
+            if seen.data["data"] < level:
+                jobs = 0  # it works
+            level = seen.data["data"]
+        elif seen.channel == f"{ACTION}/cancel_goal" and seen.source == "Courier":
+            assert jobs > 0
+            left += 1
+    assert left > 0

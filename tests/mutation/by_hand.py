@@ -49,7 +49,7 @@ BY_HAND: dict[str, str] = {
     "ChargingStation.scxml:47: succeed charge: field `level`: `level` became `target`": (
         "a goal is accepted with a level below its target, and charged until they are equal"
     ),
-    "Courier.scxml:37: the assignment to `goal` dropped": (
+    "Courier.scxml:42: the assignment to `goal` dropped": (
         "a goal without a number is the last one sent, and a courier sends one at a time"
     ),
     **{
