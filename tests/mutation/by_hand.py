@@ -14,6 +14,10 @@ _AND_BACK = "`tripping` has neither entry nor timer, and leads on by the number 
 _FREE = "nothing comes between the two, and what the second assigns is assigned already"
 _EMPTY = "an empty belt has no first parcel: its number cannot be read, and such a condition does not hold"
 _APART = "neither reads what the other changes, and where one fails, so does the other"
+_ALWAYS_LATE = (
+    "it publishes its battery as it does while it waits; an output may be a second late, so the oracle "
+    "allows each of these to be begun before `after` has its turn"
+)
 
 BY_HAND: dict[str, str] = {
     "BatteryComponent.ascxml:14: `10` became `11` in a condition": (
@@ -89,5 +93,8 @@ HOLES: dict[str, str] = {
         "the node serves under a wrong name only and so never hears anything: it does nothing, and an "
         "oracle that has not seen its node take any request holds the node for not instrumented"
     ),
+    "Forklift.scxml:53: transition of `charging` on aborted charge leads to `charging`": _ALWAYS_LATE,
+    "Tugger.scxml:15: transition of `working` on after working#0 dropped": _ALWAYS_LATE,
+    "Tugger.scxml:18: transition of `working` on timer report leads to `charging`": _ALWAYS_LATE,
 }
 """Why mutants that did something else survived, by what their description has in it."""

@@ -7,7 +7,7 @@ import pytest
 from m2c.launch.in_process import compile_node
 from m2c.model.machine import Machine
 from tests.mutation import equivalence, mutants
-from tests.mutation.by_hand import BY_HAND
+from tests.mutation.by_hand import BY_HAND, HOLES
 from tests.mutation.report import Found, Result, document, summary
 from tests.mutation.trial import SCENES, Scene, trial
 from tests.mutation.waiting import without_unawaited_responses
@@ -95,6 +95,7 @@ def test_every_argument_by_hand_is_about_a_mutant() -> None:
         for place, _, what in (item.description.partition(": ") for item in mutants(machine))
     }
     assert set(BY_HAND) <= named
+    assert [part for part in HOLES if not any(part in what for what in named)] == []
 
 
 def test_the_page_counts_what_was_found_and_lists_who_survived() -> None:
