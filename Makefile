@@ -24,7 +24,11 @@ $(VENV)/.installed: pyproject.toml
 	@$(BIN)/python -m pip install $(QUIETLY) --disable-pip-version-check -e '.[dev,ros2]'
 	@touch $@
 
-test: lint types imports interfaces browser unit-interpreted unit
+# The checks beside the compiler, which uses one processor.
+test: $(VENV)/.installed
+	@$(MAKE) --no-print-directory --output-sync=line -j 2 compiled types lint imports browser
+	@$(MAKE) --no-print-directory interfaces
+	@$(MAKE) --no-print-directory unit-interpreted unit
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

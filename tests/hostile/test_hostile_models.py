@@ -11,8 +11,8 @@ from tests.hostile.importing import import_all
 from tests.hostile.judging import Accepted, Refused, judge
 from tests.hostile.models import SHAPES, Case, cases, slots_of
 
-EXAMPLES = 60
-BLOCKS = 5
+EXAMPLES = 50
+BLOCKS = 2
 LEAST_ACCEPTED = 0.8
 """A net whose models the check refuses catches nothing."""
 
