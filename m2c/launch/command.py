@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from m2c.inputs import ExistingPath, finite, lenient_option
+from m2c.launch.restarts import MOST_RESTARTS
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
 from m2c.launch.simulation_options import Simulation, simulation_options
 from m2c.terminal import fail, say
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
 _MONITOR_OPTIONS = "--monitor-options"
+ON_FAILURE = "on-failure"
+"""The value of ``--restart`` that starts again what dies, as Docker and systemd call it."""
 CLOSE_TIMEOUT_S = 10.0
 """How long the launcher's own connection may take to close, when all nodes have ended. Fast DDS waits for
 ever where a node that was killed has left a lock in shared memory."""
@@ -78,6 +81,14 @@ class _Run(click.Command):
     metavar="FILE",
     help="Record the whole run to this MCAP file.",
 )
+@click.option(
+    "--restart",
+    type=click.Choice(["never", ON_FAILURE]),
+    default="never",
+    show_default=True,
+    help="What becomes of a node that dies once all are up: everything is stopped, or (on-failure) it is "
+    f"started again, at most {MOST_RESTARTS} times in a minute.",
+)
 @lenient_option
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
 @simulation_options
@@ -95,6 +106,7 @@ def run(
     monitored: bool,
     monitor: str | None,
     record: Path | None,
+    restart: str,
     lenient: bool,
     quiet: bool,
     simulation: Simulation,
@@ -149,6 +161,7 @@ def run(
         of_monitor.append("--lenient")
     if transport == SIMULATED:
         refused = {"--endpoint": endpoint, "--zenoh-config": zenoh_config, "--namespace": namespace}
+        refused["--restart"] = restart == ON_FAILURE
         _refuse(transport, [name for name, value in refused.items() if value], "a middleware")
         from m2c.launch.simulated import run_simulated
 
@@ -191,7 +204,9 @@ def run(
             for name, value in options.items():
                 arguments += [_NODE_OPTIONS[name], value]
             watch = watcher(system, of_monitor, record, interfaces)
-            settings = RunSettings(tuple(arguments), where, rate, ticks or 0, watch)
+            settings = RunSettings(
+                tuple(arguments), where, rate, ticks or 0, watch, restart == ON_FAILURE
+            )
             try:
                 with screen_for(policy, quiet) as screen:
                     system_run = RunningSystem(description, folder, connection, settings, screen)

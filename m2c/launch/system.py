@@ -13,6 +13,7 @@ import msgspec
 
 from m2c.launch.description import LaunchDescription, LaunchError, Package
 from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, describe_end
+from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.screen import Guarded, Screen
 from m2c.policy.runner import TreeTick
 from transports.interface import Timer, Transport
@@ -40,6 +41,7 @@ class RunSettings(msgspec.Struct, frozen=True):
         rate_hz: ticks a second; by default the system's.
         ticks: after how many to stop; 0: never.
         watcher: the command line of ``moon`` that watches the run from its beginning to its end.
+        restart: whether a node that dies once all are up is started again.
     """
 
     node_arguments: tuple[str, ...]
@@ -47,6 +49,7 @@ class RunSettings(msgspec.Struct, frozen=True):
     rate_hz: float | None = None
     ticks: int = 0
     watcher: tuple[str, ...] = ()
+    restart: bool = False
 
 
 class RunningSystem:
@@ -76,7 +79,10 @@ class RunningSystem:
         self._unshown: OSError | None = None
         """Why nothing can be shown."""
         self._processes: dict[str, NodeProcess] = {}
-        self._died: tuple[str, int] | None = None
+        self._died: tuple[str, str] | None = None
+        """Who died first and was not started again, and how."""
+        self._nodes = {node.name: node for node in description.nodes}
+        self._restarts = Restarts(settings.restart)
         self._ended_badly: dict[str, str] = {}
         """Who was told to end and did not do so well, and what happened instead."""
         self._killed = False
@@ -85,7 +91,9 @@ class RunningSystem:
         self._ticks = 0
         self._reports: threading.Thread | None = None
         """Reads what the policy reports of its ticks."""
-        self._missing = {node.name for node in description.nodes}
+        self._missing = set(self._nodes)
+        self._present: set[str] = set()
+        """The nodes that are up."""
         self._waiting = list(description.nodes)
         """Started from the end. Systems list what acts by itself (a battery that drains) before what
         listens to it, and while many nodes come up, much can happen that nobody hears yet."""
@@ -191,12 +199,13 @@ class RunningSystem:
         if self._late:
             raise LaunchError(f"{WATCHER} is not ready after {START_TIMEOUT_S:g} s")
         if self._died is not None and not self._watched:
-            name, code = self._died
-            raise LaunchError(f"{name} {describe_end(code)}; it says why above")
+            name, how = self._died
+            raise LaunchError(f"{name} {how}; it says why above")
 
     def _changed(self, name: str, up: bool) -> None:
+        (self._present.add if up else self._present.discard)(name)
         is_older = 0 < self._transport.up_since(name) < self._began_ns
-        if up and is_older and name in {node.name for node in self._description.nodes}:
+        if up and is_older and name in self._nodes:
             self._elsewhere = name
         elif up and name in self._missing:
             self._missing.discard(name)
@@ -297,10 +306,36 @@ class RunningSystem:
         """A process has ended: the policy after its last tick, or anybody by dying."""
         if self._stopping:
             return
+        if code and name in self._nodes and self._restarts.on_failure:
+            self._transport.post(functools.partial(self._node_died, name, code))
+            return
         policy = self._description.policy
         if not (policy is not None and name == policy.name and code == 0):
-            self._died = self._died or (name, code)
+            self._died = self._died or (name, describe_end(code))
         self._transport.post(self._stop)
+
+    def _node_died(self, name: str, code: int) -> None:
+        """Start it again, unless it is one that does not come up, or that dies again and again."""
+        if self._stopping:
+            return
+        how = describe_end(code)
+        if not self._up:
+            self._stop_for(name, how)
+        elif not self._restarts.start(name, time.monotonic()):
+            self._stop_for(name, f"{how}, started again {MOST_RESTARTS} times in a minute before")
+        else:
+            self._report_end(name, f"{how}; it is started again")
+            self._start(self._nodes[name], self._settings.node_arguments)
+            self._transport.after(START_TIMEOUT_S, functools.partial(self._look_for, name))
+
+    def _look_for(self, name: str) -> None:
+        """Whether a node that was started again has come up. One that died once more has had its time, too."""
+        if not self._stopping and name not in self._present:
+            self._stop_for(name, f"was started again and is not up after {START_TIMEOUT_S:g} s")
+
+    def _stop_for(self, name: str, how: str) -> None:
+        self._died = self._died or (name, how)
+        self._stop()
 
     def _cannot_show(self, error: OSError) -> None:
         """A terminal that is gone, a full disk: nobody would see how it goes on."""
@@ -329,12 +364,12 @@ class RunningSystem:
         self._transport.spin(lambda: over)
 
     def _report(self) -> int:
-        if self._died == (WATCHER, FOUND_VIOLATIONS):  # --exit-on-violation
-            self._screen.line(f"{WATCHER} found a violation; everything was stopped")
-            return 1
         if self._died is not None:
-            name, code = self._died
-            self._report_end(name, f"{describe_end(code)}; everything was stopped")
+            name, how = self._died
+            if name == WATCHER and self._processes[name].code == FOUND_VIOLATIONS:
+                self._screen.line(f"{WATCHER} found a violation; everything was stopped")
+                return 1  # --exit-on-violation
+            self._report_end(name, f"{how}; everything was stopped")
             return 1
         if not self._up:
             stopped = "stopped before all nodes were up"
