@@ -160,8 +160,12 @@ def run(
     if lenient and of_monitor is not None:
         of_monitor.append("--lenient")
     if transport == SIMULATED:
-        refused = {"--endpoint": endpoint, "--zenoh-config": zenoh_config, "--namespace": namespace}
-        refused["--restart"] = restart == ON_FAILURE
+        refused = {
+            "--endpoint": endpoint,
+            "--zenoh-config": zenoh_config,
+            "--namespace": namespace,
+            "--restart": restart == ON_FAILURE,
+        }
         _refuse(transport, [name for name, value in refused.items() if value], "a middleware")
         from m2c.launch.simulated import run_simulated
 

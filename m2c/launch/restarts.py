@@ -5,8 +5,8 @@ from __future__ import annotations
 import collections
 
 MOST_RESTARTS = 5
-"""A node is started again so often within ``WITHIN_S``. One that dies once more dies of something that starting
-again does not cure."""
+"""A node is started again so often within ``WITHIN_S``. One that dies once more dies of something that does
+not go away."""
 WITHIN_S = 60.0
 
 

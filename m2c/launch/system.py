@@ -329,7 +329,7 @@ class RunningSystem:
             self._transport.after(START_TIMEOUT_S, functools.partial(self._look_for, name))
 
     def _look_for(self, name: str) -> None:
-        """Whether a node that was started again has come up. One that died once more has had its time, too."""
+        """Whether a node that was started again is up: the time runs on if it dies once more."""
         if not self._stopping and name not in self._present:
             self._stop_for(name, f"was started again and is not up after {START_TIMEOUT_S:g} s")
 

@@ -147,7 +147,9 @@ def _monitor(
 
     file = VerdictFile(log_file) if log_file is not None else None
     screen = screen_for(as_json, is_alone=system_beside() is None)
-    sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection), screen]
+    sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection)]
+    if as_json:
+        sinks.append(screen)
     if transport == "ros2":
         sinks += _diagnostics(connection)
     joining = Joining(connection)
@@ -170,6 +172,7 @@ def _monitor(
         monitored.property_watch(),
         policy=monitored.policy,
         monotonic_ns=clock,
+        screens=() if as_json else (screen,),
     )
     notices = Notices(say)
     try:

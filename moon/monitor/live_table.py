@@ -14,7 +14,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from moon.monitor.report import HEADER, NUMBERS, cells, last_explanation, shade
+from moon.monitor.report import HEADER, NUMBERS, cells, last_explanations, shade
 from moon.monitor.status import MachineStatus
 from moon.verdict import Outcome
 
@@ -53,7 +53,7 @@ def drawn(statuses: Sequence[MachineStatus], width: int, height: int | None = No
         texts["verdict"].stylize(_STYLES.get(shade(status.verdict), "dim"))
         table.add_row(*texts.values())
     below = [Text(f"… and {more} more", style="dim")] if more else []
-    below += [Text(line) for status in shown if (line := last_explanation(status))]
+    below += [Text(line) for line in last_explanations(shown)]
     return Group(table, *below)
 
 

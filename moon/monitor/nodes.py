@@ -5,17 +5,14 @@ from __future__ import annotations
 import statistics
 from collections import deque
 
-from moon.monitor.status import UNSEEN, MachineStatus
+from moon.monitor.status import AWAY, UNSEEN, MachineStatus
 from moon.oracle.confirmation import UNCONFIRMED
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
-from moon.verdict import Outcome
+from moon.verdict import Outcome, Verdict
 
 _KEPT_LAGS = 64
 """Lags kept of each node, for the median."""
-
-AWAY = "(gone)"
-"""In place of the states of a machine whose node went away."""
 
 
 class WatchedNode:
@@ -28,9 +25,12 @@ class WatchedNode:
         "last",
         "received",
         "reported",
+        "resynchronising",
         "since",
         "up",
         "violations",
+        "was_last",
+        "was_reported",
     )
 
     def __init__(self) -> None:
@@ -43,6 +43,11 @@ class WatchedNode:
         self.reported: Outcome | None = None
         self.last = ""
         self.violations = 0
+        self.resynchronising = ""
+        """Why all machines are resynchronised, until this one is."""
+        self.was_reported: Outcome | None = None
+        self.was_last = ""
+        """``reported`` and ``last`` as they were before it was resynchronised."""
         self.lags: deque[int] = deque(maxlen=_KEPT_LAGS)
         self.earlier = (0, 0, 0)
         """Inputs, outputs and what was late of the oracles that it had before its present one."""
@@ -56,10 +61,39 @@ class WatchedNode:
         """Whether ``reason`` is a violation that is not certain yet, and was not reported."""
         return reason.startswith(UNCONFIRMED) and reason != self.last
 
-    def leave(self, oracle: Oracle | PolicyOracle) -> None:
-        """Another oracle takes the place of ``oracle``."""
+    def resynchronise(self, oracle: Oracle | PolicyOracle, why: str) -> None:
+        """Another oracle takes the place of ``oracle``, as all are resynchronised: ``why``, for people."""
+        if not self.resynchronising:
+            self.was_reported, self.was_last = self.reported, self.last
+        self.resynchronising = why
         inputs, outputs, late = self.earlier
         self.earlier = (inputs + oracle.inputs, outputs + oracle.outputs, late + oracle.late)
+
+    def report(self, verdict: Verdict) -> bool:
+        """``verdict`` is news; whether it is so to a person, too.
+
+        That a machine is inconclusive as all are resynchronised, and then as it was before, is not.
+        """
+        self.reported = verdict.outcome
+        if verdict.reason:
+            self.last = verdict.reason
+        if not self.resynchronising or verdict.reason == self.resynchronising:
+            return not self.resynchronising
+        self.resynchronising = ""
+        both = (verdict.outcome, self.was_reported)
+        return both != (Outcome.CONFORMING, Outcome.CONFORMING)
+
+    def end(self, now_ns: int) -> bool:
+        """It went away; whether it conforms, which was in doubt.
+
+        A machine that is resynchronised is found to conform whatever was missed of it. All that is in doubt
+        until then is its present state, and who has ended has none: the verdict of before stands.
+        """
+        self.up, self.received, self.gone_ns = False, False, now_ns
+        if self.reported is not Outcome.INCONCLUSIVE or not self.resynchronising:
+            return False
+        self.reported, self.last = self.was_reported, self.was_last
+        return self.reported is Outcome.CONFORMING
 
     def late(self, oracle: Oracle | PolicyOracle) -> int:
         """What came too late to be judged by ``oracle`` and those before it."""

@@ -16,8 +16,12 @@ NUMBERS = ("in", "out", "lag [ms]")
 """The columns whose cells are aligned to the right."""
 MAX_STATES = 3
 """So many states are named; more say no more than their number."""
-_SHOWN_UNKNOWN = 5
-"""So many channels that no model names are named at the end."""
+_SHOWN_TOGETHER = 5
+"""So many channels that no model names, and machines with the same reason, are named."""
+_UNTIL_IT_ENDED = "conforming until it ended"
+_UNTIL_THEY_ENDED = "conforming until they ended"
+"""Of machines whose nodes went away: an end is no fault, and no doubt."""
+_NOT_CONFORMING = (str(Outcome.VIOLATED), str(Outcome.INCONCLUSIVE))
 _COLOURS = {
     str(Outcome.VIOLATED): "31",
     str(Outcome.INCONCLUSIVE): "33",
@@ -95,11 +99,20 @@ def cells(status: MachineStatus) -> tuple[str, ...]:
     return tuple(map(printable, (status.machine, verdict, state, *numbers)))
 
 
-def last_explanation(status: MachineStatus) -> str:
-    """The line below the table that says why a machine does not conform; "" if there is none."""
-    if not status.last or status.verdict == str(Outcome.CONFORMING):
-        return ""
-    return f"{printable(status.machine)}: {printable(status.last)}"
+def last_explanations(statuses: Sequence[MachineStatus]) -> list[str]:
+    """The lines below the table that say why machines do not conform: one for each reason."""
+    of: dict[str, list[str]] = {}
+    for status in statuses:
+        if status.last and status.verdict != str(Outcome.CONFORMING):
+            of.setdefault(status.last, []).append(status.machine)
+    return [f"{_some(machines)}: {printable(why)}" for why, machines in of.items()]
+
+
+def _some(names: Sequence[str]) -> str:
+    """``a, b and 40 more``."""
+    shown = ", ".join(map(printable, names[:_SHOWN_TOGETHER]))
+    more = len(names) - _SHOWN_TOGETHER
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def table(statuses: Sequence[MachineStatus]) -> list[str]:
@@ -113,14 +126,14 @@ def table(statuses: Sequence[MachineStatus]) -> list[str]:
         ).rstrip()
         for row in rows
     ]
-    return lines + [line for status in statuses if (line := last_explanation(status))]
+    return lines + last_explanations(statuses)
 
 
 def closing(summary: Summary) -> list[str]:
     """The last lines: how it stands, and what could not be judged."""
     counts = summary.counts
     tallies = [
-        _tally(noun, [status.verdict for status in summary.machines if status.kind == kind])
+        _tally(noun, [_standing(status) for status in summary.machines if status.kind == kind])
         for kind, noun in (
             ("model", ("machine", "machines")),
             (PROPERTY, ("property", "properties")),
@@ -134,10 +147,8 @@ def closing(summary: Summary) -> list[str]:
         f"{of_none}"
     ]
     if counts.unknown and has_models:
-        named = [printable(name) for name, _ in counts.unknown.most_common(_SHOWN_UNKNOWN)]
-        more = len(counts.unknown) - len(named)
-        rest = f" and {more} more" if more else ""
-        lines.append(f"channels that no model names: {', '.join(named)}{rest}")
+        named = [name for name, _ in counts.unknown.most_common()]
+        lines.append(f"channels that no model names: {_some(named)}")
     lines += map(printable, summary.unmonitored)
     if counts.stalls:
         lines.append(f"resynchronised all machines {_many(counts.stalls, 'time')}")
@@ -148,9 +159,20 @@ def _tally(nouns: tuple[str, str], verdicts: Sequence[str]) -> str:
     """How many there are of each verdict; nothing if there is none of the kind."""
     if not verdicts:
         return ""
-    words = (*map(str, Outcome), UNSEEN)
-    parts = [f"{verdicts.count(word)} {word}" for word in words if word in verdicts]
+    words = (str(Outcome.CONFORMING), _UNTIL_IT_ENDED, *_NOT_CONFORMING, UNSEEN)
+    parts = [_counted(verdicts.count(word), word) for word in words if word in verdicts]
     return f"{len(verdicts):,} {nouns[len(verdicts) != 1]}: {', '.join(parts)}; "
+
+
+def _standing(status: MachineStatus) -> str:
+    """Its verdict, as the last lines have it."""
+    conforming = status.verdict == str(Outcome.CONFORMING)
+    return _UNTIL_IT_ENDED if conforming and status.has_ended else status.verdict
+
+
+def _counted(number: int, verdict: str) -> str:
+    several = number > 1 and verdict == _UNTIL_IT_ENDED
+    return f"{number} {_UNTIL_THEY_ENDED if several else verdict}"
 
 
 def _many(number: int, noun: str) -> str:

@@ -6,6 +6,8 @@ import msgspec
 
 from moon.ordering.counts import Counts
 
+AWAY = "(gone)"
+"""In place of the states of a machine whose node went away."""
 UNSEEN = "unseen"
 """The verdict on a machine of which nothing was received yet."""
 POLICY = "policy"
@@ -40,6 +42,11 @@ class MachineStatus(msgspec.Struct, frozen=True):
     lag_ms: float | None
     last: str
     kind: str = "model"
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether its node went away: the verdict is on what it did until then."""
+        return self.states == (AWAY,)
 
 
 class Summary(msgspec.Struct, frozen=True):

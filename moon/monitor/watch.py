@@ -51,6 +51,7 @@ class SystemWatch:
         policy: whether the policy is monitored; by default, if all machines of ``system`` are.
         monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was.
         repeated: takes each violation that reads as its node's last; sinks do not get it.
+        screens: sinks for people, who are told once when all machines are resynchronised, not of each.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class SystemWatch:
         policy: bool | None = None,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         repeated: Callable[[Verdict], None] = lambda verdict: None,
+        screens: Iterable[Sink] = (),
     ) -> None:
         self.counts = Counts()
         self._repeated = repeated
@@ -79,6 +81,7 @@ class SystemWatch:
         self._library = system.library
         self._bounds = bounds
         self._sinks = tuple(sinks)
+        self._screens = tuple(screens)
         self._say = say
         self._properties = properties or PropertyWatch((), bounds.latency)
         everything = (*system.nodes, *system.plugins)
@@ -200,7 +203,7 @@ class SystemWatch:
     def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
         """Find every machine in the middle of what it does (``moon.ordering.event_order.Judges``)."""
         for name, oracle in self._models.watched.items():
-            self._nodes[name].leave(oracle)
+            self._nodes[name].resynchronise(oracle, why)
         self._models = self._fresh_models()
         if was_set_back:
             self._report_properties(self._properties.begin_anew(since_ns, why))
@@ -258,7 +261,9 @@ class SystemWatch:
         if up:
             self._node_up(name, node)
             return
-        node.up, node.received, node.gone_ns = False, False, now_ns
+        if node.end(now_ns):
+            doubt = self._models.watched[name].verdict(now_ns)
+            self._publish(msgspec.structs.replace(doubt, outcome=Outcome.CONFORMING, reason=""))
         self._sort_nodes()
 
     def _sort_nodes(self) -> None:
@@ -319,7 +324,7 @@ class SystemWatch:
 
     def _report_properties(self, verdicts: Sequence[Verdict]) -> None:
         for verdict in verdicts:
-            for sink in self._sinks:
+            for sink in (*self._sinks, *self._screens):
                 sink.take(verdict)
 
     def _report_changes(self, now_ns: int) -> None:
@@ -339,11 +344,10 @@ class SystemWatch:
             self._publish(oracle.verdict(now_ns))
 
     def _publish(self, verdict: Verdict) -> None:
-        node = self._nodes[verdict.node]
-        node.reported = verdict.outcome
-        if verdict.reason:
-            node.last = verdict.reason
+        is_for_people = self._nodes[verdict.node].report(verdict)
         for sink in self._sinks:
+            sink.take(verdict)
+        for sink in self._screens if is_for_people else ():
             sink.take(verdict)
 
     # --- what can be asked -------------------------------------------------------------------------

@@ -130,9 +130,7 @@ def test_a_node_that_does_not_come_up_again_stops_everything(system: System) -> 
 
 
 def test_in_virtual_time_nothing_dies(system: System) -> None:
-    run = Run(
-        *(system.path, "--transport", "simulated", "--restart", "on-failure"), endpoint=None
-    )
+    run = Run(*(system.path, "--transport", "simulated", "--restart", "on-failure"), endpoint=None)
     assert run.end() == 2
     assert run.lines == ["error: --transport simulated: --restart is for a middleware"]
 

@@ -53,6 +53,13 @@ def write_models(folder: Path) -> Path:
     return model
 
 
+class Shown(list[Verdict]):
+    """What a person is shown."""
+
+    def take(self, verdict: Verdict) -> None:
+        self.append(verdict)
+
+
 class HandDriven:
     """A transport and a watch on it."""
 
@@ -69,6 +76,7 @@ class HandDriven:
         self._later = itertools.count(1000)
         self.said: list[str] = []
         self.verdicts: list[Verdict] = []
+        self.shown = Shown()
         self.heard_by_tap: list[str] = []
         self.dropped: list[tuple[str, str]] = []
         self.asked: dict[str, Callable[[Answer | None], None]] = {}
@@ -93,6 +101,7 @@ class HandDriven:
             self.said.append,
             properties,
             monotonic_ns=self._monotonic_ns,
+            screens=[self.shown],
         )
         self.watch.start()
 

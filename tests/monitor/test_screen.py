@@ -11,10 +11,11 @@ import subprocess
 import sys
 import time
 
+import msgspec
 import pytest
 
-from moon.monitor.report import cells, closing, table, verdict_lines
-from moon.monitor.status import MachineStatus, Summary
+from moon.monitor.report import cells, closing, last_explanations, table, verdict_lines
+from moon.monitor.status import AWAY, MachineStatus, Summary
 from moon.ordering.counts import Counts
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from tests.monitor.hand_driven import write_models
@@ -74,6 +75,28 @@ def test_the_end_counts_machines_by_verdict_and_names_unknown_channels() -> None
     ]
 
 
+def test_the_end_says_of_machines_whose_nodes_went_away_that_they_conformed_until_then() -> None:
+    gone = [
+        msgspec.structs.replace(GOOD, machine=name, states=(AWAY,)) for name in ("One", "Other")
+    ]
+    last = msgspec.structs.replace(BAD, states=(AWAY,))
+    (both,) = closing(Summary(2.0, (*gone, GOOD, last), Counts(), ()))
+    assert "4 machines: 1 conforming, 2 conforming until they ended, 1 violated; " in both
+    (one,) = closing(Summary(2.0, (gone[0],), Counts(), ()))
+    assert "1 machine: 1 conforming until it ended; " in one
+    assert cells(gone[0])[1:3] == ("conforming", "(gone)")
+
+
+def test_machines_with_one_reason_have_one_line_below_the_table() -> None:
+    doubtful = msgspec.structs.replace(GOOD, verdict="inconclusive", last="it stood still")
+    names = ["A", "B", "C", "D", "E", "F", "G"]
+    rows = [BAD, *(msgspec.structs.replace(doubtful, machine=name) for name in names)]
+    assert last_explanations(rows) == [
+        "Bad: expected A, observed B",
+        "A, B, C, D, E and 2 more: it stood still",
+    ]
+
+
 @pytest.mark.zenoh
 @pytest.mark.parametrize("columns", [60, 120])
 def test_a_terminal_shows_a_table_that_is_refreshed(columns: int, tmp_path) -> None:
@@ -118,8 +141,6 @@ def test_a_terminal_shows_a_table_that_is_refreshed(columns: int, tmp_path) -> N
 
 
 def _level_type():
-    import msgspec
-
     return msgspec.defstruct(
         "Level", [("data", int, 0)], namespace={"__type_name__": "t/msg/Level"}
     )

@@ -8,6 +8,10 @@ import pytest
 from tests.monitor.hand_driven import MS, START, HandDriven, S
 
 
+def outcomes_shown(watched: HandDriven) -> list[str]:
+    return [str(verdict.outcome) for verdict in watched.shown]
+
+
 @pytest.fixture
 def hand(tmp_path) -> HandDriven:
     return HandDriven(tmp_path)
@@ -275,7 +279,68 @@ def test_a_monitor_that_stood_still_says_so_and_finds_machines_anew(started) -> 
     started.tick(5, status=1)
     started.confirm()
     assert started.watch.violations == 1
+    assert outcomes_shown(started)[-1] == "violated"
     assert started.watch.summary().counts.stalls == 1
+
+
+def test_people_are_told_once_that_all_machines_are_resynchronised_not_of_each(started) -> None:
+    started.jump(60 * S)
+    started.pass_time(500)
+    assert started.outcomes == ["conforming", "inconclusive"]
+    started.message(90)
+    started.pass_time(1000)
+    started.tick(1, status=0)
+    started.pass_time(1000)
+    assert started.outcomes == ["conforming", "inconclusive", "conforming"]
+    assert outcomes_shown(started) == ["conforming"]
+    assert len([text for text in started.said if "all machines are resynchronised" in text]) == 1
+    started.message(20, sequence=17)  # some were lost: a doubt of this machine's own
+    started.pass_time(50)
+    assert outcomes_shown(started) == ["conforming", "inconclusive"]
+
+
+def test_a_node_that_ends_while_its_machine_is_resynchronised_keeps_its_verdict(started) -> None:
+    started.jump(60 * S)
+    started.pass_time(500)
+    assert started.outcomes[-1] == "inconclusive"
+    started.node("Level", False)
+    started.pass_time(2000)
+    assert started.outcomes == ["conforming", "inconclusive", "conforming"]
+    assert outcomes_shown(started) == ["conforming"]
+    assert started.status.verdict == "conforming"
+    assert started.status.has_ended
+
+
+def test_a_node_that_was_in_violation_and_ends_while_it_is_resynchronised_still_is(started) -> None:
+    started.tick(1, status=1)
+    started.message(90)
+    started.pass_time(500)
+    assert started.outcomes[-1] == "violated"
+    why = started.status.last
+    started.jump(60 * S)
+    started.pass_time(500)
+    started.node("Level", False)
+    started.pass_time(2000)
+    assert (started.status.verdict, started.status.last) == ("violated", why)
+
+
+def test_what_was_in_doubt_before_all_were_resynchronised_is_so_at_the_end(started) -> None:
+    started.tick(1)
+    started.pass_time(1500)
+    assert "if no observation is missing here" in started.verdicts[-1].reason
+    started.jump(60 * S)
+    started.pass_time(500)
+    started.node("Level", False)
+    started.pass_time(2000)
+    assert started.status.verdict == "inconclusive"
+
+
+def test_a_doubt_of_another_kind_outlives_its_node(started) -> None:
+    started.message(20, sequence=7)  # 1 to 6 were lost
+    started.pass_time(50)
+    started.node("Level", False)
+    started.pass_time(2000)
+    assert started.status.verdict == "inconclusive"
 
 
 def test_a_monitor_held_up_while_it_finds_machines_anew_does_not_blame_the_clock(started) -> None:

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 
 from moon.json_lines import versioned_line
-from moon.monitor.nodes import AWAY
+from moon.monitor.status import AWAY
 from moon.monitor.subject import read_subject
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
