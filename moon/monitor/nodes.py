@@ -23,7 +23,7 @@ class WatchedNode:
         "gone_ns",
         "lags",
         "last",
-        "received",
+        "received_ns",
         "reported",
         "resynchronising",
         "since",
@@ -38,8 +38,8 @@ class WatchedNode:
         self.gone_ns: int | None = None
         """When it went away, while it is away."""
         self.since = 0
-        self.received = False
-        """Whether something was received from it while it was not known to be up."""
+        self.received_ns = 0
+        """When the newest happened that was received from it while it was not up; 0: nothing was."""
         self.reported: Outcome | None = None
         self.last = ""
         self.violations = 0
@@ -89,7 +89,7 @@ class WatchedNode:
         A machine that is resynchronised is found to conform whatever was missed of it. All that is in doubt
         until then is its present state, and who has ended has none: the verdict of before stands.
         """
-        self.up, self.received, self.gone_ns = False, False, now_ns
+        self.up, self.received_ns, self.gone_ns = False, 0, now_ns
         if self.reported is not Outcome.INCONCLUSIVE or not self.resynchronising:
             return False
         self.reported, self.last = self.was_reported, self.was_last

@@ -133,9 +133,10 @@ class SystemWatch:
         node = self._nodes.get(seen.source)
         if node is not None:
             node.lags.append(now_ns - judged.stamp_ns)
-            if not (node.up or node.received):
-                node.received = True
-                self._models.node_found(seen.source, now_ns + LINKED_NS)
+            if not node.up:
+                if not node.received_ns:
+                    self._models.node_found(seen.source, now_ns + LINKED_NS)
+                node.received_ns = max(node.received_ns, judged.stamp_ns)
         gap = self._order.gap
         if gap is not None:
             self._properties.lose(gap.channel, gap.from_ns, gap.until_ns)
@@ -280,7 +281,8 @@ class SystemWatch:
         """
         before, node.since = node.since, self._transport.up_since(name)
         started = node.since >= self._order.since_ns and node.since != before
-        received, node.received = node.received, False
+        # what it did before is of the life that has ended
+        received, node.received_ns = node.received_ns >= max(node.since, 1), 0
         again = before != 0
         node.up, node.gone_ns = True, None
         self._sort_nodes()

@@ -215,6 +215,24 @@ def test_a_restarted_node_is_followed_from_its_initial_state(started) -> None:
     assert started.watch.violations == 1
 
 
+def test_what_a_node_did_before_it_died_and_was_received_later_is_not_of_the_next(started) -> None:
+    started.tick(1, status=0)
+    died_ns = started.now
+    started.node("Level", False)
+    started.hear(
+        *("/Level/tick", "request_received", "t/srv/Tick_Request", {}, "Level"),
+        call=2,
+        stamp_ns=died_ns,
+    )
+    started.pass_time(1000)
+    started.forget_numbers("Level")
+    started.node("Level", True)
+    started.pass_time(500)
+    started.tick(3, status=0)
+    started.pass_time(500)
+    assert started.outcomes == ["conforming"]
+
+
 def test_a_restart_whose_end_was_not_heard_is_noticed(started) -> None:
     started.message(20)
     started.pass_time(500)
