@@ -3,8 +3,8 @@
 The oracle against a brute-force checker, properties against Reelay and their readers against damaged
 files and lost observations, recordings of every form damaged, the nominal tour under every condition, on a
 busy machine and with observations lost, strangers against a live tour, models of hostile text, nodes started
-and stopped a thousand times, and what is tested on ROS 2 twenty times. A step that fails prints the command that repeats it, and the others go on; exit
-code 1 then.
+and stopped a thousand times, skills killed for ten minutes and started again, and what is tested on ROS 2
+twenty times. A step that fails prints the command that repeats it, and the others go on; exit code 1 then.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ def steps(seed: int) -> list[list[str]]:
             ["-m", "tests.launch.starts", "--transport", name, "--seed", first]
             for name in ("zenoh", "ros2")
         ),
+        ["-m", "tests.launch.restarts", "--seed", first],
         ["-m", "tests.transports.ros2_soak", "20"],
     ]
 

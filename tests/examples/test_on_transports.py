@@ -33,9 +33,9 @@ each_example = pytest.mark.parametrize("name", MACHINES)
 
 def conforming(said: str, of: int) -> int:
     """How many of the machines conform by the last lines of a monitor; nothing is violated."""
-    found = re.search(rf"0 violations in .* {of} machines: (\d) conforming", said)
+    found = re.search(rf"0 violations in .* {of} machines: ([^;]+);", said)
     assert found is not None, said[-3000:]
-    return int(found[1])
+    return sum(map(int, re.findall(r"(\d) conforming", found[1])))
 
 
 @pytest.mark.slow

@@ -35,10 +35,12 @@ VISIT_S = 90.0
 """A point of interest is visited at least so often, on a busy machine and with skills that die on the way there."""
 TICKS = 10
 """The tree is ticked so often at least between two kills: far less than it would be in ten seconds."""
-MORE_FILES = 8
+MORE_FILES = 20
 MORE_THREADS = 4
-MORE_MIB = 40.0
-"""So much more a process may have at the end than after every node was killed once or a minute has passed."""
+MORE_MIB = 60.0
+"""So much more a process may have at the end than after a minute, or a quarter of the time. Files come and go: two
+peers are linked once or twice. Memory grows for some minutes, of a monitor by 4 MiB in each, killed nodes or
+none."""
 
 
 class Size(msgspec.Struct, frozen=True):
