@@ -13,6 +13,7 @@ _COMMANDS = {
     "check": ("moon.offline.command:check", "Check recorded runs as `moon monitor` does live."),
     "explain": ("moon.explain.command:explain", "Say what a monitor can check of a model."),
     "replay": ("moon.replay.command:replay", "Play the nodes of a recording against running ones."),
+    "keys": ("moon.keys.command:keys", "Secure a system: certificates and access control."),
     "check-properties": (
         "moon.properties.command:check_properties",
         "Check property files and say what each property means.",

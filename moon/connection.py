@@ -22,13 +22,16 @@ import click
 from m2c.inputs import ExistingPath
 from m2c.terminal import fail, say, write_to_nobody
 from moon.beside import system_beside
-from transports.options import DEFAULT_ENDPOINT, meeting_at, transport_options
+from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at, transport_options
 from transports.stop_signals import StopSignals, end_by
 
 if TYPE_CHECKING:
     from m2c.model.interfaces import InterfaceLibrary
     from transports.interface import Transport
 
+MONITOR = "monitor"
+OBSERVER = "observer"
+"""Whose certificates ``moon monitor``, which publishes verdicts, and the other commands take."""
 REFRESH_S = 0.5
 """How often what is shown is drawn anew, and losses looked for."""
 
@@ -43,12 +46,14 @@ class Network(NamedTuple):  # msgspec's would cost each --help its import
         endpoints: where to connect; by default, on Zenoh, where ``m2c run`` lets its nodes meet.
         zenoh_config: Zenoh's configuration file.
         namespace: prefix of every channel.
+        secure: the folder of certificates that ``moon keys init`` made.
     """
 
     transport: str
     endpoints: tuple[str, ...] = ()
     zenoh_config: Path | None = None
     namespace: str = ""
+    secure: Path | None = None
 
 
 _NETWORK_OPTIONS = (
@@ -64,6 +69,12 @@ _NETWORK_OPTIONS = (
         type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
         help="Zenoh configuration file (TLS, routers…).",
     ),
+    click.option(
+        "--secure",
+        type=click.Path(path_type=Path),
+        metavar="DIR",
+        help="Zenoh: connect with a certificate that `moon keys init` made in DIR.",
+    ),
     click.option("--namespace", default="", help="Prefix of every channel."),
 )
 
@@ -76,10 +87,14 @@ def network_options(command: Callable[..., None]) -> Callable[..., None]:
         transport: str,
         endpoint: tuple[str, ...],
         zenoh_config: Path | None,
+        secure: Path | None,
         namespace: str,
         **others: object,
     ) -> None:
-        command(network=Network(transport, endpoint, zenoh_config, namespace), **others)
+        if secure is not None and (zenoh_config is not None or transport != "zenoh"):
+            raise click.UsageError("--secure is for zenoh, and excludes --zenoh-config")
+        network = Network(transport, endpoint, zenoh_config, namespace, secure)
+        command(network=network, **others)
 
     for option in reversed(_NETWORK_OPTIONS):
         with_network = option(with_network)
@@ -117,9 +132,10 @@ def options_of(network: Network) -> dict[str, str]:
     """
     endpoints = network.endpoints
     if not endpoints and network.zenoh_config is None and network.transport == "zenoh":
-        endpoints = (DEFAULT_ENDPOINT,)
+        endpoints = (DEFAULT_ENDPOINT if network.secure is None else SECURE_ENDPOINT,)
     config = str(network.zenoh_config) if network.zenoh_config is not None else ""
-    options = transport_options(endpoints, config, network.namespace)
+    secure = str(network.secure) if network.secure is not None else ""
+    options = transport_options(endpoints, config, network.namespace, secure)
     return meeting_at(options) if network.transport == "zenoh" else options
 
 
@@ -181,7 +197,10 @@ def _connection(network: Network, name: str) -> Transport:
             "has --monitor and --record"
         )
     StopSignals()  # from here on, what ends this process waits until it can be ended in good order
-    return connect(network.transport, f"{name}_{os.getpid()}", options_of(network))
+    options = options_of(network)
+    if network.secure is not None:
+        options["identity"] = MONITOR if name == "moon_monitor" else OBSERVER
+    return connect(network.transport, f"{name}_{os.getpid()}", options)
 
 
 class Watching:

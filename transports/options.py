@@ -10,15 +10,27 @@ the system, whoever comes first listens there.
 """
 
 
-def transport_options(endpoints: Sequence[str], config: str, namespace: str) -> dict[str, str]:
+SECURE_ENDPOINT = "tls/127.0.0.1:7447"
+"""The same, with certificates."""
+
+
+def transport_options(
+    endpoints: Sequence[str], config: str, namespace: str, secure: str = ""
+) -> dict[str, str]:
     """What ``transports.registry.connect`` takes: the options that are given, by their names.
 
     Args:
         endpoints: where to connect; none leaves that to the configuration or the middleware.
         config: a Zenoh configuration file, or "".
         namespace: prefix of every channel, or "".
+        secure: the folder of certificates, or "".
     """
-    options = {"endpoint": ",".join(endpoints), "config": config, "namespace": namespace}
+    options = {
+        "endpoint": ",".join(endpoints),
+        "config": config,
+        "namespace": namespace,
+        "secure": secure,
+    }
     return {name: value for name, value in options.items() if value}
 
 

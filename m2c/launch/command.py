@@ -15,7 +15,7 @@ from m2c.launch.restarts import MOST_RESTARTS
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
 from m2c.launch.simulation_options import Simulation, simulation_options
 from m2c.terminal import fail, say
-from transports.options import DEFAULT_ENDPOINT, meeting_at
+from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at
 
 if TYPE_CHECKING:
     from m2c.policy.program import Policy
@@ -25,6 +25,8 @@ FILES_OF_PROCESS = 4
 _MONITOR_OPTIONS = "--monitor-options"
 ON_FAILURE = "on-failure"
 """The value of ``--restart`` that starts again what dies, as Docker and systemd call it."""
+LAUNCHER = "m2c_run"
+"""What the launcher's own connection is called."""
 CLOSE_TIMEOUT_S = 10.0
 """How long the launcher's own connection may take to close, when all nodes have ended. Fast DDS waits for
 ever where a node that was killed has left a lock in shared memory."""
@@ -67,6 +69,12 @@ class _Run(click.Command):
     type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
     help="Zenoh: configuration file for every process (TLS, routers…).",
 )
+@click.option(
+    "--secure",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Zenoh: run with the certificates that `moon keys init` made in DIR.",
+)
 @click.option("--namespace", default="", help="Prefix of every channel.")
 @click.option(
     "--monitor",
@@ -102,6 +110,7 @@ def run(
     replacements: tuple[str, ...],
     endpoint: str | None,
     zenoh_config: Path | None,
+    secure: Path | None,
     namespace: str,
     monitored: bool,
     monitor: str | None,
@@ -163,6 +172,7 @@ def run(
         refused = {
             "--endpoint": endpoint,
             "--zenoh-config": zenoh_config,
+            "--secure": secure,
             "--namespace": namespace,
             "--restart": restart == ON_FAILURE,
         }
@@ -198,9 +208,9 @@ def run(
                     _provide_events(events)
             processes = len(description.nodes) + 1
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * processes)
-            options = _transport_options(transport, endpoint, zenoh_config, namespace)
+            options = _transport_options(transport, endpoint, zenoh_config, secure, namespace)
             signals = StopSignals()
-            connection = connect(transport, "m2c_run", meeting_at(options))
+            connection = connect(transport, LAUNCHER, meeting_at(options))
             where = f"on {transport}"
             if transport == "zenoh":
                 where = f"at {options.get('endpoint') or f'the endpoints of {zenoh_config}'}"
@@ -227,22 +237,32 @@ _NODE_OPTIONS = {
     "endpoint": "--endpoint",
     "config": "--zenoh-config",
     "namespace": "--namespace",
+    "secure": "--secure",
 }
 """How a node's command line spells the transport's options."""
 
 
 def _transport_options(
-    transport: str, endpoint: str | None, zenoh_config: Path | None, namespace: str
+    transport: str,
+    endpoint: str | None,
+    zenoh_config: Path | None,
+    secure: Path | None,
+    namespace: str,
 ) -> dict[str, str]:
     """The options of every process's transport; only Zenoh has a meeting point."""
     options = {"namespace": namespace} if namespace else {}
     if transport == "zenoh":
         if zenoh_config is not None:
             options["config"] = str(zenoh_config)
+        if secure is not None:
+            if zenoh_config is not None:
+                fail("--secure: the configurations are in the folder; it excludes --zenoh-config")
+            options["secure"] = str(secure.absolute())
         if endpoint or zenoh_config is None:  # else the nodes meet where the file says
-            options["endpoint"] = endpoint or DEFAULT_ENDPOINT
-    elif endpoint or zenoh_config is not None:
-        fail(f"--transport {transport}: --endpoint and --zenoh-config are for zenoh")
+            default = DEFAULT_ENDPOINT if secure is None else SECURE_ENDPOINT
+            options["endpoint"] = endpoint or default
+    elif endpoint or zenoh_config is not None or secure is not None:
+        fail(f"--transport {transport}: --endpoint, --zenoh-config and --secure are for zenoh")
     return options
 
 

@@ -28,6 +28,9 @@ def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zen
     parser.add_argument("--zenoh-config", default="", help="a Zenoh configuration file (JSON5)")
     parser.add_argument("--namespace", default="", help="prefix of every channel")
     parser.add_argument(
+        "--secure", default="", metavar="DIR", help="Zenoh: the certificates of `moon keys init`"
+    )
+    parser.add_argument(
         "--log-level",
         default="INFO",
         type=str.upper,
@@ -56,7 +59,9 @@ def connect_or_exit(arguments: argparse.Namespace, ros_arguments: str) -> Transp
         arguments: with those of :func:`add_transport_options`, and ``node_name``.
         ros_arguments: what :func:`split_ros_arguments` found for ROS 2.
     """
-    options = transport_options(arguments.endpoint, arguments.zenoh_config, arguments.namespace)
+    options = transport_options(
+        arguments.endpoint, arguments.zenoh_config, arguments.namespace, arguments.secure
+    )
     if ros_arguments:
         options["args"] = ros_arguments
     try:

@@ -8,6 +8,9 @@ Options (all strings, all optional):
         host reaches the endpoint: loopback if that is on loopback (see ``_reachable_at``).
     config: a Zenoh configuration file (JSON5): TLS, access control, routers, other modes.
     namespace: a prefix of all keys, so that several systems share one network.
+    secure: a folder that `moon keys init` made: the configuration file there of this process is read instead
+        of ``config``.
+    identity: whose certificate in that folder is this process's; by default the node's.
 
 An option wins over the file; the file wins over the defaults: a peer without multicast scouting
 that finds the other peers by gossip from those it connects to, and stamps what it publishes.
@@ -29,7 +32,7 @@ import zenoh
 from transports.interface import TransportError
 from transports.zenoh.wire import LOG
 
-OPTIONS = ("endpoint", "rendezvous", "listen", "config", "namespace")
+OPTIONS = ("endpoint", "rendezvous", "listen", "config", "namespace", "secure", "identity")
 
 CONNECT_TIMEOUT_MS = 5_000
 """How long opening a session tries to reach its endpoints before it fails."""
@@ -55,6 +58,7 @@ _LOOPBACK = "tcp/127.0.0.1:0"
 _ON_LOOPBACK = ("tcp/127.", "tcp/localhost", "tcp/[::1]", "tls/127.", "tls/localhost", "tls/[::1]")
 _WITH_CERTIFICATE = ("tls/", "quic/")
 """Whoever listens there must have a certificate."""
+_SECURE = "tls/"
 _PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 """Zenoh's protocols whose endpoints are a host and a port."""
 
@@ -87,8 +91,26 @@ def open_session(options: Mapping[str, str]) -> zenoh.Session:
             f"the zenoh transport has no option {unknown[0]!r}; it has {', '.join(OPTIONS)}"
         )
     os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # read once, when the first session is opened
+    if options.get("secure", ""):
+        options = _with_certificate(options)
     rendezvous = options.get("rendezvous", "")
     return _open_at(rendezvous, options) if rendezvous else _open(options)
+
+
+def _with_certificate(options: Mapping[str, str]) -> dict[str, str]:
+    """``options`` that name the configuration file of this process in the folder of certificates."""
+    from transports.zenoh.credentials import configuration_file
+
+    if options.get("config", ""):
+        raise TransportError("with certificates the configuration is the folder's; give no other")
+    for option in ("endpoint", "rendezvous", "listen"):
+        for endpoint in filter(None, options.get(option, "").split(",")):
+            if not endpoint.strip().startswith(_SECURE):
+                raise TransportError(
+                    f"endpoint {endpoint!r}: with certificates it begins with {_SECURE}"
+                )
+    file = configuration_file(Path(options["secure"]), options.get("identity", ""))
+    return {**options, "config": str(file)}
 
 
 def _open_at(rendezvous: str, options: Mapping[str, str]) -> zenoh.Session:
@@ -147,7 +169,8 @@ def _endpoints(config: zenoh.Config, key: str) -> list[str]:
 def configuration(options: Mapping[str, str]) -> zenoh.Config:
     """The Zenoh configuration that ``options`` ask for."""
     path = options.get("config", "")
-    config = _read(Path(path)) if path else zenoh.Config()
+    secure = options.get("secure", "")
+    config = _read(Path(path), Path(secure) if secure else None) if path else zenoh.Config()
     blank = zenoh.Config()
     for key, value in {**_DEFAULTS, "connect/timeout_ms": CONNECT_TIMEOUT_MS}.items():
         if not path or config.get_json(key) == blank.get_json(key):
@@ -160,6 +183,11 @@ def configuration(options: Mapping[str, str]) -> zenoh.Config:
         reachable = json.dumps({"peer": _reachable_at(config)})
         config.insert_json5("listen/endpoints", reachable)
     if namespace := options.get("namespace", "").strip("/"):
+        if secure and json.loads(config.get_json("namespace")) != namespace:
+            raise TransportError(
+                f"namespace {namespace!r}: the certificates in {secure} are for another one, or for none; "
+                "`moon keys init` takes --namespace, too"
+            )
         try:
             zenoh.KeyExpr(namespace)
             config.insert_json5("namespace", json.dumps(namespace))
@@ -197,16 +225,22 @@ def _listening_for(endpoint: str) -> str:
         return _LOOPBACK
     if there.is_unspecified:  # all addresses of this host
         here = there
-    elif here.is_loopback:
+    elif here.is_loopback and not endpoint.startswith(_WITH_CERTIFICATE):
         return _LOOPBACK
     return f"{protocol}/[{here}]:0" if here.version == 6 else f"{protocol}/{here}:0"
 
 
-def _read(path: Path) -> zenoh.Config:
+def _read(path: Path, folder: Path | None = None) -> zenoh.Config:
+    """What ``path`` says; with ``folder``, of certificates, these are where it is now."""
     if not path.is_file():
         raise TransportError(f"there is no Zenoh configuration file {path}")
     try:
         config = zenoh.Config.from_file(path)
+        for place in _FILES if folder is not None else ():
+            section, _, key = place.rpartition("/")
+            if (named := json.loads(config.get_json(section))[key]) is not None:
+                moved = str(folder / Path(named).name)  # type: ignore[operator]
+                config.insert_json5(place, json.dumps(moved))
     except zenoh.ZError as error:
         raise TransportError(f"{path}: {_plain(str(error))}") from error
     for place in _FILES:
@@ -232,9 +266,11 @@ def _set_endpoints(config: zenoh.Config, option: str, key: str, endpoints: list[
 
 def _why_not_open(options: Mapping[str, str], plain: str) -> str:
     if "connect" in plain.lower():
+        certificates = ", of the same authority" if options.get("secure", "") else ""
         return (
             f"cannot reach {options.get('endpoint') or 'the endpoints of the configuration'} "
-            f"within {CONNECT_TIMEOUT_MS / 1000:g} s: is a node or router listening there? ({plain})"
+            f"within {CONNECT_TIMEOUT_MS / 1000:g} s: is a node or router listening there{certificates}? "
+            f"({plain})"
         )
     if "in use" in plain:
         return f"cannot listen on {options.get('listen', '')}: the port is in use ({plain})"

@@ -43,7 +43,7 @@ def connect(node: str, options: Mapping[str, str]) -> ZenohTransport:
     if not node:
         raise TransportError("a node needs a name")
     since_ns = time.time_ns()  # before: whoever listens by then is linked when the session is open
-    return ZenohTransport(node, open_session(options), since_ns)
+    return ZenohTransport(node, open_session({"identity": node, **options}), since_ns)
 
 
 class ZenohTransport(OnExecutor):

@@ -1,0 +1,149 @@
+"""What each process of a system may declare and send, as its models say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from m2c.model.diagnostics import DiagnosticLog
+from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.system import System
+from m2c.policy.program import Policy, read_policy
+from moon.connection import MONITOR, OBSERVER
+from moon.sinks.topic import VERDICTS_CHANNEL
+from transports.zenoh.access import Rights, Role
+
+POLICY = "policy"
+LAUNCHER = "m2c_run"
+ROUTER = "router"
+OTHERS = (POLICY, LAUNCHER, MONITOR, OBSERVER, ROUTER)
+"""Processes that are no nodes of the system: the policy, ``m2c run`` itself, ``moon monitor``, the other
+commands of ``moon``, and a router."""
+
+TICKS_CHANNEL = "/policy/ticks"
+"""Where the policy publishes its ticks (``m2c.policy.runner``, which moon does not import)."""
+_ACTION_SERVICES = ("send_goal", "cancel_goal", "get_result")
+
+
+class RightsError(Exception):
+    """The rights of a process cannot be known; the text says why."""
+
+
+class _Channels:
+    """Collects what one process has."""
+
+    def __init__(self) -> None:
+        self.publishes: list[str] = []
+        self.subscribes: list[str] = []
+        self.serves: list[str] = []
+        self.calls: list[str] = []
+        self.keeps_last: set[str] = set()
+
+    def add(self, interface: Interface, channel: str) -> None:
+        parts = [f"{channel}/_action/{part}" for part in _ACTION_SERVICES]
+        match interface.kind:
+            case InterfaceKind.PUBLISHER:
+                self.publishes.append(channel)
+            case InterfaceKind.SUBSCRIBER:
+                self.subscribes.append(channel)
+            case InterfaceKind.SERVER:
+                self.serves.append(channel)
+            case InterfaceKind.CLIENT:
+                self.calls.append(channel)
+            case InterfaceKind.ACTION_SERVER:
+                self.serves += parts
+                status = f"{channel}/_action/status"
+                self.publishes += [f"{channel}/_action/feedback", status]
+                self.keeps_last.add(status)
+            case InterfaceKind.ACTION_CLIENT:
+                self.calls += parts
+                self.subscribes.append(f"{channel}/_action/feedback")
+        if interface.transient_local:
+            self.keeps_last.add(channel)
+
+    def rights(self, name: str, role: Role) -> Rights:
+        return Rights(
+            name=name,
+            role=role,
+            publishes=tuple(dict.fromkeys(self.publishes)),
+            subscribes=tuple(dict.fromkeys(self.subscribes)),
+            serves=tuple(dict.fromkeys(self.serves)),
+            calls=tuple(dict.fromkeys(self.calls)),
+            keeps_last=frozenset(self.keeps_last),
+        )
+
+
+def rights_of(system: System) -> tuple[Rights, ...]:
+    """What each process of ``system`` may do, the nodes first, and then :data:`OTHERS`.
+
+    Args:
+        system: checked models.
+
+    Raises:
+        RightsError: a node has the name of one of :data:`OTHERS`, or a plugin's channel is known only
+            when the system runs.
+        ModelError: the policy cannot be read.
+    """
+    nodes = []
+    for machine in system.nodes:
+        if machine.name in OTHERS:
+            raise RightsError(
+                f"a node is named {machine.name}, as one of the processes that `moon keys` makes "
+                "certificates for; give it another name"
+            )
+        channels = _Channels()
+        for interface in _interfaces(machine):
+            if interface.channel is not None:
+                channels.add(interface, interface.channel)
+        nodes.append(channels.rights(machine.name, Role.NODE))
+    return (
+        *nodes,
+        *_policy(system),
+        Rights(name=LAUNCHER, role=Role.LAUNCHER),
+        Rights(name=MONITOR, role=Role.OBSERVER, publishes=(VERDICTS_CHANNEL,)),
+        Rights(name=OBSERVER, role=Role.OBSERVER),
+        Rights(name=ROUTER, role=Role.ROUTER),
+    )
+
+
+def _interfaces(machine: Machine) -> Iterable[Interface]:
+    yield from machine.interfaces
+    for thread in machine.threads:
+        yield from thread.machine.interfaces
+
+
+def _policy(system: System) -> Sequence[Rights]:
+    if system.policy is None:
+        return ()
+    log = DiagnosticLog()
+    policy = read_policy(system.policy, system, log)
+    log.raise_if_errors()
+    assert policy is not None
+    channels = _Channels()
+    channels.publishes.append(TICKS_CHANNEL)
+    for leaf in policy.leaves:
+        channels.calls += filter(None, (leaf.tick, leaf.halt))
+    for plugin in system.plugins:
+        for interface in _interfaces(plugin):
+            for channel in _channels_of(interface, plugin.name, policy):
+                channels.add(interface, channel)
+    return (channels.rights(POLICY, Role.POLICY),)
+
+
+def _channels_of(interface: Interface, plugin: str, policy: Policy) -> list[str]:
+    """The channels that ``interface`` has where its plugin stands in the policy."""
+    if interface.kind is InterfaceKind.TIMER:
+        return []
+    if interface.channel is not None:
+        return [interface.channel]
+    found = []
+    for leaf in policy.leaves:
+        for port in leaf.inputs:
+            if leaf.plugin != plugin or port.key != interface.port:
+                continue
+            if port.entry:
+                raise RightsError(
+                    f"the plugin {plugin} takes the name of a {interface.kind.noun}'s channel from the "
+                    f"blackboard ({port.entry}): what it may do is not known before it runs"
+                )
+            found.append(str(port.value))
+    return found

@@ -1,0 +1,178 @@
+"""Who may declare and send what: Zenoh's access control, from the channels that each process has.
+
+Each process has the same rules, and holds whoever it is linked to (``ingress``) to them by the common name of
+its certificate; so peers enforce them without a router, and a router enforces them where one is. What no rule
+allows is refused. Zenoh's ``**`` does not match a part of a key that begins with ``@``: those are listed.
+
+Zenoh's access control: https://zenoh.io/docs/manual/access-control/
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+
+from transports.service_events import EVENT_SUFFIX, TAKEN_SUFFIX
+from transports.zenoh.names import (
+    ANSWER_KEYS,
+    LINK_KEYS,
+    NODE_KEYS,
+    ROUND_KEY,
+    SERVER_KEYS,
+    key_of,
+    node_chunk,
+)
+
+_PUBLISHERS = "@adv/pub"
+"""Below a topic's key: the publishers of the last message for who comes late (``zenoh_ext``'s advanced
+publishers), each ``<topic>/@adv/pub/<zid>/<id>/<meta>``."""
+_CACHES = "@adv/**"
+"""Below a topic's key: what such a subscriber asks."""
+
+
+_OUT = "out"
+"""The rule of what goes out: everything. Who receives it judges it, and has it only if it may subscribe."""
+_MESSAGES = [
+    *("put", "delete", "declare_subscriber", "query", "reply", "declare_queryable"),
+    *("liveliness_token", "declare_liveliness_subscriber", "liveliness_query"),
+]
+"""All that Zenoh's access control knows."""
+
+
+class Role(StrEnum):
+    """What a process is in a system."""
+
+    NODE = "node"
+    POLICY = "policy"
+    OBSERVER = "observer"
+    LAUNCHER = "launcher"
+    ROUTER = "router"
+
+
+class Rights(msgspec.Struct, frozen=True, kw_only=True):
+    """What one process may do.
+
+    Attributes:
+        name: the common name of its certificate: the node's name.
+        role: what it is. An observer may subscribe to everything; a launcher, only see who is up; a router
+            may pass on whatever somebody may send.
+        publishes, subscribes: topics.
+        serves, calls: services.
+        keeps_last: those topics of ``publishes`` and ``subscribes`` whose last message is for who comes late.
+    """
+
+    name: str
+    role: Role
+    publishes: tuple[str, ...] = ()
+    subscribes: tuple[str, ...] = ()
+    serves: tuple[str, ...] = ()
+    calls: tuple[str, ...] = ()
+    keeps_last: frozenset[str] = frozenset()
+
+
+def access_control(processes: Sequence[Rights], namespace: str = "") -> dict[str, Any]:
+    """Zenoh's ``access_control`` by which each of ``processes`` may do what its rights say.
+
+    Args:
+        processes: all of the system.
+        namespace: the prefix of all keys, without slashes at its ends.
+
+    Returns:
+        The section as it stands in a configuration file.
+
+    Raises:
+        TransportError: a channel cannot be named on Zenoh.
+    """
+    begin = f"{namespace}/" if namespace else ""
+    rules: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    for process in processes:
+        own: list[str] = []
+        for messages, keys in _allowed(process):
+            if not keys:
+                continue
+            own.append(f"{process.name}: {', '.join(messages)}")
+            rules.append(
+                {
+                    "id": own[-1],
+                    "permission": "allow",
+                    "flows": ["ingress"],
+                    "messages": messages,
+                    "key_exprs": [begin + key for key in keys],
+                }
+            )
+        if own:
+            policies.append({"rules": own, "subjects": [process.name]})
+    everything = [rule["id"] for rule in rules]
+    policies += [
+        {"rules": everything, "subjects": [process.name]}
+        for process in processes
+        if process.role is Role.ROUTER and everything
+    ]
+    rules.append(
+        {
+            "id": _OUT,
+            "permission": "allow",
+            "flows": ["egress"],
+            "messages": _MESSAGES,
+            "key_exprs": ["**", f"{begin}@m2c/**", f"**/{_CACHES}"],
+        }
+    )
+    policies.append({"rules": [_OUT], "subjects": [process.name for process in processes]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [
+            {"id": process.name, "cert_common_names": [process.name]} for process in processes
+        ],
+        "policies": policies,
+    }
+
+
+def _allowed(process: Rights) -> list[tuple[list[str], list[str]]]:
+    """Messages and the keys on which ``process`` may send them; those without keys, too."""
+    if process.role is Role.ROUTER:
+        return []
+    looks = [f"{NODE_KEYS}/**", *(f"{SERVER_KEYS}/*/*/{key_of(name)}" for name in process.serves)]
+    if process.role is Role.OBSERVER:
+        looks.append(f"{LINK_KEYS}/**")
+    published = _keys(process.publishes)
+    taken = _keys(process.subscribes)
+    served, called = _keys(process.serves), _keys(process.calls)
+    kept = _keys(sorted(process.keeps_last & {*process.publishes}))
+    caught_up = _keys(sorted(process.keeps_last & {*process.subscribes}))
+    caches = [f"{key}/{_PUBLISHERS}/*/*/*" for key in kept]
+    puts = [*published, *(key + TAKEN_SUFFIX for key in taken)]
+    puts += [key + EVENT_SUFFIX for key in dict.fromkeys((*served, *called))]
+    subscriptions = list(taken)
+    answers, tokens = [*served, *caches], list(caches)
+    asks = [*called, *(f"{key}/{_CACHES}" for key in caught_up)]
+    looks += [f"{key}/{_PUBLISHERS}/**" for key in caught_up]
+    if process.role in (Role.NODE, Role.POLICY):
+        chunk = node_chunk(process.name)
+        subscriptions.append(ROUND_KEY)
+        answers.append(f"{ANSWER_KEYS}/*/{chunk}")
+        tokens += [f"{NODE_KEYS}/*/{chunk}/*", f"{LINK_KEYS}/*/*"]
+        tokens += [f"{SERVER_KEYS}/*/{chunk}/{key}" for key in served]
+    if process.role is Role.POLICY:
+        puts.append(ROUND_KEY)
+    if process.role is Role.OBSERVER:
+        subscriptions.append("**")
+        asks.append(f"{ANSWER_KEYS}/*/*")
+    return [
+        (["put"], puts),
+        (["declare_subscriber"], subscriptions),
+        (["declare_queryable"], answers),
+        (["reply"], [*answers, *kept]),
+        (["query"], asks),
+        (["liveliness_token"], tokens),
+        (["declare_liveliness_subscriber", "liveliness_query"], looks),
+    ]
+
+
+def _keys(channels: Iterable[str]) -> list[str]:
+    return [key_of(channel) for channel in channels]
