@@ -145,6 +145,7 @@ def run(
         select,
     )
     from m2c.launch.reading import parse_replacements
+    from m2c.launch.refusals import ask_for_refusals, ask_nodes_for_refusals
     from m2c.launch.screen import screen_for
     from m2c.launch.system import RunningSystem, RunSettings
     from m2c.launch.watching import watch_options, watcher
@@ -210,7 +211,10 @@ def run(
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * processes)
             options = _transport_options(transport, endpoint, zenoh_config, secure, namespace)
             signals = StopSignals()
+            heard = secure is not None and ask_for_refusals()
             connection = connect(transport, LAUNCHER, meeting_at(options))
+            if heard:
+                ask_nodes_for_refusals()
             where = f"on {transport}"
             if transport == "zenoh":
                 where = f"at {options.get('endpoint') or f'the endpoints of {zenoh_config}'}"

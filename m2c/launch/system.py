@@ -13,6 +13,7 @@ import msgspec
 
 from m2c.launch.description import LaunchDescription, LaunchError, Package
 from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, describe_end
+from m2c.launch.refusals import Refusals
 from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.screen import Guarded, Screen
 from m2c.policy.runner import TreeTick
@@ -83,6 +84,7 @@ class RunningSystem:
         """Who died first and was not started again, and how."""
         self._nodes = {node.name: node for node in description.nodes}
         self._restarts = Restarts(settings.restart)
+        self._refusals: dict[str, Refusals] = {}
         self._ended_badly: dict[str, str] = {}
         """Who was told to end and did not do so well, and what happened instead."""
         self._killed = False
@@ -300,7 +302,9 @@ class RunningSystem:
                 self._transport.post(functools.partial(self._show_tick, tick))
 
     def _line(self, name: str, text: str) -> None:
-        self._screen.line(f"{name:>{self._width}} | {text}")
+        shown = self._refusals.setdefault(name, Refusals()).instead(text)
+        if shown is not None:
+            self._screen.line(f"{name:>{self._width}} | {shown}")
 
     def _ended(self, name: str, code: int) -> None:
         """A process has ended: the policy after its last tick, or anybody by dying."""

@@ -126,8 +126,13 @@ class Process:
 class Monitor(Process):
     """``moon monitor --json``."""
 
-    def __init__(self, *arguments: object, env: Mapping[str, str] | None = None) -> None:
-        super().__init__("moon", "monitor", "--json", *arguments, env=env)
+    def __init__(
+        self,
+        *arguments: object,
+        env: Mapping[str, str] | None = None,
+        inside: Sequence[str] = (),
+    ) -> None:
+        super().__init__("moon", "monitor", "--json", *arguments, env=env, inside=inside)
 
     def until_listening(self) -> None:
         """Wait until it has said whom it is linked to, or to nobody yet."""

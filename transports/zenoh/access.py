@@ -1,8 +1,9 @@
 """Who may declare and send what: Zenoh's access control, from the channels that each process has.
 
-Each process has the same rules, and holds whoever it is linked to (``ingress``) to them by the common name of
-its certificate; so peers enforce them without a router, and a router enforces them where one is. What no rule
-allows is refused. Zenoh's ``**`` does not match a part of a key that begins with ``@``: those are listed.
+Each process has the same rules, and holds whoever it is linked to to them by the common name of its
+certificate; so peers enforce them without a router, and a router enforces them where one is. What no rule allows
+is refused when it comes (``ingress``). Messages and queries are refused when they leave, too (``egress``): Zenoh
+sends them to a new peer before it knows what that peer has declared. Zenoh's ``**`` does not match a part of a key that begins with ``@``: those are listed.
 
 Zenoh's access control: https://zenoh.io/docs/manual/access-control/
 """
@@ -34,12 +35,11 @@ _CACHES = "@adv/**"
 
 
 _OUT = "out"
-"""The rule of what goes out: everything. Who receives it judges it, and has it only if it may subscribe."""
-_MESSAGES = [
-    *("put", "delete", "declare_subscriber", "query", "reply", "declare_queryable"),
-    *("liveliness_token", "declare_liveliness_subscriber", "liveliness_query"),
+"""The rule of what may go out to everybody."""
+_DECLARATIONS = [
+    *("declare_subscriber", "declare_queryable", "liveliness_token"),
+    *("declare_liveliness_subscriber", "liveliness_query"),
 ]
-"""All that Zenoh's access control knows."""
 
 
 class Role(StrEnum):
@@ -91,19 +91,10 @@ def access_control(processes: Sequence[Rights], namespace: str = "") -> dict[str
     policies: list[dict[str, Any]] = []
     for process in processes:
         own: list[str] = []
-        for messages, keys in _allowed(process):
-            if not keys:
-                continue
-            own.append(f"{process.name}: {', '.join(messages)}")
-            rules.append(
-                {
-                    "id": own[-1],
-                    "permission": "allow",
-                    "flows": ["ingress"],
-                    "messages": messages,
-                    "key_exprs": [begin + key for key in keys],
-                }
-            )
+        for flow, messages, keys in _allowed(process):
+            if keys:
+                own.append(f"{', '.join(messages)} {_WAYS[flow]} {process.name}")
+                rules.append(_rule(own[-1], flow, messages, [begin + key for key in keys]))
         if own:
             policies.append({"rules": own, "subjects": [process.name]})
     everything = [rule["id"] for rule in rules]
@@ -112,15 +103,9 @@ def access_control(processes: Sequence[Rights], namespace: str = "") -> dict[str
         for process in processes
         if process.role is Role.ROUTER and everything
     ]
-    rules.append(
-        {
-            "id": _OUT,
-            "permission": "allow",
-            "flows": ["egress"],
-            "messages": _MESSAGES,
-            "key_exprs": ["**", f"{begin}@m2c/**", f"**/{_CACHES}"],
-        }
-    )
+    # a reply goes only to who has asked, and was allowed to
+    all_keys = ["**", f"{begin}@m2c/**", f"**/{_CACHES}"]
+    rules.append(_rule(_OUT, "egress", [*_DECLARATIONS, "reply"], all_keys))
     policies.append({"rules": [_OUT], "subjects": [process.name for process in processes]})
     return {
         "enabled": True,
@@ -133,8 +118,21 @@ def access_control(processes: Sequence[Rights], namespace: str = "") -> dict[str
     }
 
 
-def _allowed(process: Rights) -> list[tuple[list[str], list[str]]]:
-    """Messages and the keys on which ``process`` may send them; those without keys, too."""
+_WAYS = {"ingress": "from", "egress": "to"}
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {
+        "id": name,
+        "permission": "allow",
+        "flows": [flow],
+        "messages": messages,
+        "key_exprs": keys,
+    }
+
+
+def _allowed(process: Rights) -> list[tuple[str, list[str], list[str]]]:
+    """Whether it comes from ``process`` or goes to it, which messages, and on which keys (perhaps none)."""
     if process.role is Role.ROUTER:
         return []
     looks = [f"{NODE_KEYS}/**", *(f"{SERVER_KEYS}/*/*/{key_of(name)}" for name in process.serves)]
@@ -164,13 +162,15 @@ def _allowed(process: Rights) -> list[tuple[list[str], list[str]]]:
         subscriptions.append("**")
         asks.append(f"{ANSWER_KEYS}/*/*")
     return [
-        (["put"], puts),
-        (["declare_subscriber"], subscriptions),
-        (["declare_queryable"], answers),
-        (["reply"], [*answers, *kept]),
-        (["query"], asks),
-        (["liveliness_token"], tokens),
-        (["declare_liveliness_subscriber", "liveliness_query"], looks),
+        ("ingress", ["put"], puts),
+        ("ingress", ["declare_subscriber"], subscriptions),
+        ("ingress", ["declare_queryable"], answers),
+        ("ingress", ["reply"], [*answers, *kept]),
+        ("ingress", ["query"], asks),
+        ("ingress", ["liveliness_token"], tokens),
+        ("ingress", ["declare_liveliness_subscriber", "liveliness_query"], looks),
+        ("egress", ["put"], subscriptions),
+        ("egress", ["query"], [*answers, *(f"{key}/{_CACHES}" for key in kept)]),
     ]
 
 

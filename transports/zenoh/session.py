@@ -91,6 +91,7 @@ def open_session(options: Mapping[str, str]) -> zenoh.Session:
             f"the zenoh transport has no option {unknown[0]!r}; it has {', '.join(OPTIONS)}"
         )
     os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # read once, when the first session is opened
+    zenoh.try_init_log_from_env()  # what Zenoh says itself, on standard output, if RUST_LOG asks for it
     if options.get("secure", ""):
         options = _with_certificate(options)
     rendezvous = options.get("rendezvous", "")
@@ -120,7 +121,10 @@ def _open_at(rendezvous: str, options: Mapping[str, str]) -> zenoh.Session:
     if json.loads(configuration(connecting).get_json("mode")) == "client":  # which listens nowhere
         return _open(connecting)
     try:
-        return zenoh.open(configuration({**others, "listen": rendezvous}))
+        listening = configuration({**others, "listen": rendezvous})
+        session = zenoh.open(listening)
+        _warn_if_open_to_all(listening)
+        return session
     except zenoh.ZError as error:
         plain = _plain(str(error))
         if "listener" not in plain:
@@ -141,7 +145,23 @@ def _open(options: Mapping[str, str]) -> zenoh.Session:
         raise TransportError(_why_not_open(options, _plain(str(error)))) from error
     if not session.info.routers_zid():
         _warn_if_half_reachable(config)
+    if not options.get("endpoint", ""):  # else it is said where these processes meet
+        _warn_if_open_to_all(config)
     return session
+
+
+def _warn_if_open_to_all(config: zenoh.Config) -> None:
+    """Who listens for other hosts, and asks nobody for a certificate, lets everybody in."""
+    here = [e for e in _endpoints(config, "listen") if not e.startswith(_ON_LOOPBACK)]
+    is_client = json.loads(config.get_json("mode")) == "client"  # which listens nowhere
+    asks = json.loads(config.get_json("transport/link/tls"))["enable_mtls"]
+    asks = asks and all(e.startswith(_WITH_CERTIFICATE) for e in here)
+    if here and not is_client and not (asks and json.loads(config.get_json("access_control/enabled"))):
+        LOG.warning(
+            "listening on %s without certificates and access control: whoever reaches this address can read "
+            "everything, and publish, answer and call as any node; `moon keys` secures a system",
+            ", ".join(here),
+        )
 
 
 def _warn_if_half_reachable(config: zenoh.Config) -> None:

@@ -1,0 +1,71 @@
+"""What Zenoh says when it refuses a link or a message, in our words, and not more often than one can read.
+
+Zenoh's access control says at its level ``trace`` only what it refuses, and there also what it allows, which
+costs each message; so by default it is heard that something was refused, and not what.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+
+_LINKS = "zenoh_link_tls::unicast"
+_MESSAGES = "zenoh::net::routing::interceptor"
+_RULES = f"{_MESSAGES}::access_control"
+_OF_LAUNCHER = f"{_LINKS}=warn"
+_OF_NODES = f"{_LINKS}=warn,{_MESSAGES}=trace,{_RULES}=off"
+"""Zenoh's log as ``RUST_LOG`` names it. The launcher's own goes to its standard output as it is."""
+_VARIABLE = "RUST_LOG"
+_PERIOD_S = 1.0
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+_SAID = re.compile(r"\S+Z +[A-Z]+ .*?(zenoh[\w:]*): (.*)")
+_HINT = re.compile(r"\. Hint: .*")
+"""What Zenoh advises whatever the reason is."""
+
+
+def ask_for_refusals() -> bool:
+    """Have Zenoh say in this process which links it refuses, unless ``RUST_LOG`` says what it is to say."""
+    if _VARIABLE in os.environ:
+        return False
+    os.environ[_VARIABLE] = _OF_LAUNCHER
+    return True
+
+
+def ask_nodes_for_refusals() -> None:
+    """Have Zenoh say the same in the processes that are started from now on, and when it refuses a message."""
+    os.environ[_VARIABLE] = _OF_NODES
+
+
+class Refusals:
+    """Reads what one process says."""
+
+    def __init__(self) -> None:
+        self._next_s = {_LINKS: 0.0, _MESSAGES: 0.0}
+        self._unsaid = {_LINKS: 0, _MESSAGES: 0}
+
+    def instead(self, line: str) -> str | None:
+        """What is shown instead of ``line``: itself, a sentence, or nothing.
+
+        Args:
+            line: of the process's output.
+        """
+        said = _SAID.fullmatch(_COLOURS.sub("", line)) if "zenoh" in line else None
+        if said is None or said[1] not in self._next_s:
+            return line
+        kind, now_s = said[1], time.monotonic()
+        self._unsaid[kind] += 1
+        if now_s < self._next_s[kind]:
+            return None
+        self._next_s[kind] = now_s + _PERIOD_S
+        count, self._unsaid[kind] = self._unsaid[kind], 0
+        if kind == _LINKS:
+            return f"refused {_several(count, 'link')}: {_HINT.sub('', said[2])}"
+        return (
+            f"refused {_several(count, 'message')} that the sender's certificate does not allow; "
+            f"{_VARIABLE}={_RULES}=trace says which"
+        )
+
+
+def _several(count: int, noun: str) -> str:
+    return f"a {noun}" if count == 1 else f"{count} {noun}s"
