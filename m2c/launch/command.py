@@ -18,6 +18,7 @@ from m2c.terminal import fail, say
 from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at
 
 if TYPE_CHECKING:
+    from m2c.launch.description import LaunchDescription
     from m2c.policy.program import Policy
 
 FILES_OF_PROCESS = 4
@@ -211,7 +212,10 @@ def run(
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * processes)
             options = _transport_options(transport, endpoint, zenoh_config, secure, namespace)
             signals = StopSignals()
-            heard = secure is not None and ask_for_refusals()
+            heard = False
+            if secure is not None:
+                _check_certificates(secure, description)
+                heard = ask_for_refusals()
             connection = connect(transport, LAUNCHER, meeting_at(options))
             if heard:
                 ask_nodes_for_refusals()
@@ -268,6 +272,15 @@ def _transport_options(
     elif endpoint or zenoh_config is not None or secure is not None:
         fail(f"--transport {transport}: --endpoint, --zenoh-config and --secure are for zenoh")
     return options
+
+
+def _check_certificates(folder: Path, description: LaunchDescription) -> None:
+    """A node that has no certificate would end as it starts; TransportError says it before any is started."""
+    from transports.zenoh.credentials import check
+
+    packages = (*description.nodes, *filter(None, [description.policy]))
+    for name in (LAUNCHER, *(package.name for package in packages)):
+        check(folder, name)
 
 
 def _refuse(transport: str, options: list[str], right: str) -> None:

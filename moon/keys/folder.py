@@ -55,9 +55,7 @@ def make(
     _issue(folder, authority, processes, days, namespace)
 
 
-def renew(
-    folder: Path, processes: Sequence[Rights], days: int, namespace: str = ""
-) -> None:
+def renew(folder: Path, processes: Sequence[Rights], days: int, namespace: str = "") -> None:
     """Write new certificates and configurations, of the authority in ``folder``; see :func:`make`.
 
     Raises:

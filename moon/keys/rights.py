@@ -19,6 +19,10 @@ OTHERS = (POLICY, LAUNCHER, MONITOR, OBSERVER, ROUTER)
 """Processes that are no nodes of the system: the policy, ``m2c run`` itself, ``moon monitor``, the other
 commands of ``moon``, and a router."""
 
+_TAKEN = (*OTHERS, "ca")
+MOST_NAME = 64
+"""Characters of a common name (X.520, ``ub-common-name``)."""
+_SEPARATOR = "/"
 TICKS_CHANNEL = "/policy/ticks"
 """Where the policy publishes its ticks (``m2c.policy.runner``, which moon does not import)."""
 _ACTION_SERVICES = ("send_goal", "cancel_goal", "get_result")
@@ -79,16 +83,21 @@ def rights_of(system: System) -> tuple[Rights, ...]:
         system: checked models.
 
     Raises:
-        RightsError: a node has the name of one of :data:`OTHERS`, or a plugin's channel is known only
+        RightsError: a node's name cannot be that of its certificate, or a plugin's channel is known only
             when the system runs.
         ModelError: the policy cannot be read.
     """
     nodes = []
     for machine in system.nodes:
-        if machine.name in OTHERS:
+        if machine.name in _TAKEN:
             raise RightsError(
-                f"a node is named {machine.name}, as one of the processes that `moon keys` makes "
-                "certificates for; give it another name"
+                f"a node is named {machine.name}: `moon keys` has another certificate of that name; give "
+                "the node another one"
+            )
+        if len(machine.name) > MOST_NAME or _SEPARATOR in machine.name:
+            raise RightsError(
+                f"the node name {machine.name!r} cannot be that of a certificate: at most {MOST_NAME} "
+                f"characters, without '{_SEPARATOR}'"
             )
         channels = _Channels()
         for interface in _interfaces(machine):

@@ -102,7 +102,13 @@ def main(attempt: Attempt) -> None:
             enough.set()
 
     service = attempt.service
-    for key in (attempt.topic, "nobodys", f"{service}/_service_event", "@m2c/round", "moon/verdicts"):
+    for key in (
+        attempt.topic,
+        "nobodys",
+        f"{service}/_service_event",
+        "@m2c/round",
+        "moon/verdicts",
+    ):
         session.put(key, b"\x80")
         session.delete(key)
     answers = session.get(service, payload=b"\x80", timeout=2.0)

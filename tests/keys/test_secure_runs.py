@@ -24,7 +24,9 @@ NODES = ("LevelSkill", "MoveSkill", "policy")
 
 def init(folder: Path, system: Path) -> Path:
     subprocess.run(
-        [str(BIN / "moon"), "keys", "init", str(folder), str(system)], check=True, capture_output=True
+        [str(BIN / "moon"), "keys", "init", str(folder), str(system)],
+        check=True,
+        capture_output=True,
     )
     return folder
 
@@ -45,7 +47,9 @@ def running(
     with contextlib.ExitStack() as stack:
 
         def start(*command: object, inside: Sequence[str]) -> Process:
-            return stack.enter_context(contextlib.closing(Process(*command, *secure, inside=inside)))
+            return stack.enter_context(
+                contextlib.closing(Process(*command, *secure, inside=inside))
+            )
 
         monitor = Monitor(system.path, *secure, inside=first)
         stack.enter_context(contextlib.closing(monitor))
@@ -61,7 +65,9 @@ def ticks(policy: Process) -> int:
     return sum("Level ok  Move .." in line for line in policy.out)
 
 
-def attack(system: System, keys: Path, endpoint: str, tmp_path: Path, hosts: Sequence[Sequence[str]]) -> None:
+def attack(
+    system: System, keys: Path, endpoint: str, tmp_path: Path, hosts: Sequence[Sequence[str]]
+) -> None:
     with running(system, keys, endpoint, hosts) as (monitor, nodes, policy):
         observer = Attempt(
             folder=str(keys),
@@ -98,7 +104,9 @@ def attack(system: System, keys: Path, endpoint: str, tmp_path: Path, hosts: Seq
             ), nodes.said
 
 
-def test_intruders_are_refused_and_the_run_goes_on(here: tuple[System, Path], tmp_path: Path) -> None:
+def test_intruders_are_refused_and_the_run_goes_on(
+    here: tuple[System, Path], tmp_path: Path
+) -> None:
     attack(*here, free_endpoint().replace("tcp/", "tls/"), tmp_path, [()])
 
 

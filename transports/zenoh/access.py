@@ -1,9 +1,10 @@
 """Who may declare and send what: Zenoh's access control, from the channels that each process has.
 
 Each process has the same rules, and holds whoever it is linked to to them by the common name of its
-certificate; so peers enforce them without a router, and a router enforces them where one is. What no rule allows
-is refused when it comes (``ingress``). Messages and queries are refused when they leave, too (``egress``): Zenoh
-sends them to a new peer before it knows what that peer has declared. Zenoh's ``**`` does not match a part of a key that begins with ``@``: those are listed.
+certificate; so peers enforce them without a router, and a router enforces them where one is. What no rule
+allows is refused when it comes (``ingress``). Messages and queries are refused when they leave, too
+(``egress``): Zenoh sends them to a new peer before it knows what that peer has declared. Zenoh's ``**`` does
+not match a part of a key that begins with ``@``: those are listed.
 
 Zenoh's access control: https://zenoh.io/docs/manual/access-control/
 """

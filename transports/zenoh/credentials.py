@@ -37,6 +37,21 @@ def configuration_file(folder: Path, name: str) -> Path:
         name: of the process; what its certificate is for.
 
     Raises:
+        TransportError: as of :func:`check`.
+    """
+    certificate = check(folder, name)
+    if (certificate.not_valid_after_utc - datetime.now(UTC)).days < SOON_DAYS:
+        LOG.warning("the certificate of %s expires %s; %s", name, expiry(certificate), _RENEW)
+    key = folder / f"{name}{KEY}"
+    if key.stat().st_mode & _OTHERS:
+        LOG.warning("%s can be read by others: chmod 600", key)
+    return folder / f"{name}{CONFIGURATION}"
+
+
+def check(folder: Path, name: str) -> x509.Certificate:
+    """The certificate of the process ``name`` in ``folder``, which it can be run with now.
+
+    Raises:
         TransportError: there is no such folder or file, it cannot be read, or the certificate is not valid
             now, is for another name, is not the authority's or not of the key.
     """
@@ -59,14 +74,12 @@ def configuration_file(folder: Path, name: str) -> Path:
     configuration = folder / f"{name}{CONFIGURATION}"
     if not configuration.exists():
         raise TransportError(f"{configuration} does not exist; {_RENEW}")
-    return configuration
+    return certificate
 
 
 def names_in(folder: Path) -> list[str]:
     """Those for whom there is a certificate in ``folder``, sorted."""
-    return sorted(
-        file.stem for file in folder.glob(f"*{CERTIFICATE}") if file.name != AUTHORITY
-    )
+    return sorted(file.stem for file in folder.glob(f"*{CERTIFICATE}") if file.name != AUTHORITY)
 
 
 def expiry(certificate: x509.Certificate) -> str:
@@ -109,8 +122,6 @@ def _check(file: Path, certificate: x509.Certificate, name: str) -> None:
         raise TransportError(
             f"{file}: the certificate of {name} is valid from {on} on; is the clock right?"
         )
-    if (certificate.not_valid_after_utc - now).days < SOON_DAYS:
-        LOG.warning("the certificate of %s expires %s; %s", name, expiry(certificate), _RENEW)
 
 
 def _check_key(file: Path, certificate: x509.Certificate) -> None:
@@ -120,5 +131,3 @@ def _check_key(file: Path, certificate: x509.Certificate) -> None:
         raise TransportError(f"{file}: not a private key (PEM, not encrypted); {_RENEW}") from error
     if key.public_key() != certificate.public_key():
         raise TransportError(f"{file}: not the key of the certificate beside it; {_RENEW}")
-    if file.stat().st_mode & _OTHERS:
-        LOG.warning("%s can be read by others: chmod 600", file)

@@ -16,6 +16,9 @@ An option wins over the file; the file wins over the defaults: a peer without mu
 that finds the other peers by gossip from those it connects to, and stamps what it publishes.
 """
 
+# zenoh's stubs leave the results of some methods open
+# mypy: disable-error-code="no-untyped-call"
+
 from __future__ import annotations
 
 import errno
@@ -123,8 +126,6 @@ def _open_at(rendezvous: str, options: Mapping[str, str]) -> zenoh.Session:
     try:
         listening = configuration({**others, "listen": rendezvous})
         session = zenoh.open(listening)
-        _warn_if_open_to_all(listening)
-        return session
     except zenoh.ZError as error:
         plain = _plain(str(error))
         if "listener" not in plain:
@@ -135,6 +136,8 @@ def _open_at(rendezvous: str, options: Mapping[str, str]) -> zenoh.Session:
             raise TransportError(
                 f"{unreachable}; nor can this process listen there: {plain}"
             ) from None
+    _warn_if_open_to_all(listening)
+    return session
 
 
 def _open(options: Mapping[str, str]) -> zenoh.Session:
@@ -156,7 +159,11 @@ def _warn_if_open_to_all(config: zenoh.Config) -> None:
     is_client = json.loads(config.get_json("mode")) == "client"  # which listens nowhere
     asks = json.loads(config.get_json("transport/link/tls"))["enable_mtls"]
     asks = asks and all(e.startswith(_WITH_CERTIFICATE) for e in here)
-    if here and not is_client and not (asks and json.loads(config.get_json("access_control/enabled"))):
+    if (
+        here
+        and not is_client
+        and not (asks and json.loads(config.get_json("access_control/enabled")))
+    ):
         LOG.warning(
             "listening on %s without certificates and access control: whoever reaches this address can read "
             "everything, and publish, answer and call as any node; `moon keys` secures a system",
