@@ -16,6 +16,8 @@ _RULES = f"{_MESSAGES}::access_control"
 _OF_LAUNCHER = f"{_LINKS}=warn"
 _OF_NODES = f"{_LINKS}=warn,{_MESSAGES}=trace,{_RULES}=off"
 """Zenoh's log as ``RUST_LOG`` names it. The launcher's own goes to its standard output as it is."""
+_WHICH = f"RUST_LOG={_MESSAGES}=trace"
+"""What has Zenoh say whose message it was, and on which key."""
 _VARIABLE = "RUST_LOG"
 _PERIOD_S = 1.0
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
@@ -25,7 +27,11 @@ _HINT = re.compile(r"\. Hint: .*")
 
 
 def ask_for_refusals() -> bool:
-    """Have Zenoh say in this process which links it refuses, unless ``RUST_LOG`` says what it is to say."""
+    """Have Zenoh say in this process which links it refuses, unless ``RUST_LOG`` says what it is to say.
+
+    Returns:
+        Whether it will.
+    """
     if _VARIABLE in os.environ:
         return False
     os.environ[_VARIABLE] = _OF_LAUNCHER
@@ -33,14 +39,15 @@ def ask_for_refusals() -> bool:
 
 
 def ask_nodes_for_refusals() -> None:
-    """Have Zenoh say the same in the processes that are started from now on, and when it refuses a message."""
+    """Have Zenoh say the same, and when it refuses a message, in processes started from now on."""
     os.environ[_VARIABLE] = _OF_NODES
 
 
 class Refusals:
-    """Reads what one process says."""
+    """Reads what one process says. Where the user has asked Zenoh for something, that is shown as it is."""
 
     def __init__(self) -> None:
+        self._is_asked = os.environ.get(_VARIABLE) == _OF_NODES
         self._next_s = {_LINKS: 0.0, _MESSAGES: 0.0}
         self._unsaid = {_LINKS: 0, _MESSAGES: 0}
 
@@ -50,7 +57,8 @@ class Refusals:
         Args:
             line: of the process's output.
         """
-        said = _SAID.fullmatch(_COLOURS.sub("", line)) if "zenoh" in line else None
+        is_zenoh = self._is_asked and "zenoh" in line
+        said = _SAID.fullmatch(_COLOURS.sub("", line)) if is_zenoh else None
         if said is None or said[1] not in self._next_s:
             return line
         kind, now_s = said[1], time.monotonic()
@@ -63,7 +71,7 @@ class Refusals:
             return f"refused {_several(count, 'link')}: {_HINT.sub('', said[2])}"
         return (
             f"refused {_several(count, 'message')} that the sender's certificate does not allow; "
-            f"{_VARIABLE}={_RULES}=trace says which"
+            f"{_WHICH} says which"
         )
 
 

@@ -162,7 +162,7 @@ def test_a_folder_may_be_moved_and_is_for_one_namespace(tmp_path: Path) -> None:
     make(tmp_path / "made", "test", NODES, days=100, namespace="robot1")
     keys = (tmp_path / "made").rename(tmp_path / "keys")
     options = {"secure": str(keys), "rendezvous": free_endpoint().replace("tcp", "tls")}
-    with pytest.raises(TransportError, match="certificates in .* are for another one"):
+    with pytest.raises(TransportError, match=r"certificates in .* are for another one"):
         connect("Skill", {**options, "namespace": "robot2"})
     skill, sensor = (connect(name, options) for name in ("Skill", "Sensor"))
     threads = [threading.Thread(target=node.spin) for node in (skill, sensor)]
