@@ -45,7 +45,7 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(network):
         (
             {"endpont": "x"},
             "the zenoh transport has no option 'endpont'; "
-            "it has endpoint, rendezvous, listen, config, namespace",
+            "it has endpoint, rendezvous, listen, config, namespace, secure, identity",
         ),
         (
             {"endpoint": "localhost"},
