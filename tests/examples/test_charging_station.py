@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from m2c.check import check_system
-from m2c.launch.in_process import SimulatedRun
 from m2c.model import DiagnosticLog, load
+from tests.examples.virtual import of, received_of
 from tests.systems import CHARGING_STATION, EXAMPLES, compiled
 from transports.interface import Observation, ObservationKind
-from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
 EXAMPLE = EXAMPLES / CHARGING_STATION
 SECONDS = 40.0
 """Two lives of the supply: it is repaired after 15 s to 20 s."""
-SLOW = Conditions(delay_s=(100e-6, 8e-3), busy_s=(0.0, 2e-3))
 ACTION = "/ChargingStation/Charge/_action"
 
 
 def heard_in(seed: int) -> list[Observation]:
-    """What a tap hears, in order of its stamps."""
-    world = SimulatedWorld(seed, SLOW)
-    heard: list[Observation] = []
-    SimulatedTransport(world, "tap").tap([], heard.append)
-    SimulatedRun(compiled(CHARGING_STATION)[1], world).run(SECONDS)
-    return sorted(heard, key=lambda seen: seen.stamp_ns)
-
-
-def of(heard: list[Observation], channel: str, kind: ObservationKind) -> Iterator[Observation]:
-    """The observations of one kind on one channel."""
-    return (seen for seen in heard if seen.channel == channel and seen.kind is kind)
+    """What a tap receives of the example."""
+    return received_of(compiled(CHARGING_STATION)[1], seed, SECONDS)
 
 
 def test_the_example_has_no_findings() -> None:

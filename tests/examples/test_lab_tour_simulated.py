@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
+from m2c.launch.in_process import Program, compile_system
 from m2c.model import DiagnosticLog, load
+from tests.examples.virtual import of, received_of
 from transports.interface import Observation, ObservationKind
-from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
 SYSTEM = Path(__file__).parents[2] / "examples" / "lab_tour" / "system.xml"
 TOUR_S = 30.0
 """A tour takes 20 s to 25 s."""
-SLOW = Conditions(delay_s=(100e-6, 8e-3), busy_s=(0.0, 2e-3))
 GOAL = "/NavigationComponent/GoToPoi/_action/send_goal"
 CANCEL = "/NavigationComponent/GoToPoi/_action/cancel_goal"
 
@@ -29,16 +27,7 @@ def program() -> Program:
 
 def tour(program: Program, seed: int) -> list[Observation]:
     """What a tap hears of the first tour and the start of the next, in order of its stamps."""
-    world = SimulatedWorld(seed, SLOW)
-    heard: list[Observation] = []
-    SimulatedTransport(world, "tap").tap([], heard.append)
-    SimulatedRun(program, world).run(TOUR_S)
-    return sorted(heard, key=lambda seen: seen.stamp_ns)
-
-
-def of(heard: list[Observation], channel: str, kind: ObservationKind) -> Iterator[Observation]:
-    """The observations of one kind on one channel."""
-    return (seen for seen in heard if seen.channel == channel and seen.kind is kind)
+    return received_of(program, seed, TOUR_S)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -8,32 +8,25 @@ from typing import Any
 import pytest
 
 from m2c.check import check_system
-from m2c.launch.in_process import SimulatedRun
 from m2c.model import DiagnosticLog, load
+from tests.examples.virtual import of, received_of
 from tests.systems import EXAMPLES, SORTING_CELL, compiled
 from transports.interface import Observation, ObservationKind
-from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
 SECONDS = 120.0
-SLOW = Conditions(delay_s=(100e-6, 8e-3), busy_s=(0.0, 2e-3))
 KINDS = {"letter": (0, 0.5), "box": (1, 2.5)}
 """Bin and weight of each."""
 
 
 def heard_in(seed: int) -> list[Observation]:
-    """What a tap hears, in order of its stamps."""
-    world = SimulatedWorld(seed, SLOW)
-    heard: list[Observation] = []
-    SimulatedTransport(world, "tap").tap([], heard.append)
-    SimulatedRun(compiled(SORTING_CELL)[1], world).run(SECONDS)
-    return sorted(heard, key=lambda seen: seen.stamp_ns)
+    """What a tap receives of the example."""
+    return received_of(compiled(SORTING_CELL)[1], seed, SECONDS)
 
 
 def events(heard: list[Observation], name: str) -> Iterator[dict[str, Any]]:
     """The params of each event of this name."""
-    for seen in heard:
-        if seen.channel == f"/plain_events/{name}" and seen.kind is ObservationKind.MESSAGE:
-            yield seen.data
+    for seen in of(heard, f"/plain_events/{name}", ObservationKind.MESSAGE):
+        yield seen.data
 
 
 def test_the_example_has_no_findings() -> None:
