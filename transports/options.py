@@ -10,6 +10,8 @@ the system, whoever comes first listens there.
 """
 
 
+LAUNCHER = "m2c_run"
+"""What `m2c run`'s own connection is called, and its certificate is for."""
 SECURE_ENDPOINT = "tls/127.0.0.1:7447"
 """The same, with certificates."""
 

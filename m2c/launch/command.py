@@ -15,7 +15,7 @@ from m2c.launch.restarts import MOST_RESTARTS
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
 from m2c.launch.simulation_options import Simulation, simulation_options
 from m2c.terminal import fail, say
-from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at
+from transports.options import DEFAULT_ENDPOINT, LAUNCHER, SECURE_ENDPOINT, meeting_at
 
 if TYPE_CHECKING:
     from m2c.launch.description import LaunchDescription
@@ -26,8 +26,6 @@ FILES_OF_PROCESS = 4
 _MONITOR_OPTIONS = "--monitor-options"
 ON_FAILURE = "on-failure"
 """The value of ``--restart`` that starts again what dies, as Docker and systemd call it."""
-LAUNCHER = "m2c_run"
-"""What the launcher's own connection is called."""
 CLOSE_TIMEOUT_S = 10.0
 """How long the launcher's own connection may take to close, when all nodes have ended. Fast DDS waits for
 ever where a node that was killed has left a lock in shared memory."""

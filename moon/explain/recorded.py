@@ -11,6 +11,7 @@ from m2c.model.machine import Interface, InterfaceKind, Machine
 from moon.recording.contents import ChannelContents, Contents, is_made_up
 from moon.recording.reader import Recording
 from moon.recording.stored import plural
+from transports.actions.parts import SERVICES, TOPICS, channel_of_part
 from transports.interface import ObservationKind as Kind
 
 _OWN_END = {
@@ -24,8 +25,6 @@ _NAMELESS = (
     "who sent what was recorded is not known",
     "its callers were recorded without their names",
 )
-_ACTION_SERVICES = ("send_goal", "cancel_goal", "get_result")
-_ACTION_TOPICS = ("feedback", "status")
 
 
 class Gap(msgspec.Struct, frozen=True):
@@ -137,7 +136,7 @@ def _parts(interface: Interface) -> list[str]:
     """The channels of an interface: several for an action."""
     name = str(interface.channel)
     if interface.kind in (InterfaceKind.ACTION_SERVER, InterfaceKind.ACTION_CLIENT):
-        return [f"{name}/_action/{part}" for part in (*_ACTION_SERVICES, *_ACTION_TOPICS)]
+        return [channel_of_part(name, part) for part in (*SERVICES, *TOPICS)]
     return [name]
 
 
@@ -146,7 +145,7 @@ def _gaps(
 ) -> Iterator[Gap]:
     found = channels.get(channel)
     part = channel.rpartition("/_action/")[2]
-    is_topic = part in _ACTION_TOPICS or interface.kind in (
+    is_topic = part in TOPICS or interface.kind in (
         InterfaceKind.PUBLISHER,
         InterfaceKind.SUBSCRIBER,
     )

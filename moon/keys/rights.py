@@ -9,11 +9,12 @@ from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.policy.program import Policy, read_policy
 from moon.connection import MONITOR, OBSERVER
+from moon.monitor.status import POLICY
 from moon.sinks.topic import VERDICTS_CHANNEL
+from transports.actions.parts import SERVICES, TOPICS, channel_of_part
+from transports.options import LAUNCHER
 from transports.zenoh.access import Rights, Role
 
-POLICY = "policy"
-LAUNCHER = "m2c_run"
 ROUTER = "router"
 OTHERS = (POLICY, LAUNCHER, MONITOR, OBSERVER, ROUTER)
 """Processes that are no nodes of the system: the policy, ``m2c run`` itself, ``moon monitor``, the other
@@ -25,7 +26,6 @@ MOST_NAME = 64
 _SEPARATOR = "/"
 TICKS_CHANNEL = "/policy/ticks"
 """Where the policy publishes its ticks (``m2c.policy.runner``, which moon does not import)."""
-_ACTION_SERVICES = ("send_goal", "cancel_goal", "get_result")
 
 
 class RightsError(Exception):
@@ -43,7 +43,7 @@ class _Channels:
         self.keeps_last: set[str] = set()
 
     def add(self, interface: Interface, channel: str) -> None:
-        parts = [f"{channel}/_action/{part}" for part in _ACTION_SERVICES]
+        parts = [channel_of_part(channel, part) for part in SERVICES]
         match interface.kind:
             case InterfaceKind.PUBLISHER:
                 self.publishes.append(channel)
@@ -55,12 +55,11 @@ class _Channels:
                 self.calls.append(channel)
             case InterfaceKind.ACTION_SERVER:
                 self.serves += parts
-                status = f"{channel}/_action/status"
-                self.publishes += [f"{channel}/_action/feedback", status]
-                self.keeps_last.add(status)
+                self.publishes += [channel_of_part(channel, part) for part in TOPICS]
+                self.keeps_last.add(channel_of_part(channel, "status"))
             case InterfaceKind.ACTION_CLIENT:
                 self.calls += parts
-                self.subscribes.append(f"{channel}/_action/feedback")
+                self.subscribes.append(channel_of_part(channel, "feedback"))
         if interface.transient_local:
             self.keeps_last.add(channel)
 

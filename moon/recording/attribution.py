@@ -14,11 +14,10 @@ from msgspec.structs import replace
 
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from moon.recording.contents import Contents, is_made_up
+from transports.actions.parts import SERVICES, TOPICS, channel_of_part
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX
 
-_SERVICES = ("send_goal", "cancel_goal", "get_result")
-_TOPICS = ("feedback", "status")
 _CLIENT_END = frozenset({ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED})
 _SERVER_END = frozenset({ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT})
 _PUBLISHES, _RECEIVES, _SERVES, _CALLS = "publishes", "receives", "serves", "calls"
@@ -144,8 +143,8 @@ def _roles_of(interface: Interface, channel: str) -> list[_Role]:
             return [(_CALLS, channel)]
         case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
             serves = interface.kind is InterfaceKind.ACTION_SERVER
-            parts = [f"{channel}/_action/{part}" for part in _SERVICES]
-            topics = [f"{channel}/_action/{part}" for part in _TOPICS]
+            parts = [channel_of_part(channel, part) for part in SERVICES]
+            topics = [channel_of_part(channel, part) for part in TOPICS]
             return [(_SERVES if serves else _CALLS, part) for part in parts] + [
                 (_PUBLISHES if serves else _RECEIVES, topic) for topic in topics
             ]

@@ -29,6 +29,16 @@ CANCEL_ACCEPTED, CANCEL_REJECTED, CANCEL_UNKNOWN, CANCEL_TERMINATED = 0, 1, 2, 3
 """action_msgs/srv/CancelGoal return codes."""
 
 
+SERVICES = ("send_goal", "cancel_goal", "get_result")
+TOPICS = ("feedback", "status")
+"""The parts of an action, as they are called below it."""
+
+
+def channel_of_part(action: str, part: str) -> str:
+    """``/drive/_action/feedback`` of ``/drive`` and ``feedback``."""
+    return f"{action}/_action/{part}"
+
+
 class _Part(msgspec.Struct, forbid_unknown_fields=True):
     __type_name__: ClassVar[str] = ""
 
@@ -99,7 +109,7 @@ class ActionParts(msgspec.Struct, frozen=True):
 @functools.lru_cache(maxsize=256)
 def parts_of(action: Action) -> ActionParts:
     """The services and topics of ``action``, with ROS 2's names and types."""
-    prefix = f"{action.name}/_action"
+    name_of = functools.partial(channel_of_part, action.name)
     kind = action.type_name
 
     def message(suffix: str, *fields: Any) -> type[Message]:
@@ -113,27 +123,27 @@ def parts_of(action: Action) -> ActionParts:
 
     return ActionParts(
         Service(
-            f"{prefix}/send_goal",
+            name_of("send_goal"),
             f"{kind}_SendGoal",
             message("SendGoal_Request", ("goal_id", GoalId), ("goal", action.goal)),
             message("SendGoal_Response", ("accepted", bool), ("stamp", Time)),
         ),
         Service(
-            f"{prefix}/cancel_goal", "action_msgs/srv/CancelGoal", CancelRequest, CancelResponse
+            name_of("cancel_goal"), "action_msgs/srv/CancelGoal", CancelRequest, CancelResponse
         ),
         Service(
-            f"{prefix}/get_result",
+            name_of("get_result"),
             f"{kind}_GetResult",
             message("GetResult_Request", ("goal_id", GoalId)),
             message("GetResult_Response", ("status", int), ("result", action.result)),
         ),
         Topic(
-            f"{prefix}/feedback",
+            name_of("feedback"),
             f"{kind}_FeedbackMessage",
             message("FeedbackMessage", ("goal_id", GoalId), ("feedback", action.feedback)),
         ),
         Topic(
-            f"{prefix}/status",
+            name_of("status"),
             "action_msgs/msg/GoalStatusArray",
             GoalStatusArray,
             transient_local=True,
