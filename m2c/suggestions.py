@@ -1,9 +1,9 @@
-"""What a misspelt name may have meant: *did you mean*, and the names that there are."""
+"""Names in a sentence: what a misspelt one may have meant (*did you mean*), and the first of many."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 COMPARED = 100
@@ -30,8 +30,13 @@ def listed(name: str, known: Iterable[str]) -> str:
         alike.set_seq1(other[:COMPARED])
         likeness[other] = alike.quick_ratio()
     ordered = sorted(names, key=lambda other: -likeness.get(other, 0.0))  # stable: else by name
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return f"{', '.join(ordered[:LISTED])}{more}"
+    return first_of(ordered)
+
+
+def first_of(names: Sequence[str], most: int = LISTED) -> str:
+    """``a, b and 18 more``: the first ``most`` of ``names``, in their order."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"
 
 
 @lru_cache(maxsize=64)

@@ -11,14 +11,9 @@ WITHIN_S = 60.0
 
 
 class Restarts:
-    """How often each node was started again of late.
+    """How often each node was started again of late."""
 
-    Args:
-        on_failure: whether any is; one that ends with exit code 0 was told to, and is not.
-    """
-
-    def __init__(self, on_failure: bool) -> None:
-        self.on_failure = on_failure
+    def __init__(self) -> None:
         self._started_s: dict[str, collections.deque[float]] = {}
         """When each was started again last: the latest ``MOST_RESTARTS``, oldest first."""
 

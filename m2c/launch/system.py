@@ -6,6 +6,7 @@ import functools
 import os
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -42,7 +43,8 @@ class RunSettings(msgspec.Struct, frozen=True):
         rate_hz: ticks a second; by default the system's.
         ticks: after how many to stop; 0: never.
         watcher: the command line of ``moon`` that watches the run from its beginning to its end.
-        restart: whether a node that dies once all are up is started again.
+        restart: whether a node that dies once all are up is started again; one that ends with exit code 0 was
+            told to, and is not.
     """
 
     node_arguments: tuple[str, ...]
@@ -83,8 +85,8 @@ class RunningSystem:
         self._died: tuple[str, str] | None = None
         """Who died first and was not started again, and how."""
         self._nodes = {node.name: node for node in description.nodes}
-        self._restarts = Restarts(settings.restart)
-        self._refusals: dict[str, Refusals] = {}
+        self._restarts = Restarts()
+        self._refusals: defaultdict[str, Refusals] = defaultdict(Refusals)
         self._ended_badly: dict[str, str] = {}
         """Who was told to end and did not do so well, and what happened instead."""
         self._killed = False
@@ -302,7 +304,7 @@ class RunningSystem:
                 self._transport.post(functools.partial(self._show_tick, tick))
 
     def _line(self, name: str, text: str) -> None:
-        shown = self._refusals.setdefault(name, Refusals()).instead(text)
+        shown = self._refusals[name].instead(text)
         if shown is not None:
             self._screen.line(f"{name:>{self._width}} | {shown}")
 
@@ -310,7 +312,7 @@ class RunningSystem:
         """A process has ended: the policy after its last tick, or anybody by dying."""
         if self._stopping:
             return
-        if code and name in self._nodes and self._restarts.on_failure:
+        if code and name in self._nodes and self._settings.restart:
             self._transport.post(functools.partial(self._node_died, name, code))
             return
         policy = self._description.policy

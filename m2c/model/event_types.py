@@ -61,10 +61,10 @@ def type_names(
             base = "".join(word[0].upper() + word[1:] for word in words)
             base = base if base[:1].isalpha() else f"Event{base}"
             last, count = base, 1
-            while f"{PACKAGE}/msg/{last}" in {*found.values(), *declared}:
+            while (name := f"{PACKAGE}/msg/{last}") in declared or name in found.values():
                 count += 1
                 last = f"{base}{count}"
-            found[event] = f"{PACKAGE}/msg/{last}"
+            found[event] = name
     return found
 
 

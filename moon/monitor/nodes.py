@@ -84,9 +84,9 @@ class WatchedNode:
         return both != (Outcome.CONFORMING, Outcome.CONFORMING)
 
     def end(self, now_ns: int) -> bool:
-        """It went away; whether it conforms, which was in doubt.
+        """It went away; whether it conforms, which was inconclusive.
 
-        A machine that is resynchronised is found to conform whatever was missed of it. All that is in doubt
+        A machine that is resynchronised is found to conform whatever was missed of it. All that is unknown
         until then is its present state, and who has ended has none: the verdict of before stands.
         """
         self.up, self.received_ns, self.gone_ns = False, 0, now_ns

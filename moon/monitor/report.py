@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 
 from m2c.printable import printable
+from m2c.suggestions import first_of
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus, Summary
 from moon.monitor.watch import UNRESPONSIVE
 from moon.verdict import Explanation, Outcome, Verdict
@@ -20,7 +21,7 @@ _SHOWN_TOGETHER = 5
 """So many channels that no model names, and machines with the same reason, are named."""
 _UNTIL_IT_ENDED = "conforming until it ended"
 _UNTIL_THEY_ENDED = "conforming until they ended"
-"""Of machines whose nodes went away: an end is no fault, and no doubt."""
+"""Of machines whose nodes went away: an end is no fault, and makes nothing inconclusive."""
 _NOT_CONFORMING = (str(Outcome.VIOLATED), str(Outcome.INCONCLUSIVE))
 _COLOURS = {
     str(Outcome.VIOLATED): "31",
@@ -105,14 +106,10 @@ def last_explanations(statuses: Sequence[MachineStatus]) -> list[str]:
     for status in statuses:
         if status.last and status.verdict != str(Outcome.CONFORMING):
             of.setdefault(status.last, []).append(status.machine)
-    return [f"{_some(machines)}: {printable(why)}" for why, machines in of.items()]
-
-
-def _some(names: Sequence[str]) -> str:
-    """``a, b and 40 more``."""
-    shown = ", ".join(map(printable, names[:_SHOWN_TOGETHER]))
-    more = len(names) - _SHOWN_TOGETHER
-    return f"{shown} and {more} more" if more > 0 else shown
+    return [
+        f"{printable(first_of(machines, _SHOWN_TOGETHER))}: {printable(why)}"
+        for why, machines in of.items()
+    ]
 
 
 def table(statuses: Sequence[MachineStatus]) -> list[str]:
@@ -148,7 +145,7 @@ def closing(summary: Summary) -> list[str]:
     ]
     if counts.unknown and has_models:
         named = [name for name, _ in counts.unknown.most_common()]
-        lines.append(f"channels that no model names: {_some(named)}")
+        lines.append(f"channels that no model names: {printable(first_of(named, _SHOWN_TOGETHER))}")
     lines += map(printable, summary.unmonitored)
     if counts.stalls:
         lines.append(f"resynchronised all machines {_many(counts.stalls, 'time')}")

@@ -263,8 +263,8 @@ class SystemWatch:
             self._node_up(name, node)
             return
         if node.end(now_ns):
-            doubt = self._models.watched[name].verdict(now_ns)
-            self._publish(msgspec.structs.replace(doubt, outcome=Outcome.CONFORMING, reason=""))
+            verdict = self._models.watched[name].verdict(now_ns)
+            self._publish(msgspec.structs.replace(verdict, outcome=Outcome.CONFORMING, reason=""))
         self._sort_nodes()
 
     def _sort_nodes(self) -> None:

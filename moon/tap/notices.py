@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
+from m2c.suggestions import first_of
+
 _COUNT = re.compile(r"\b(\d+) (?:message|call)s?\b")
 """What grows in a sentence about messages that were missed."""
 _MOST_NAMED = 8
@@ -58,7 +60,7 @@ class Notices:
         else:
             signs = ("+ ", "- ") if self._peers else ("", "")
             changes = [
-                f"{sign}{_some(names)}"
+                f"{sign}{first_of(names, _MOST_NAMED)}"
                 for sign, names in zip(signs, (new, gone), strict=True)
                 if names
             ]
@@ -84,13 +86,6 @@ class Notices:
     def _warn(self, sentence: str, problem: str, count: int) -> None:
         self._warned[problem] = count
         self._say(f"warning: {sentence}")
-
-
-def _some(names: Sequence[str]) -> str:
-    """``a, b and 40 more``."""
-    if len(names) <= _MOST_NAMED:
-        return ", ".join(names)
-    return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
 
 
 def _parts(sentence: str) -> tuple[str, int]:

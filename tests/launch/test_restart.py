@@ -136,7 +136,7 @@ def test_in_virtual_time_nothing_dies(system: System) -> None:
 
 
 def test_only_restarts_of_the_last_minute_count_and_each_node_has_its_own() -> None:
-    restarts = Restarts(on_failure=True)
+    restarts = Restarts()
     for second in range(MOST_RESTARTS):
         assert restarts.start("A", second)
     assert not restarts.start("A", MOST_RESTARTS)

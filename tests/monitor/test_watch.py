@@ -312,7 +312,9 @@ def test_people_are_told_once_that_all_machines_are_resynchronised_not_of_each(s
     assert started.outcomes == ["conforming", "inconclusive", "conforming"]
     assert outcomes_shown(started) == ["conforming"]
     assert len([text for text in started.said if "all machines are resynchronised" in text]) == 1
-    started.message(20, sequence=17)  # some were lost: a doubt of this machine's own
+    started.message(
+        20, sequence=17
+    )  # some were lost: inconclusive for a reason of this machine's own
     started.pass_time(50)
     assert outcomes_shown(started) == ["conforming", "inconclusive"]
 

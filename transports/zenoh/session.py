@@ -263,20 +263,25 @@ def _read(path: Path, folder: Path | None = None) -> zenoh.Config:
         raise TransportError(f"there is no Zenoh configuration file {path}")
     try:
         config = zenoh.Config.from_file(path)
-        for place in _FILES if folder is not None else ():
-            section, _, key = place.rpartition("/")
-            if (named := json.loads(config.get_json(section))[key]) is not None:
-                moved = str(folder / Path(named).name)  # type: ignore[operator]
-                config.insert_json5(place, json.dumps(moved))
+        if folder is not None:
+            for place in _FILES:
+                if (named := _named(config, place)) is not None:
+                    config.insert_json5(place, json.dumps(str(folder / Path(named).name)))
     except zenoh.ZError as error:
         raise TransportError(f"{path}: {_plain(str(error))}") from error
     for place in _FILES:
-        section, _, key = place.rpartition("/")
-        named = json.loads(config.get_json(section))[key]
+        named = _named(config, place)
         if named is not None and not os.access(named, os.R_OK):
             why = "cannot be read" if os.path.exists(named) else "does not exist"
             raise TransportError(f"{path}: {place}: the file {named} {why}")
     return config
+
+
+def _named(config: zenoh.Config, place: str) -> str | None:
+    """The file that a setting names."""
+    section, _, key = place.rpartition("/")
+    found: str | None = json.loads(config.get_json(section))[key]
+    return found
 
 
 def _set_endpoints(config: zenoh.Config, option: str, key: str, endpoints: list[str]) -> None:
