@@ -357,6 +357,19 @@ class Transport(Protocol):
         """The transport's clock, ns since the epoch (virtual under ``simulated``)."""
         ...
 
+    def beside(self, node: str) -> Transport:
+        """Connect another node of this process, which shares with this one what a connection costs.
+
+        It has a name, an executor and liveliness of its own, and ends with this node at the latest.
+
+        Args:
+            node: its name, unique in the system.
+
+        Raises:
+            TransportError: there can be no node of that name.
+        """
+        ...
+
     def publisher(self, topic: Topic) -> Publisher:
         """Declare a publisher."""
         ...

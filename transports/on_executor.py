@@ -55,11 +55,21 @@ class OnExecutor(Transport):
         self._closing = threading.Lock()
         self._closer = 0
         self._closed = threading.Event()
+        self._others: list[OnExecutor] = []
+        """Connected beside this one."""
 
     @property
     def node(self) -> str:
         """The name of this node."""
         return self._node
+
+    def beside(self, node: str) -> OnExecutor:
+        """Connect another node of this process; see ``transports.interface.Transport``."""
+        if self._is_closing():
+            raise TransportError(f"{self._node} is closed")
+        other = self._beside(node)
+        self._others.append(other)
+        return other
 
     def serve_action(
         self,
@@ -108,6 +118,8 @@ class OnExecutor(Transport):
                 self._closed.wait()
             return
         self._closer = threading.get_ident()
+        for other in self._others:
+            other.close()
         self._executor.close()
         self._release()
         self._closed.set()
@@ -122,6 +134,10 @@ class OnExecutor(Transport):
 
     def _is_closing(self) -> bool:
         return self._closer != 0
+
+    @abstractmethod
+    def _beside(self, node: str) -> OnExecutor:
+        """Connect ``node`` on what this one has opened."""
 
     @abstractmethod
     def _release(self) -> None:

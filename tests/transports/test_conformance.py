@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Sequence
 
 import pytest
@@ -36,6 +37,21 @@ def test_zenoh(check: Check) -> None:
         check(network)
     finally:
         network.close()
+
+
+@pytest.mark.zenoh
+@every_check
+def test_zenoh_on_one_session(check: Check) -> None:
+    owner = connect("owner", {})
+    network = ThreadedNetwork(lambda name, _: owner.beside(name))
+    spinning = threading.Thread(target=owner.spin)
+    spinning.start()
+    try:
+        check(network)
+    finally:
+        network.close()
+        owner.close()
+        spinning.join()
 
 
 @every_check

@@ -14,7 +14,7 @@ from transports.refusals import Refusals
 from transports.zenoh import presence
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import LINK_KEYS, NODE_KEYS
-from transports.zenoh.presence import Announcement
+from transports.zenoh.presence import Announcements
 from transports.zenoh.wire import LOG
 
 pytestmark = pytest.mark.zenoh
@@ -64,9 +64,10 @@ def up(node: str) -> Any:
     return SimpleNamespace(key_expr=f"{NODE_KEYS}/{node}/{node}/1", kind=zenoh.SampleKind.PUT)
 
 
-def announced() -> tuple[Session, Announcement]:
+def announced() -> tuple[Session, Announcements]:
     session: Any = Session()
-    announcement = Announcement(session, Executor(), "own", 1, Refusals(LOG))
+    announcement = Announcements(session, Executor(), Refusals(LOG))
+    announcement.add("own", 1)
     announcement._receive(up("first"))
     return session, announcement
 

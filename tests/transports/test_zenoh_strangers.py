@@ -78,7 +78,7 @@ def test_more_names_than_fit_in_a_token_of_zenohs_end_no_session(network: Networ
         stranger.liveliness().declare_token(f"@m2c/node/{stranger.info.zid()}/{name}/1")
         for name in names
     ]
-    eventually(lambda: len(node._announcement._nodes.announced) == 401)
+    eventually(lambda: len(node._shared.announcements._nodes.announced) == 401)
     lives(node)
     late = network.node("late")
     late.announce()

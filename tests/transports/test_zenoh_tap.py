@@ -80,12 +80,12 @@ def test_all_nodes_tell_what_they_keep_when_a_round_is_over(network, monkeypatch
     caller.wait_for_nodes(["adder"], WAIT_S)
     client = caller.client(peer.ADD)
     for node in (adder, caller):
-        node._outbox._delay_s = 10 * WAIT_S
+        node._shared.outbox._delay_s = 10 * WAIT_S
     heard = Inbox()
     tapper.tap([], heard)
     eventually(lambda: client.events.is_tapped and adder._events[peer.ADD.name].is_tapped)
     client.call_and_wait(peer.AddRequest(1, 2))
-    eventually(lambda: adder._outbox._scheduled)
+    eventually(lambda: adder._shared.outbox._scheduled)
     caller.tick_complete()
     assert {event.source for event in heard.wait(4)} == {"adder", "caller"}
 

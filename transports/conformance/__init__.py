@@ -24,6 +24,7 @@ from transports.conformance.actions import (
     a_goal_runs_from_acceptance_by_feedback_to_its_result,
 )
 from transports.conformance.life import (
+    a_node_beside_another_has_a_life_of_its_own,
     a_node_is_up_once_it_is_announced_and_down_once_it_is_closed,
     callbacks_run_one_at_a_time,
     closing_while_busy_ends_everything,
@@ -115,6 +116,7 @@ __all__ = [
     "a_goal_runs_from_acceptance_by_feedback_to_its_result",
     "a_message_of_another_type_is_refused_by_its_publisher",
     "a_message_that_is_not_of_the_topics_type_is_dropped_and_the_node_lives",
+    "a_node_beside_another_has_a_life_of_its_own",
     "a_node_is_up_once_it_is_announced_and_down_once_it_is_closed",
     "a_remote_error_carries_its_text",
     "a_request_is_answered_once",

@@ -18,6 +18,7 @@ from transports.conformance.stage import (
     calls,
     on,
     ready,
+    refused,
 )
 from transports.interface import (
     CallOutcome,
@@ -116,3 +117,26 @@ def closing_while_busy_ends_everything(network: Network) -> None:
     result = value()
     assert result.outcome is not CallOutcome.RESPONSE, f"the call ended: {result}"
     client.close()
+
+
+def a_node_beside_another_has_a_life_of_its_own(network: Network) -> None:
+    """It has its name and its liveliness for itself, and ends with the other at the latest."""
+    watcher, node = network.node("watcher"), network.node("node")
+    changes: list[tuple[str, bool]] = []
+    on(network, watcher, lambda: watcher.watch_nodes(lambda *change: changes.append(change)))
+    first, second = node.beside("first"), node.beside("second")
+    for other in (first, second):
+        other.announce()
+    ready(network, watcher, node)
+    assert network.until(lambda: {("first", True), ("second", True)} <= set(changes)), (
+        f"nobody is notified that they are up: {changes}"
+    )
+    refused(network, node, lambda: node.beside("first"), "a second node of one name beside another")
+    first.close()
+    assert network.until(lambda: ("first", False) in changes), "nobody is notified that it is gone"
+    assert not {("node", False), ("second", False)} & set(changes), "others went away with it"
+    node.close()
+    assert network.until(lambda: {("node", False), ("second", False)} <= set(changes)), (
+        f"who ends has left somebody beside it: {changes}"
+    )
+    second.close()

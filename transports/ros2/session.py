@@ -1,4 +1,4 @@
-"""From options to a node of ROS 2: a context of its own, and so a DDS participant of its own.
+"""From options to a node of ROS 2. The nodes of one process may share a context, and so a DDS participant.
 
 Options (all strings, all optional):
     domain: the ROS domain, 0 to 232; the environment's ROS_DOMAIN_ID by default.
@@ -40,8 +40,13 @@ def prefix_of(options: Mapping[str, str]) -> str:
     return f"/{namespace}" if namespace else ""
 
 
-def open_node(name: str, options: Mapping[str, str]) -> Any:
-    """An ``rclpy.node.Node`` in a context of its own.
+def open_node(name: str, options: Mapping[str, str], context: Context | None = None) -> Any:
+    """An ``rclpy.node.Node``.
+
+    Args:
+        name: the node's.
+        options: see above.
+        context: where there are nodes already; a new one by default.
 
     Raises:
         TransportError: an option is unknown or wrong, or ROS 2 refuses the name or cannot start.
@@ -62,9 +67,10 @@ def open_node(name: str, options: Mapping[str, str]) -> Any:
         raise TransportError(
             f"ROS 2 does not take the name {prefix}/{name}: {_one_line(error)}"
         ) from error
-    context = Context()
+    owned, context = context is None, context or Context()
     try:
-        context.init(args=_arguments(options), domain_id=_domain(options))
+        if owned:
+            context.init(args=_arguments(options), domain_id=_domain(options))
         parameters = [Parameter("use_sim_time", value=True)] if simulated == "true" else []
         return rclpy.create_node(
             name,
@@ -73,7 +79,8 @@ def open_node(name: str, options: Mapping[str, str]) -> Any:
             parameter_overrides=parameters,
         )
     except (_rclpy.RCLError, _rclpy.UnknownROSArgsError, RuntimeError, ValueError) as error:
-        _shut_down(context)
+        if owned:
+            _shut_down(context)
         raise TransportError(f"cannot start a ROS 2 node: {_one_line(error)}") from error
 
 

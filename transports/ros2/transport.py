@@ -52,15 +52,16 @@ def connect(node: str, options: Mapping[str, str]) -> Ros2Transport:
     """
     if not node:
         raise TransportError("a node needs a name")
-    return Ros2Transport(open_node(node, options), prefix_of(options))
+    return Ros2Transport(open_node(node, options), options)
 
 
 class Ros2Transport(OnExecutor):
     """A node on ROS 2; see ``transports.interface.Transport`` for every method.
 
     Args:
-        ros_node: an ``rclpy.node.Node`` in a context of its own; both are destroyed by ``close``.
-        prefix: put before every channel.
+        ros_node: an ``rclpy.node.Node``; ``close`` destroys it.
+        options: see ``transports.ros2.session``.
+        owns_context: whether its context ends with it.
     """
 
     _executor: Executor
@@ -69,12 +70,16 @@ class Ros2Transport(OnExecutor):
     """Fast DDS keeps 512 datagrams for a process that stands still, and a writer sends the others again when
     its next heartbeat (each 3 s) is answered."""
 
-    def __init__(self, ros_node: Any, prefix: str = "") -> None:
+    def __init__(
+        self, ros_node: Any, options: Mapping[str, str], owns_context: bool = True
+    ) -> None:
         self._refusals = Refusals(LOG)
         super().__init__(ros_node.get_name(), Executor(ros_node, self._refusals))
         self._ros = ros_node
         self._clock = ros_node.get_clock()
-        self._prefix = prefix
+        self._options = options
+        self._owns_context = owns_context
+        self._prefix = prefix = prefix_of(options)
         self._graph = Graph(ros_node)
         self._graph.listen(self._graph_changed)
         self._change_posted = threading.Event()
@@ -205,6 +210,12 @@ class Ros2Transport(OnExecutor):
         self._taps.append(tap)
         return tap
 
+    def _beside(self, node: str) -> Ros2Transport:
+        if node in {self._node, *(other.node for other in self._others)}:
+            raise TransportError(f"two nodes of this process are named {node}")
+        ros_node = open_node(node, self._options, self._ros.context)
+        return Ros2Transport(ros_node, self._options, owns_context=False)
+
     def _release(self) -> None:
         for client in self._clients.values():
             client.close()
@@ -221,7 +232,8 @@ class Ros2Transport(OnExecutor):
             self._executor.destroy()
             self._subscriber.close()
             self._ros.destroy_node()
-            context.try_shutdown()
+            if self._owns_context:
+                context.try_shutdown()
 
     def _wait_for_last_words(self) -> None:
         """A message is dropped where its publisher is known to be gone before it arrives."""

@@ -149,6 +149,7 @@ class SimulatedTransport:
         self._servers: dict[str, Server] = {}
         self._clients: list[Client] = []
         self._own_taps: list[Tap] = []
+        self._beside: list[SimulatedTransport] = []
         self._announced = False
         self._watching: list[Callable[[str, bool], None]] = []
         self._free_ns = 0
@@ -159,6 +160,12 @@ class SimulatedTransport:
     def node(self) -> str:
         """The name of this node."""
         return self._node
+
+    def beside(self, node: str) -> SimulatedTransport:
+        """Another node in the same world."""
+        other = SimulatedTransport(self.world, node)
+        self._beside.append(other)
+        return other
 
     def now_ns(self) -> int:
         """The virtual clock, ns since the epoch."""
@@ -337,6 +344,8 @@ class SimulatedTransport:
         """Be gone: nothing arrives here any more, and who called this node gets an error."""
         if not self.alive:
             return
+        for other in self._beside:
+            other.vanish()
         self.alive = False
         del self.world.nodes[self._node]
         for tap in self._own_taps:

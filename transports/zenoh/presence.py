@@ -1,7 +1,7 @@
 """Who is there: liveliness tokens of nodes, of servers, and of the nodes that each node is linked to.
 
 Zenoh withdraws a token when its session closes or its link breaks, so a killed node disappears
-by itself. Peers do not relay tokens for one another; therefore each node also declares which
+by itself. Peers do not relay tokens for one another; therefore each session also declares which
 nodes it is linked to (``LINK_KEYS``), from which a tap learns of nodes that it is not linked to itself.
 """
 
@@ -158,40 +158,35 @@ def watch_nodes(
 
 
 class _Twins:
-    """Says who else there is that should not be, each session once."""
+    """Says who else there is that should not be, each once."""
 
     def __init__(self) -> None:
         self._known: set[str] = set()
 
-    def are_new(self, zid: str) -> bool:
-        if zid in self._known or len(self._known) >= _MOST_TWINS:
+    def are_new(self, who: str) -> bool:
+        if who in self._known or len(self._known) >= _MOST_TWINS:
             return False
-        self._known.add(zid)
+        self._known.add(who)
         return True
 
 
-class Announcement:
-    """A node's own token, the list of nodes it is linked to, and a watch for its name taken twice.
+class Announcements:
+    """What a session announces: its nodes, and which others it is linked to. It hears of names taken twice.
 
-    The token says when the node began to connect (``since_ns``), so that who learns of it late, over
+    A node's token says when the node began to connect (``since_ns``), so that who learns of it late, over
     a link that came up late or again, does not take it for one that has just started.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        executor: Executor,
-        node: str,
-        since_ns: int,
-        refusals: Refusals,
-    ) -> None:
+    def __init__(self, session: zenoh.Session, executor: Executor, refusals: Refusals) -> None:
         self._session = session
         self._executor = executor
-        self._node = node
         self._zid = str(session.info.zid())
         self._refusals = refusals
         self._nodes = Nodes()
         self._twins = _Twins()
+        self._own: dict[str, Any] = {}
+        """The token of each node of this session."""
+        self._watch: Any = None
         self._links: Any = None
         self._links_key = ""
         self._links_due_s = 0.0
@@ -199,9 +194,25 @@ class Announcement:
         self._withdrawn = False
         self._lock = threading.RLock()
         """Held while tokens come and go: each is withdrawn once."""
-        put, receive = executor.put, self._receive
-        self._watch = watch(session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample)))
-        self._token = session.liveliness().declare_token(tokens.node_key(self._zid, node, since_ns))
+
+    def add(self, node: str, since_ns: int) -> None:
+        """``node``, of this session, is ready."""
+        with self._lock:
+            self._own[node] = None  # before anybody is heard
+            if self._watch is None:
+                put, receive = self._executor.put, self._receive
+                self._watch = watch(
+                    self._session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample))
+                )
+            key = tokens.node_key(self._zid, node, since_ns)
+            self._own[node] = self._session.liveliness().declare_token(key)
+
+    def remove(self, node: str) -> None:
+        """``node`` ends, if it was ready; from any thread."""
+        with self._lock:
+            token = self._own.pop(node, None)
+            if token is not None:
+                token.undeclare()
 
     def _receive(self, sample: zenoh.Sample) -> None:
         try:
@@ -210,9 +221,9 @@ class Announcement:
         except TokenError as error:
             self._refusals.refuse(NODE_KEYS, "", error)
             return
-        is_twin = token.name == self._node and token.zid != self._zid and is_up(sample)
+        is_twin = token.name in self._own and token.zid != self._zid and is_up(sample)
         if is_twin and self._twins.are_new(token.zid):
-            LOG.error("two nodes are named %s: this one and session %s", self._node, token.zid)
+            LOG.error("two nodes are named %s: this one and session %s", token.name, token.zid)
         if change is None or self._is_linking:
             return
         wait_s = self._links_due_s - time.monotonic()
@@ -223,10 +234,10 @@ class Announcement:
             self._executor.after(wait_s, self._report_links)
 
     def _report_links(self) -> None:
-        """Publish which nodes this one is linked to, if that has changed."""
+        """Publish which nodes this session is linked to, if that has changed."""
         self._is_linking = False
         self._links_due_s = time.monotonic() + LINKS_PERIOD_S
-        key = tokens.links_key(self._zid, sorted(self._nodes.announced.keys() - {self._node}))
+        key = tokens.links_key(self._zid, sorted(self._nodes.announced.keys() - self._own.keys()))
         if key == self._links_key:
             return
         self._links_key = key
@@ -243,10 +254,10 @@ class Announcement:
                     raise
 
     def undeclare(self) -> None:
-        """Withdraw; from any thread."""
+        """Withdraw all; from any thread."""
         with self._lock:
             self._withdrawn = True
-            for declared in (self._watch, self._token, self._links):
+            for declared in (self._watch, *self._own.values(), self._links):
                 if declared is not None:
                     declared.undeclare()
 
@@ -279,7 +290,8 @@ class ServerToken:
         except TokenError as error:
             self._refusals.refuse(SERVER_KEYS, "", error)
             return
-        if is_up(sample) and token.zid != self._zid and self._twins.are_new(token.zid):
+        is_twin = (token.zid, token.name) != (self._zid, self._node) and is_up(sample)
+        if is_twin and self._twins.are_new(f"{token.zid}/{token.name}"):
             LOG.error(
                 "two nodes serve %s: %s and %s; a call reaches only one of them",
                 shown(token.service),

@@ -63,12 +63,14 @@ class Tap:
         self,
         session: zenoh.Session,
         executor: Executor,
+        node: str,
         globs: Sequence[str],
         handler: Callable[[Observation], None],
         refusals: Refusals,
     ) -> None:
         self._session = session
         self._executor = executor
+        self._node = node
         self._wants = channel_filter(globs)
         self._handler = handler
         self._refusals = refusals
@@ -160,23 +162,22 @@ class Tap:
     def _links(self) -> tuple[list[str], list[str]]:
         """``(linked, up but not linked)`` names of nodes."""
         info = self._session.info
-        here = {str(info.zid())}
-        linked_ids = self._linked_ids()
+        here = str(info.zid())
+        linked_ids = {here, *self._linked_ids()}
         routed = bool(info.routers_zid())
         with self._tokens_lock:
-            linked, unlinked, own = set(), set(), set()
+            linked, unlinked = set(), set()
             for name, announced in self._nodes.announced.items():
-                ids = {token.zid for token in announced}
-                others = ids - here
+                others = {token.zid for token in announced}
+                if name == self._node:
+                    others.discard(here)
                 if others & linked_ids or (others and routed):
                     linked.add(name)
                 elif others:
                     unlinked.add(name)
-                if ids & here:
-                    own.add(name)
             for names in self._linked_to.values():
                 unlinked.update(names)
-            return sorted(linked), sorted(unlinked - linked - own)
+            return sorted(linked), sorted(unlinked - linked - {self._node})
 
     def _linked_ids(self) -> set[str]:
         return {str(zid) for zid in self._session.info.peers_zid()}

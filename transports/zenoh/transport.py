@@ -1,4 +1,7 @@
-"""One node's connection to Zenoh: the transport interface, made of the parts beside this file."""
+"""One node's connection to Zenoh: the transport interface, made of the parts beside this file.
+
+The nodes of one process may share what costs: the session, and what leaves it together (``Shared``).
+"""
 
 # zenoh's stubs leave the results of some methods open
 # mypy: disable-error-code="no-untyped-call"
@@ -20,16 +23,15 @@ from transports.interface import (
     TransportError,
 )
 from transports.on_executor import OnExecutor
-from transports.outbox import Outbox
 from transports.refusals import Refusals
 from transports.service_events import TAKEN_SUFFIX
 from transports.zenoh import answers, presence, topics
 from transports.zenoh.executor import Executor
-from transports.zenoh.introspection import Events, Recorded, publish
+from transports.zenoh.introspection import Events
 from transports.zenoh.orders import Orders
-from transports.zenoh.rounds import Rounds
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.session import open_session
+from transports.zenoh.shared import Shared
 from transports.zenoh.tap import Tap
 from transports.zenoh.wire import LOG
 
@@ -52,25 +54,27 @@ class ZenohTransport(OnExecutor):
     _executor: Executor
     reports_takes: bool = True
 
-    def __init__(self, node: str, session: zenoh.Session, since_ns: int = 0) -> None:
+    def __init__(
+        self, node: str, session: zenoh.Session, since_ns: int = 0, shared: Shared | None = None
+    ) -> None:
         super().__init__(node, Executor())
         self._since_ns = since_ns
         self._up_since: dict[str, int] = {}
         self._node_bytes = node.encode()
         self._session = session
         self._refusals = Refusals(LOG)
+        self._owns_session = shared is None
+        self._shared = shared or Shared(session, self._executor, self._refusals)
         self._calls = itertools.count(1)
         self._orders = Orders(session.new_timestamp)
         self._sequences: dict[str, topics.Sequence] = {}
-        self._outbox: Outbox[Recorded] = Outbox(self._executor, publish)
         self._events: dict[str, Events] = {}
-        self._rounds: Rounds | None = None
         self._servers: set[str] = set()
         self._clients: list[Client] = []
         self._taps: list[Tap] = []
         self._declared: list[Any] = []
-        self._announcement: presence.Announcement | None = None
         self._answering: Any = None
+        self._shared.enter(node)
         self._close_at_exit()
 
     def now_ns(self) -> int:
@@ -142,47 +146,51 @@ class ZenohTransport(OnExecutor):
 
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
-        if self._announcement is None:
+        if self._answering is None:
             self._answering = answers.answer(
-                self._session, self._node, self._orders, self._outbox.flush
+                self._session, self._node, self._orders, self._shared.outbox.flush
             )
-            self._announcement = presence.Announcement(
-                self._session, self._executor, self._node, self._since_ns, self._refusals
-            )
+            self._shared.announcements.add(self._node, self._since_ns)
 
     def tick_complete(self) -> None:
-        """Have all nodes report to their taps what they keep for them, this one last."""
-        if self._rounds is not None:
-            self._rounds.say()
+        """Have all nodes report to their taps what they keep for them, those of this process last."""
+        self._shared.tick_complete()
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Receive everything on channels that match one of the globs (empty: all), passively."""
-        tap = Tap(self._session, self._executor, channels, handler, self._refusals)
+        tap = Tap(self._session, self._executor, self._node, channels, handler, self._refusals)
         self._taps.append(tap)
         return tap
+
+    def _beside(self, node: str) -> ZenohTransport:
+        return ZenohTransport(node, self._session, time.time_ns(), self._shared)
 
     def _release(self) -> None:
         for client in self._clients:
             client.close()
         for tap in self._taps:
             tap.close()
-        if self._announcement is not None:
-            self._announcement.undeclare()
+        if self._answering is not None:
+            self._shared.announcements.remove(self._node)
             self._answering.undeclare()  # what is done from now on is not reported
-        self._outbox.close()
+        self._shared.outbox.flush()
+        if self._owns_session:
+            self._shared.close()
         for declared in (*self._declared, *self._events.values()):
             # "Already borrowed": another thread publishes with it just now; it goes with the session
             with contextlib.suppress(RuntimeError):
                 declared.undeclare()
-        self._session.close()
+        self._shared.leave(self._node)
+        if self._owns_session:
+            self._session.close()
 
     def _events_of(self, channel: Service | Topic) -> Events:
         place = channel.name + ("" if isinstance(channel, Service) else TAKEN_SUFFIX)
         events = self._events.get(place)
         if events is None:
-            if self._rounds is None:
-                self._rounds = Rounds(self._session, self._executor, self._outbox)
-                self._declared.append(self._rounds)
-            events = Events(self._session, self._outbox, channel, self._node_bytes, self._orders)
+            self._shared.listen_for_rounds()
+            events = Events(
+                self._session, self._shared.outbox, channel, self._node_bytes, self._orders
+            )
             self._events[place] = events
         return events

@@ -180,7 +180,14 @@ class Tiny:
         self._queue, self._timers, self._order = queue.SimpleQueue(), [], itertools.count()
         self._taps, self._watching, self._numbers = [], [], {}
         self._announced, self._closed = threading.Event(), False
+        self._beside = []
         _NODES[node] = self
+
+    def beside(self, node):
+        if node in _NODES:
+            raise TransportError(f"there is a node {node}")
+        self._beside.append(Tiny(node))
+        return self._beside[-1]
 
     def now_ns(self):
         return time.time_ns()
@@ -304,6 +311,8 @@ class Tiny:
     def close(self):
         if not self._closed:
             self._closed = True
+            for other in self._beside:
+                other.close()
             del _NODES[self.node]
             for waiting in self.waiting:
                 waiting.set(None)
