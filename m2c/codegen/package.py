@@ -15,7 +15,7 @@ from m2c.codegen.rendering import Templates, our_templates
 from m2c.codegen.source import Source, name
 from m2c.codegen.writer import SEALED, sealed
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Machine
+from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
 
@@ -119,12 +119,12 @@ def system_files(
         package = package_name(machine.name, {*used, *nodes})
         nodes[package] = machine.name
         _add_node_package(draft, machine, system.library, package, f"{package}/")
-    policy = None
+    policy, called = None, frozenset[str]()
     if system.policy is not None:
         from m2c.policy.generate import add_policy_package
 
         policy = distinct(f"{snake(system.name)}_policy", {*used, *nodes})
-        add_policy_package(draft, system, policy, naming)
+        called = add_policy_package(draft, system, policy, naming)
     machines = (*system.nodes, *system.plugins)
     for path, text in event_package(machines, system.library, packaging).items():
         draft.put(path, text)
@@ -136,6 +136,14 @@ def system_files(
             {"name": node, "package": package, "path": package} for package, node in nodes.items()
         ],
         "policy": {"name": "policy", "package": policy, "path": policy} if policy else None,
+        "ticked": [
+            machine.name
+            for machine in system.nodes
+            if any(
+                interface.kind is InterfaceKind.SERVER and interface.channel in called
+                for interface in machine.interfaces
+            )
+        ],
     }
     draft.put("launch.json", json.dumps(launch, indent=2) + "\n")
     if packaging is Packaging.AMENT:

@@ -24,11 +24,31 @@ if TYPE_CHECKING:
 FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
 _MONITOR_OPTIONS = "--monitor-options"
+EACH = "each"
+"""The value of ``--processes`` that gives each node one."""
+MOST_PROCESSES = 1000
 ON_FAILURE = "on-failure"
 """The value of ``--restart`` that starts again what dies, as Docker and systemd call it."""
 CLOSE_TIMEOUT_S = 10.0
 """How long the launcher's own connection may take to close, when all nodes have ended. Fast DDS waits for
 ever where a node that was killed has left a lock in shared memory."""
+
+
+class _Processes(click.ParamType[int]):
+    """A number of processes, or ``each``, which is 0."""
+
+    name = "processes"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, context: click.Context | None
+    ) -> int:
+        """The number."""
+        text = str(value)
+        if text == EACH:
+            return 0
+        if not text.isdecimal() or not 0 < int(text) <= MOST_PROCESSES:
+            self.fail(f"{text!r} is neither a number from 1 to {MOST_PROCESSES} nor {EACH!r}")
+        return int(text)
 
 
 class _Run(click.Command):
@@ -89,6 +109,13 @@ class _Run(click.Command):
     help="Record the whole run to this MCAP file.",
 )
 @click.option(
+    "--processes",
+    type=_Processes(),
+    metavar="N|each",
+    help="How many processes the nodes are dealt out to; each: one for each node.  "
+    "[default: as many as there are processors]",
+)
+@click.option(
     "--restart",
     type=click.Choice(["never", ON_FAILURE]),
     default="never",
@@ -114,12 +141,13 @@ def run(
     monitored: bool,
     monitor: str | None,
     record: Path | None,
+    processes: int | None,
     restart: str,
     lenient: bool,
     quiet: bool,
     simulation: Simulation,
 ) -> None:
-    """Run a system: every node as a process of its own, and the policy.
+    """Run a system: its nodes, in a few processes, and the policy.
 
     SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The policy ticks
     the tree once all nodes are up.
@@ -143,6 +171,7 @@ def run(
         replace,
         select,
     )
+    from m2c.launch.grouping import grouped
     from m2c.launch.reading import parse_replacements
     from m2c.launch.refusals import ask_for_refusals, ask_nodes_for_refusals
     from m2c.launch.screen import screen_for
@@ -174,6 +203,7 @@ def run(
             "--zenoh-config": zenoh_config,
             "--secure": secure,
             "--namespace": namespace,
+            "--processes": processes,
             "--restart": restart == ON_FAILURE,
         }
         _refuse(transport, [name for name, value in refused.items() if value], "a middleware")
@@ -206,8 +236,12 @@ def run(
                 interfaces = (*interfaces, events)
                 if transport == "ros2":
                     _provide_events(events)
-            processes = len(description.nodes) + 1
-            allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * processes)
+            groups = grouped(
+                description,
+                _count(processes, secure),
+                [*packages, *_policy_apart(description, restart)],
+            )
+            allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * (len(groups) + 1))
             options = _transport_options(transport, endpoint, zenoh_config, secure, namespace)
             signals = StopSignals()
             heard = False
@@ -225,7 +259,7 @@ def run(
                 arguments += [_NODE_OPTIONS[name], value]
             watch = watcher(system, of_monitor, record, interfaces)
             settings = RunSettings(
-                tuple(arguments), where, rate, ticks or 0, watch, restart == ON_FAILURE
+                groups, tuple(arguments), where, rate, ticks or 0, watch, restart == ON_FAILURE
             )
             try:
                 with screen_for(policy, quiet) as screen:
@@ -237,6 +271,21 @@ def run(
         except (LaunchError, TransportError) as error:
             fail(str(error))
     sys.exit(code)
+
+
+def _count(processes: int | None, secure: Path | None) -> int | None:
+    """How many processes there are to be; None: one for each node, as there is a certificate for each."""
+    if secure is not None:
+        if processes:
+            fail("--processes: each node has a certificate of its own; --secure takes only `each`")
+        return None
+    return (os.cpu_count() or 1) if processes is None else processes or None
+
+
+def _policy_apart(description: LaunchDescription, restart: str) -> list[str]:
+    """With --restart the policy has a process of its own: without it, nothing goes on."""
+    is_apart = restart == ON_FAILURE and description.policy is not None
+    return [description.policy.name] if is_apart and description.policy else []
 
 
 _NODE_OPTIONS = {

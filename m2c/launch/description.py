@@ -24,13 +24,14 @@ class Package(msgspec.Struct, frozen=True):
 
 
 class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The nodes of a system and its policy."""
+    """The nodes of a system and its policy; ``ticked`` are the nodes whose services the policy calls."""
 
     format: int
     system: str
     tick_rate_hz: float
     nodes: tuple[Package, ...]
     policy: Package | None = None
+    ticked: tuple[str, ...] = ()
 
 
 class LaunchError(Exception):

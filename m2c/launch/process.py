@@ -26,12 +26,12 @@ OUTPUT_TIMEOUT_S = 2.0
 
 
 class NodeProcess:
-    """A node (or the policy) as a process of its own.
+    """Some nodes (or the policy, or what watches) as a process.
 
     Args:
-        name: the node's name, the prefix of its output.
+        name: of the process.
         package: its Python package; run by ``python -m``.
-        folder: put on the module path.
+        folders: put on the module path.
         arguments: the node's command line.
         line: called with ``(name, text)`` for each line of output, on a thread of the process's own.
         ended: called with ``(name, exit code)`` once, on a thread of the process's own.
@@ -42,7 +42,7 @@ class NodeProcess:
         self,
         name: str,
         package: str,
-        folder: Path,
+        folders: Sequence[Path],
         arguments: Sequence[str],
         line: Callable[[str, str], None],
         ended: Callable[[str, int], None],
@@ -52,7 +52,7 @@ class NodeProcess:
         self.last_lines: collections.deque[str] = collections.deque(maxlen=KEPT_LINES)
         self._line = line
         self._ended = ended
-        path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+        path = os.pathsep.join([*map(str, folders), *filter(None, [os.environ.get("PYTHONPATH")])])
         self._process = subprocess.Popen(
             [sys.executable, "-u", "-m", child.__name__, str(os.getpid()), package, *arguments],
             env={**os.environ, "PYTHONPATH": path},

@@ -7,25 +7,29 @@ import os
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
-from m2c.launch.description import LaunchDescription, LaunchError, Package
+from m2c.launch import composed
+from m2c.launch.description import LaunchDescription, LaunchError
+from m2c.launch.grouping import Group
 from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, describe_end
 from m2c.launch.refusals import Refusals
 from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.screen import Guarded, Screen
 from m2c.policy.runner import TreeTick
+from m2c.suggestions import first_of
 from transports.interface import Timer, Transport
 from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
 """How long the next node may take to be up; a machine under load starts twenty interpreters in it."""
 STARTING = 2 * (os.cpu_count() or 1)
-"""So many nodes come up at a time. More would not be faster, and what listens to them from the start (a
+"""So many processes come up at a time. More would not be faster, and what listens to them from the start (a
 monitor, say) would not get its turn beside them."""
+_DIED = "CRITICAL "
+"""How the line begins by which a node that shares a process says that it has died (``composed``)."""
 WATCHER = "moon"
 """The process that watches, and its package."""
 FOUND_VIOLATIONS = 1
@@ -38,15 +42,17 @@ class RunSettings(msgspec.Struct, frozen=True):
     """How a system is run; see ``m2c run --help``.
 
     Attributes:
+        groups: which nodes share a process.
         node_arguments: how each process finds its middleware.
         where: where they meet, in words.
         rate_hz: ticks a second; by default the system's.
         ticks: after how many to stop; 0: never.
         watcher: the command line of ``moon`` that watches the run from its beginning to its end.
-        restart: whether a node that dies once all are up is started again; one that ends with exit code 0 was
-            told to, and is not.
+        restart: whether a process that dies once all are up is started again; one that ends with exit code 0
+            was told to, and is not.
     """
 
+    groups: tuple[Group, ...]
     node_arguments: tuple[str, ...]
     where: str
     rate_hz: float | None = None
@@ -83,8 +89,11 @@ class RunningSystem:
         """Why nothing can be shown."""
         self._processes: dict[str, NodeProcess] = {}
         self._died: tuple[str, str] | None = None
-        """Who died first and was not started again, and how."""
-        self._nodes = {node.name: node for node in description.nodes}
+        """Which process died first and was not started again, and how."""
+        self._groups = {group.name: group for group in settings.groups}
+        self._group_of = {node.name: group for group in settings.groups for node in group.packages}
+        self._dead_node: dict[str, str] = {}
+        """Which node of a process that several share has said that it died."""
         self._restarts = Restarts()
         self._refusals: defaultdict[str, Refusals] = defaultdict(Refusals)
         self._ended_badly: dict[str, str] = {}
@@ -95,10 +104,10 @@ class RunningSystem:
         self._ticks = 0
         self._reports: threading.Thread | None = None
         """Reads what the policy reports of its ticks."""
-        self._missing = set(self._nodes)
+        self._missing = {node.name for node in description.nodes}
         self._present: set[str] = set()
         """The nodes that are up."""
-        self._waiting = list(description.nodes)
+        self._waiting = list(settings.groups)
         """Started from the end. Systems list what acts by itself (a battery that drains) before what
         listens to it, and while many nodes come up, much can happen that nobody hears yet."""
         self._timeout: Timer | None = None
@@ -110,7 +119,7 @@ class RunningSystem:
         self._watched = False
         self._violated = False
         """What watches the run says so as it ends."""
-        self._width = max((len(name) for name in self._missing), default=len("policy"))
+        self._width = max((len(name) for name in self._group_of), default=0)
 
     def run(self, signals: StopSignals) -> int:
         """Run to the end.
@@ -156,7 +165,7 @@ class RunningSystem:
             if not self._stopping:
                 self._screen.line(f"{_nodes_are(self._description)} up")
                 self._up = True
-                self._start_policy()
+                self._show_ticks()
                 transport.spin(lambda: self._stopping)
                 if not self._interrupted_by_signal:
                     self._show_last_ticks()
@@ -177,7 +186,7 @@ class RunningSystem:
             self._processes[WATCHER] = NodeProcess(
                 WATCHER,
                 WATCHER,
-                self._folder,
+                [self._folder],
                 [*arguments, "--ready-fd", str(say_ready)],
                 self._line,
                 self._ended,
@@ -209,7 +218,7 @@ class RunningSystem:
     def _changed(self, name: str, up: bool) -> None:
         (self._present.add if up else self._present.discard)(name)
         is_older = 0 < self._transport.up_since(name) < self._began_ns
-        if up and is_older and name in self._nodes:
+        if up and is_older and name in self._group_of:
             self._elsewhere = name
         elif up and name in self._missing:
             self._missing.discard(name)
@@ -226,11 +235,12 @@ class RunningSystem:
             self._timeout = None
 
     def _start_next(self) -> None:
-        """Start as many nodes as may come up at a time."""
+        """Start as many processes as may come up at a time."""
         while self._waiting and not self._stopping:
-            if len(self._missing) - len(self._waiting) >= STARTING:
+            coming = {self._group_of[name].name for name in self._missing}
+            if len(coming - {group.name for group in self._waiting}) >= STARTING:
                 return
-            self._start(self._waiting.pop(), self._settings.node_arguments)
+            self._start(self._waiting.pop())
 
     def _start_timed_out(self) -> None:
         self._late = True
@@ -250,7 +260,7 @@ class RunningSystem:
     def _stop_all(self) -> None:
         """The policy first: it halts its tree, for which the skills must be there. What watches, last."""
         policy = self._description.policy
-        first = [policy.name] if policy is not None else []
+        first = [self._group_of[policy.name].name] if policy is not None else []
         rest = [name for name in self._processes if name not in (*first, WATCHER)]
         for names in (first, rest, [WATCHER]):
             processes = [self._processes[name] for name in names if name in self._processes]
@@ -264,37 +274,50 @@ class RunningSystem:
                 elif how:
                     self._ended_badly[process.name] = how
 
-    def _start(self, node: Package, arguments: Sequence[str], files: Sequence[int] = ()) -> None:
-        self._processes[node.name] = NodeProcess(
-            node.name,
-            node.package,
-            self._folder / node.path,
-            [*arguments, "--node-name", node.name],
-            self._line,
-            self._ended,
-            files,
-        )
-
-    def _start_policy(self) -> None:
-        policy = self._description.policy
-        if policy is None:
-            return
+    def _start(self, group: Group) -> None:
+        """Start the process of ``group``."""
         arguments = list(self._settings.node_arguments)
-        rate = self._settings.rate_hz or self._description.tick_rate_hz
-        arguments += ["--rate", str(rate)]
+        report_to = None
+        if group.policy is not None:
+            reports, report_to = os.pipe()
+            self._reports = threading.Thread(
+                target=self._follow_ticks, args=[reports], name="ticks", daemon=True
+            )
+            arguments += self._policy_arguments(report_to)
+        files = [] if report_to is None else [report_to]
+        folders = [self._folder / package.path for package in group.packages]
+        if len(group.packages) == 1:
+            package = group.packages[0].package
+            arguments += ["--node-name", group.packages[0].name]
+        else:
+            package = composed.__name__
+            for node in group.nodes:
+                arguments += ["--node", f"{node.name}={node.package}"]
+            if group.policy is not None:
+                arguments += ["--policy", f"{group.policy.name}={group.policy.package}"]
+        try:
+            self._processes[group.name] = NodeProcess(
+                group.name, package, folders, arguments, self._line, self._ended, files
+            )
+        finally:
+            if report_to is not None:
+                os.close(report_to)
+
+    def _policy_arguments(self, report_to: int) -> list[str]:
+        arguments = ["--rate", str(self._rate_hz()), "--report-to", str(report_to)]
         if self._settings.ticks:
             arguments += ["--ticks", str(self._settings.ticks)]
         for node in self._description.nodes:
             arguments += ["--wait-for", node.name]
-        self._screen.line(f"ticking the tree {rate:g} times a second")
-        reports, report_to = os.pipe()
-        try:
-            self._start(policy, [*arguments, "--report-to", str(report_to)], [report_to])
-        finally:
-            os.close(report_to)
-            self._reports = threading.Thread(
-                target=self._follow_ticks, args=[reports], name="ticks", daemon=True
-            )
+        return arguments
+
+    def _rate_hz(self) -> float:
+        return self._settings.rate_hz or self._description.tick_rate_hz
+
+    def _show_ticks(self) -> None:
+        """All are up, and the policy ticks its tree from now on."""
+        if self._reports is not None:
+            self._screen.line(f"ticking the tree {self._rate_hz():g} times a second")
             self._reports.start()
 
     def _follow_ticks(self, reports: int) -> None:
@@ -304,43 +327,59 @@ class RunningSystem:
                 self._transport.post(functools.partial(self._show_tick, tick))
 
     def _line(self, name: str, text: str) -> None:
-        shown = self._refusals[name].instead(text)
+        node, separator, said = text.partition(composed.SEPARATOR)
+        if separator and node != name and self._is_in(node, name):
+            if said.startswith(_DIED):
+                self._dead_node.setdefault(name, node)
+        else:
+            node, said = name, text
+        shown = self._refusals[name].instead(said)
         if shown is not None:
-            self._screen.line(f"{name:>{self._width}} | {shown}")
+            self._screen.line(f"{node:>{self._width}} | {shown}")
+
+    def _is_in(self, node: str, process: str) -> bool:
+        group = self._group_of.get(node)
+        return group is not None and group.name == process
 
     def _ended(self, name: str, code: int) -> None:
-        """A process has ended: the policy after its last tick, or anybody by dying."""
+        """A process has ended: the policy's after its last tick, or anybody's by dying."""
         if self._stopping:
             return
-        if code and name in self._nodes and self._settings.restart:
-            self._transport.post(functools.partial(self._node_died, name, code))
+        group = self._groups.get(name)
+        has_policy = group is not None and group.policy is not None
+        if code and group is not None and not has_policy and self._settings.restart:
+            self._transport.post(functools.partial(self._process_died, group, code))
             return
-        policy = self._description.policy
-        if not (policy is not None and name == policy.name and code == 0):
+        if not (has_policy and code == 0):
             self._died = self._died or (name, describe_end(code))
         self._transport.post(self._stop)
 
-    def _node_died(self, name: str, code: int) -> None:
+    def _process_died(self, group: Group, code: int) -> None:
         """Start it again, unless it is one that does not come up, or that dies again and again."""
         if self._stopping:
             return
         how = describe_end(code)
         if not self._up:
-            self._stop_for(name, how)
-        elif not self._restarts.start(name, time.monotonic()):
-            self._stop_for(name, f"{how}, started again {MOST_RESTARTS} times in a minute before")
+            self._stop_for(group, how)
+        elif not self._restarts.start(group.name, time.monotonic()):
+            self._stop_for(group, f"{how}, started again {MOST_RESTARTS} times in a minute before")
         else:
-            self._report_end(name, f"{how}; it is started again")
-            self._start(self._nodes[name], self._settings.node_arguments)
-            self._transport.after(START_TIMEOUT_S, functools.partial(self._look_for, name))
+            self._report_end(group.name, f"{how}; it is started again")
+            self._dead_node.pop(group.name, None)
+            self._start(group)
+            self._transport.after(START_TIMEOUT_S, functools.partial(self._look_for, group))
 
-    def _look_for(self, name: str) -> None:
-        """Whether a node that was started again is up: the time runs on if it dies once more."""
-        if not self._stopping and name not in self._present:
-            self._stop_for(name, f"was started again and is not up after {START_TIMEOUT_S:g} s")
+    def _look_for(self, group: Group) -> None:
+        """Whether a process that was started again is up: the time runs on if it dies once more."""
+        missing = sorted({node.name for node in group.nodes} - self._present)
+        if not self._stopping and missing:
+            names = "" if len(group.nodes) == 1 else f" ({', '.join(missing)})"
+            self._stop_for(
+                group, f"was started again and is not up after {START_TIMEOUT_S:g} s{names}"
+            )
 
-    def _stop_for(self, name: str, how: str) -> None:
-        self._died = self._died or (name, how)
+    def _stop_for(self, group: Group, how: str) -> None:
+        self._died = self._died or (group.name, how)
         self._stop()
 
     def _cannot_show(self, error: OSError) -> None:
@@ -357,7 +396,7 @@ class RunningSystem:
 
     def _show_last_ticks(self) -> None:
         """What the policy has reported until its end."""
-        if self._reports is None:
+        if self._reports is None or not self._reports.ident:  # it was never begun
             return
         over = False
 
@@ -397,9 +436,18 @@ class RunningSystem:
         """Somebody's end, and what he said last."""
         last_lines = self._processes[name].last_lines
         said = "Its last lines:" if last_lines else "It had printed nothing."
-        self._screen.line(f"{name} {how}. {said}")
+        self._screen.line(f"{self._who(name)} {how}. {said}")
         for text in last_lines:
             self._screen.line(f"  {text}")
+
+    def _who(self, name: str) -> str:
+        """The process ``name``: who died in it if that is known, and who was in it, if several were."""
+        group = self._groups.get(name)
+        if group is None or len(group.packages) == 1:
+            return name
+        dead = self._dead_node.get(name)
+        others = [package.name for package in group.packages if package.name != dead]
+        return f"{dead or name} ({f'in {name}, ' if dead else ''}with {first_of(others)})"
 
 
 def _nodes_are(description: LaunchDescription) -> str:

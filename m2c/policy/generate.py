@@ -18,8 +18,11 @@ from m2c.policy.program import read_policy
 
 def add_policy_package(
     draft: Draft, system: System, package: str, naming: Naming = ANYWHERE
-) -> None:
+) -> frozenset[str]:
     """Add the package of the policy of ``system``, its plugins' modules included.
+
+    Returns:
+        The services that its leaves call.
 
     Raises:
         ModelError: the policy cannot be used.
@@ -56,3 +59,6 @@ def add_policy_package(
     description = f"The policy of {system.name}, generated from its behaviour tree"
     around = code_package(package, description, types - {""}, is_nested=True)
     draft.add_around(f"{package}/", around, system.name)
+    return frozenset(
+        channel for leaf in policy.leaves for channel in (leaf.tick, leaf.halt) if channel
+    )

@@ -24,34 +24,33 @@ from m2c.runtime.main import (
     split_ros_arguments,
 )
 from m2c.terminal import say
-from transports.interface import TransportError
+from transports.interface import Transport, TransportError
 from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
-"""How long the nodes of ``--wait-for`` may take to be up."""
+"""How long the next of the nodes of ``--wait-for`` may take to be up."""
 
 
-def main(
-    folder: Path,
-    plugins: Mapping[str, Callable[..., Any]],
-    arguments: Sequence[str] | None = None,
-    transport: str = "zenoh",
-) -> NoReturn:
-    """Run the policy in ``folder`` until SIGINT, SIGTERM or its last tick; exits with 0 then.
+class PolicySettings(msgspec.Struct, frozen=True):
+    """How a policy is run.
 
-    Exits with 1 if the tree cannot be ticked on, with 2 if it cannot be started. Its middleware is
-    ``transport``, unless ``--transport`` says otherwise.
-
-    The tree is ticked on a thread of its own, because a tick waits for its skills' answers; the main
-    thread runs the transport.
+    Attributes:
+        rate_hz: ticks a second; by default the system's.
+        ticks: after how many to stop; 0: never.
+        wait_for: the nodes that must be up before the first tick.
+        tick_timeout_s: how long one leaf may take.
+        report_to: an open file, to which a line of JSON is written for each tick.
     """
-    parser = argparse.ArgumentParser(
-        prog="policy",
-        description="Run a behaviour-tree policy.",
-        epilog="example: --endpoint tcp/127.0.0.1:7447 --rate 5 --ticks 100",
-    )
-    add_transport_options(parser, transport)
-    parser.add_argument("--node-name", default="policy")
+
+    rate_hz: float | None = None
+    ticks: int = 0
+    wait_for: tuple[str, ...] = ()
+    tick_timeout_s: float = 5.0
+    report_to: int | None = None
+
+
+def add_policy_options(parser: argparse.ArgumentParser) -> None:
+    """The options that :func:`policy_settings` reads."""
     parser.add_argument("--rate", type=positive, help="ticks a second (default: the system's)")
     parser.add_argument("--ticks", type=int, default=0, help="stop after so many (0: no end)")
     parser.add_argument(
@@ -64,52 +63,127 @@ def main(
         help="write a line of JSON per tick to this open file",
     )
     parser.add_argument("--tick-timeout", type=positive, default=5.0, help="seconds, for one leaf")
+
+
+def policy_settings(parsed: argparse.Namespace) -> PolicySettings:
+    """What the options of :func:`add_policy_options` say."""
+    return PolicySettings(
+        parsed.rate, parsed.ticks, tuple(parsed.wait_for), parsed.tick_timeout, parsed.report_to
+    )
+
+
+class RunningPolicy:
+    """A policy at work, on a thread of its own, because a tick waits for its skills' answers.
+
+    Args:
+        connection: the policy's.
+        folder: the generated package.
+        plugins: node classes by name.
+        settings: how to run it.
+        ended: called on that thread when it has halted the tree and will do no more.
+
+    Attributes:
+        code: 0 after the last tick or ``stop``, 1 if the tree cannot be ticked on, 2 if it cannot be started.
+
+    Raises:
+        PolicyError: the tree cannot be built.
+        TransportError: something cannot be declared.
+    """
+
+    def __init__(
+        self,
+        connection: Transport,
+        folder: Path,
+        plugins: Mapping[str, Callable[..., Any]],
+        settings: PolicySettings,
+        ended: Callable[[], None],
+    ) -> None:
+        policy = msgspec.json.decode((folder / "policy.json").read_bytes(), type=Policy)
+        report = None if settings.report_to is None else _report_to(settings.report_to)
+        self._connection = connection
+        self._settings = settings
+        self._rate_hz = settings.rate_hz or policy.tick_rate_hz
+        self._runner = PolicyRunner(connection, policy, plugins, settings.tick_timeout_s, report)
+        self._awaited = _Awaited(settings.wait_for)
+        self._ended = ended
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run, name=connection.node)
+        self.code = 0
+
+    def start(self) -> None:
+        """Begin, once the nodes that are waited for are up."""
+        self._connection.announce()
+        if self._settings.wait_for:
+            self._connection.watch_nodes(self._awaited.changed)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Halt the tree and end; on the connection's executor."""
+        self._stopped = True
+        self._runner.stop()
+        self._awaited.give_up()
+
+    def join(self) -> int:
+        """Wait for the end; the code."""
+        self._thread.join()
+        return self.code
+
+    def _run(self) -> None:
+        try:
+            if missing := self._awaited.wait(START_TIMEOUT_S):
+                say(f"error: not up after {START_TIMEOUT_S:g} s: {', '.join(missing)}")
+                self.code = 2
+            elif not self._stopped:
+                self.code = 1  # unless it ends as it should
+                self._runner.run(self._rate_hz, self._settings.ticks or None)
+                self.code = 0
+        except PolicyError as error:
+            say(f"error: {error}")
+        finally:
+            self._ended()
+
+
+def main(
+    folder: Path,
+    plugins: Mapping[str, Callable[..., Any]],
+    arguments: Sequence[str] | None = None,
+    transport: str = "zenoh",
+) -> NoReturn:
+    """Run the policy in ``folder`` until SIGINT, SIGTERM or its last tick; exits with 0 then.
+
+    Exits with 1 if the tree cannot be ticked on, with 2 if it cannot be started. Its middleware is
+    ``transport``, unless ``--transport`` says otherwise. The main thread runs the transport.
+    """
+    parser = argparse.ArgumentParser(
+        prog="policy",
+        description="Run a behaviour-tree policy.",
+        epilog="example: --endpoint tcp/127.0.0.1:7447 --rate 5 --ticks 100",
+    )
+    add_transport_options(parser, transport)
+    parser.add_argument("--node-name", default="policy")
+    add_policy_options(parser)
     own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)
-    policy = msgspec.json.decode((folder / "policy.json").read_bytes(), type=Policy)
     signals = StopSignals()
     connection = connect_or_exit(parsed, ros_arguments)
     log_on(connection)
-    rate = parsed.rate or policy.tick_rate_hz
-    report = None if parsed.report_to is None else _report_to(parsed.report_to)
     try:
-        runner = PolicyRunner(connection, policy, plugins, parsed.tick_timeout, report)
+        policy = RunningPolicy(
+            connection,
+            folder,
+            plugins,
+            policy_settings(parsed),
+            lambda: connection.post(connection.close),
+        )
     except (PolicyError, TransportError) as error:
         say(f"error: {error}")
         connection.close()
         sys.exit(2)
-    awaited = _Awaited(parsed.wait_for)
-    code = 0
-
-    def stop() -> None:
-        runner.stop()
-        awaited.give_up()
-
-    def tick() -> None:
-        nonlocal code
-        try:
-            if missing := awaited.wait(START_TIMEOUT_S):
-                names = ", ".join(missing)
-                say(f"error: not up after {START_TIMEOUT_S:g} s: {names}")
-                code = 2
-            elif not signals.asked:
-                code = 1  # unless it ends as it should
-                runner.run(rate, parsed.ticks or None)
-                code = 0
-        except PolicyError as error:
-            say(f"error: {error}")
-        finally:
-            connection.post(connection.close)
-
-    signals.call(lambda: connection.post(stop))
-    connection.announce()
-    if parsed.wait_for:
-        connection.watch_nodes(awaited.changed)
-    thread = threading.Thread(target=tick, name="policy")
-    thread.start()
+    signals.call(lambda: connection.post(policy.stop))
+    policy.start()
     connection.spin()
-    thread.join()
+    code = policy.join()
     connection.close()
     sys.exit(code)
 
@@ -133,23 +207,28 @@ class _Awaited:
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
         self._missing = set(names)
-        self._over = threading.Event()
-        if not names:
-            self._over.set()
+        self._given_up = False
+        self._heard = threading.Condition()
 
     def changed(self, name: str, up: bool) -> None:
         """A node is up, or no longer."""
-        if up:
-            self._missing.discard(name)
-        elif name in self._names:
-            self._missing.add(name)
-        if not self._missing:
-            self._over.set()
+        with self._heard:
+            if up:
+                self._missing.discard(name)
+            elif name in self._names:
+                self._missing.add(name)
+            self._heard.notify_all()
 
     def give_up(self) -> None:
         """End the waiting."""
-        self._over.set()
+        with self._heard:
+            self._given_up = True
+            self._heard.notify_all()
 
     def wait(self, timeout_s: float) -> list[str]:
-        """Wait until all are up, or until ``give_up``; who is missing after ``timeout_s``."""
-        return [] if self._over.wait(timeout_s) else sorted(self._missing.copy())
+        """Wait until all are up, or until ``give_up``; who is missing if none has come for ``timeout_s``."""
+        with self._heard:
+            while self._missing and not self._given_up:
+                if not self._heard.wait(timeout_s):
+                    return sorted(self._missing)
+            return []

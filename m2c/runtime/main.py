@@ -105,7 +105,8 @@ def log_on(connection: Transport) -> None:
         root.handlers[:] = [handler]
 
 
-def _settings(connection: Transport, call_timeout_s: float) -> NodeSettings:
+def node_settings(connection: Transport, call_timeout_s: float) -> NodeSettings:
+    """How a node on ``connection`` is run; TransportError if what its launcher has set is no number."""
     if isinstance(connection, HasParameters):
         meaning = "how many seconds a call of another node's service may take"
         call_timeout_s = connection.parameter("call_timeout_s", call_timeout_s, meaning)
@@ -144,7 +145,7 @@ def main(
     signals.call(lambda: connection.post(connection.close))
     log_on(connection)
     try:
-        node = node_class(connection, _settings(connection, parsed.call_timeout))
+        node = node_class(connection, node_settings(connection, parsed.call_timeout))
     except TransportError as error:
         say(f"error: {error}")
         connection.close()

@@ -80,7 +80,7 @@ def start_and_stop(
     process = NodeProcess(
         name,
         package.package,
-        folder / package.path,
+        [folder / package.path],
         [*arguments, "--node-name", name],
         lambda *_: None,
         lambda *_: ended.set(),

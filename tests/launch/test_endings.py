@@ -32,7 +32,7 @@ def test_a_run_of_n_ticks_ends_by_itself_and_halts_what_is_running(system: Syste
 
 
 def test_a_killed_node_ends_the_run_and_is_named(system: System) -> None:
-    run = Run(system.path)
+    run = Run(system.path, "--processes", "each")
     run.until("tick ")
     children = run.children()
     assert sorted(children) == ["LevelSkill", "MoveSkill", "policy"]
@@ -71,7 +71,7 @@ def with_a_deaf_node(system: System) -> Run:
     broken = system.folder / "broken" / "broken"
     broken.mkdir(parents=True)
     (broken / "__main__.py").write_text(DEAF)
-    run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}")
+    run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}", "--processes", "each")
     run.until("deaf")
     return run
 
@@ -128,7 +128,7 @@ def test_a_launcher_whose_middleware_does_not_return_says_so_and_ends(system: Sy
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_everything_and_is_no_fault(system: System, number: signal.Signals) -> None:
-    run = Run(system.path)
+    run = Run(system.path, "--processes", "each")
     run.until("tick ")
     children = run.children()
     assert len(children) == 3
@@ -140,7 +140,7 @@ def test_a_signal_stops_everything_and_is_no_fault(system: System, number: signa
 
 
 def test_a_run_that_timeout_ends_ends_in_order(system: System) -> None:
-    run = Run(system.path)
+    run = Run(system.path, "--processes", "each")
     run.until("tick ")
     children = run.children()
     for _ in range(2):  # timeout(1) tells the process that it has started, and its process group

@@ -38,7 +38,7 @@ screen = Lines()
 ended = threading.Semaphore(0)
 for name in names:
     NodeProcess(
-        name, "writer", Path(folder), [name, *arguments],
+        name, "writer", [Path(folder)], [name, *arguments],
         lambda name, text: screen.line(f"{name} | {text}"),
         lambda name, code: ended.release(),
     )

@@ -1,0 +1,215 @@
+"""Several nodes in one process: ``python -m m2c.launch.composed --node NAME=PACKAGE …``.
+
+They share what the middleware opens for a process (a Zenoh session, an rclpy context). Each has an executor
+on a thread of its own, which is named after it: a handler that takes its time holds up nobody else, and the
+thread says of what is logged or raised whose it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import logging
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any, NoReturn
+
+from m2c.logs import LineFormatter
+from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
+from m2c.policy.ticking import PolicyError
+from m2c.runtime.main import (
+    add_transport_options,
+    connect_or_exit,
+    node_settings,
+    positive,
+    split_ros_arguments,
+)
+from m2c.terminal import fail, say
+from transports.interface import Transport, TransportError
+from transports.stop_signals import StopSignals
+
+SEPARATOR = " | "
+"""Behind the name of the node that logs a line."""
+
+
+class _OfNode(LineFormatter):
+    """Begins with the node's name what one of ``names`` logs."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__("%(levelname)s %(name)s: %(message)s")
+        self._names = frozenset(names)
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The record's lines."""
+        text = super().format(record)
+        name = record.threadName or ""
+        if name not in self._names:
+            return text
+        return "\n".join(f"{name}{SEPARATOR}{line}" for line in text.split("\n"))
+
+
+class _Composition:
+    """The nodes of this process, and its policy if it has one.
+
+    Args:
+        owner: the connection of one of them, beside which the others are.
+    """
+
+    def __init__(self, owner: Transport) -> None:
+        self._owner = owner
+        self._connections = {owner.node: owner}
+        self._threads: list[threading.Thread] = []
+        self._nodes: list[tuple[Transport, Any]] = []
+        self.policy: RunningPolicy | None = None
+        self._died = ""
+        """Whose handler raised."""
+
+    def connection(self, name: str) -> Transport:
+        """That of the node ``name``; TransportError if there can be none."""
+        if name not in self._connections:
+            self._connections[name] = self._owner.beside(name)
+        return self._connections[name]
+
+    def add_node(self, connection: Transport, node: Any) -> None:
+        """``node`` is made on ``connection``."""
+        self._nodes.append((connection, node))
+
+    def close(self) -> None:
+        """End all; from any thread."""
+        self._owner.post(self._owner.close)
+
+    def stop(self) -> None:
+        """A signal: the policy first, as it halts its tree, for which its skills must be there."""
+        self._owner.post(self.close if self.policy is None else self.policy.stop)
+
+    def run(self) -> int:
+        """Run until the policy has ended, somebody died, or ``stop``; the exit code."""
+        # Systems list what acts by itself before what listens to it; all have declared their channels by now.
+        for connection, node in reversed(self._nodes):
+            connection.post(node.start)
+            connection.post(connection.announce)
+        for name, connection in self._connections.items():
+            if connection is not self._owner:
+                thread = threading.Thread(target=self._spin, args=[connection], name=name)
+                self._threads.append(thread)
+                thread.start()
+        if self.policy is not None:
+            self.policy.start()
+        threading.current_thread().name = self._owner.node
+        self._spin(self._owner)
+        code = 0 if self.policy is None else self.policy.join()
+        self._owner.close()
+        for thread in self._threads:
+            thread.join()
+        return 1 if self._died else code
+
+    def _spin(self, connection: Transport) -> None:
+        is_over = False
+        try:
+            connection.spin()
+            is_over = True
+        finally:
+            if not is_over:
+                self._end_for(connection)
+
+    def _end_for(self, dead: Transport) -> None:
+        """A handler of ``dead`` raised; nobody serves what it served, so the tree is not halted."""
+        self._died = self._died or dead.node
+        if self.policy is not None:
+            self.policy.stop()
+        if dead is self._owner:
+            dead.close()
+        else:
+            self.close()
+
+
+def _log_death(
+    kind: type[BaseException], exception: BaseException | None, trace: TracebackType | None
+) -> None:
+    """A handler of the node that this thread runs has raised."""
+    assert exception is not None
+    name = threading.current_thread().name
+    logging.getLogger(name).critical("it died", exc_info=(kind, exception, trace))
+
+
+def _package(text: str) -> tuple[str, str]:
+    name, equals, package = text.partition("=")
+    if not equals or not name or not package:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected NAME=PACKAGE")
+    return name, package
+
+
+def _part(package: str, wanted: str) -> tuple[ModuleType, Any]:
+    """The module that runs ``package``, and what it calls ``wanted``; exits with 2 if there is none."""
+    try:
+        module = importlib.import_module(f"{package}.__main__")
+    except ModuleNotFoundError as error:
+        fail(f"{package}: {error}; is its folder on PYTHONPATH?")
+    found = getattr(module, wanted, None)
+    if found is None:
+        fail(f"{package}: its __main__ has no {wanted}; generate the system again")
+    return module, found
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the nodes until SIGINT, SIGTERM or the policy's last tick; exits with 0 then.
+
+    Exits with 1 if a node's handler raised or the tree cannot be ticked on, with 2 if it cannot start.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m m2c.launch.composed",
+        description="Run several generated nodes, and the policy, in this process.",
+        epilog="example: --node AlarmSkill=alarm_skill --node WaitSkill=wait_skill",
+    )
+    add_transport_options(parser)
+    parser.add_argument(
+        "--node", action="append", type=_package, default=[], metavar="NAME=PACKAGE", dest="nodes"
+    )
+    parser.add_argument("--policy", type=_package, metavar="NAME=PACKAGE")
+    parser.add_argument(
+        "--call-timeout", type=positive, default=5.0, help="seconds, for the nodes' own calls"
+    )
+    add_policy_options(parser)
+    own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
+    parsed = parser.parse_args(own)
+    parts = [*parsed.nodes, *filter(None, [parsed.policy])]
+    if not parts:
+        parser.error("there is nothing to run: give --node or --policy")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_OfNode([name for name, _ in parts]))
+    logging.basicConfig(level=parsed.log_level.upper(), handlers=[handler])
+    threading.excepthook = lambda args: _log_death(
+        args.exc_type, args.exc_value, args.exc_traceback
+    )
+    sys.excepthook = _log_death
+    signals = StopSignals()
+    parsed.node_name = parts[0][0]
+    owner = connect_or_exit(parsed, ros_arguments)
+    composition = _Composition(owner)
+    try:
+        for name, package in parsed.nodes:
+            _, node_class = _part(package, "NODE_CLASS")
+            connection = composition.connection(name)
+            settings = node_settings(connection, parsed.call_timeout)
+            composition.add_node(connection, node_class(connection, settings))
+        if parsed.policy is not None:
+            name, package = parsed.policy
+            module, plugins = _part(package, "PLUGINS")
+            folder = Path(str(module.__file__)).parent
+            connection = composition.connection(name)
+            composition.policy = RunningPolicy(
+                connection, folder, plugins, policy_settings(parsed), composition.close
+            )
+    except (PolicyError, TransportError) as error:
+        say(f"error: {error}")
+        owner.close()
+        sys.exit(2)
+    signals.call(composition.stop)
+    sys.exit(composition.run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""Which nodes of a system share a process."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Sequence
+
+import msgspec
+
+from m2c.launch.description import LaunchDescription, Package
+
+
+class Group(msgspec.Struct, frozen=True):
+    """One process of a system.
+
+    Attributes:
+        name: the node's, if it has one; else of the process.
+        nodes: the nodes that it runs.
+        policy: the policy, if that runs here too.
+    """
+
+    name: str
+    nodes: tuple[Package, ...]
+    policy: Package | None = None
+
+    @property
+    def packages(self) -> tuple[Package, ...]:
+        """All that it runs."""
+        return (*self.nodes, *([] if self.policy is None else [self.policy]))
+
+
+def grouped(
+    description: LaunchDescription, processes: int | None, apart: Collection[str] = ()
+) -> tuple[Group, ...]:
+    """Deal the nodes of ``description`` out to processes.
+
+    The policy and the nodes that it ticks share the first, as each of its calls would otherwise go from one
+    process to another; the others follow in the order of the system, in parts of one size.
+
+    Args:
+        description: the nodes, and the policy.
+        processes: how many at most, not counting those of ``apart``; None: each node has its own.
+        apart: names of nodes (or of the policy) that have a process of their own.
+    """
+    policy = description.policy
+    if processes is None:
+        apart = [*(node.name for node in description.nodes), *([policy.name] if policy else [])]
+    alone = tuple(Group(node.name, (node,)) for node in description.nodes if node.name in apart)
+    together = [node for node in description.nodes if node.name not in apart]
+    if policy is not None and policy.name in apart:
+        alone, policy = (*alone, Group(policy.name, (), policy)), None
+    ticked = [node for node in together if node.name in description.ticked and policy is not None]
+    others = [node for node in together if node not in ticked]
+    first = [(tuple(ticked), policy)] if ticked or policy is not None else []
+    room = max((processes or 1) - len(first), 0)
+    if not room and first:
+        first, others = [(tuple(together), policy)], []
+    dealt = [*first, *((part, None) for part in _parts(others, room))]
+    groups = [
+        Group(f"process {number}", nodes, ticking)
+        for number, (nodes, ticking) in enumerate(dealt, 1)
+    ]
+    return (*(_named(group) for group in groups), *alone)
+
+
+def _named(group: Group) -> Group:
+    packages = group.packages
+    return msgspec.structs.replace(group, name=packages[0].name) if len(packages) == 1 else group
+
+
+def _parts(nodes: Sequence[Package], count: int) -> list[tuple[Package, ...]]:
+    """``nodes`` in at most ``count`` parts, none empty, whose sizes differ by one at most."""
+    count = min(count, len(nodes))
+    ends = [len(nodes) * number // count for number in range(count + 1)] if count else []
+    return [tuple(nodes[begin:end]) for begin, end in itertools.pairwise(ends)]

@@ -1,0 +1,122 @@
+"""Nodes that share a process: which do, and that each is what it would be alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from m2c.launch.description import LaunchDescription, Package
+from m2c.launch.grouping import grouped
+from tests.launch.system import Run, System
+
+
+def described(nodes: int, ticked: int = 0, policy: bool = True) -> LaunchDescription:
+    names = [f"N{number}" for number in range(nodes)]
+    packages = tuple(Package(name, name.lower(), name.lower()) for name in names)
+    root = Package("policy", "p", "p") if policy else None
+    return LaunchDescription(1, "s", 5.0, packages, root, tuple(names[:ticked]))
+
+
+@given(
+    st.integers(0, 60),
+    st.integers(0, 60),
+    st.none() | st.integers(1, 20),
+    st.booleans(),
+    st.sets(st.integers(0, 60)),
+)
+def test_each_runs_once_and_in_at_most_so_many_processes(
+    nodes: int, ticked: int, processes: int | None, policy: bool, apart: set[int]
+) -> None:
+    description = described(nodes, ticked, policy)
+    alone = [f"N{number}" for number in apart if number < nodes]
+    groups = grouped(description, processes, alone)
+    running = [package.name for group in groups for package in group.packages]
+    assert sorted(running) == sorted(
+        [*(node.name for node in description.nodes), *(["policy"] if policy else [])]
+    )
+    assert all(group.packages for group in groups)
+    assert len({group.name for group in groups}) == len(groups)
+    if processes is None:
+        assert all(len(group.packages) == 1 for group in groups)
+    else:
+        assert len(groups) <= processes + len(alone)
+    assert all(len(group.packages) == 1 for group in groups if group.name in alone)
+
+
+def test_what_the_policy_ticks_is_in_its_process_and_the_others_are_dealt_out() -> None:
+    groups = grouped(described(10, ticked=4), 3)
+    assert [[package.name for package in group.packages] for group in groups] == [
+        ["N0", "N1", "N2", "N3", "policy"],
+        ["N4", "N5", "N6"],
+        ["N7", "N8", "N9"],
+    ]
+    assert [group.name for group in groups] == ["process 1", "process 2", "process 3"]
+
+
+@pytest.mark.zenoh
+def test_a_process_of_several_nodes_that_is_killed_is_named_with_them(system: System) -> None:
+    run = Run(system.path, "--processes", 1)
+    run.until("tick ")
+    (process,) = run.children().values()
+    os.kill(process, signal.SIGKILL)
+    assert run.end() == 1
+    assert run.lines[-1] == (
+        "process 1 (with LevelSkill, MoveSkill, policy) was killed by SIGKILL; everything was stopped. "
+        "It had printed nothing."
+    )
+
+
+def broken(folder: Path) -> Path:
+    """The generated system, in which MoveSkill raises when it is ticked."""
+    node = folder / "move_skill" / "move_skill" / "machine.py"
+    text = node.read_text()
+    assert "status=2" in text
+    node.write_text(text.replace("status=2", "status=2 // 0", 1))
+    return folder
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("first", ["LevelSkill", "MoveSkill"])
+def test_a_node_that_dies_of_an_error_is_named_whoever_it_shares_a_process_with(
+    system: System, first: str
+) -> None:
+    folder = broken(system.generate())
+    if first == "MoveSkill":  # whose connection the others are beside
+        launch = json.loads((folder / "launch.json").read_text())
+        launch["nodes"].reverse()
+        (folder / "launch.json").write_text(json.dumps(launch))
+    run = Run(folder, "--processes", 1)
+    assert run.end() == 1, run.output
+    assert any(
+        line.startswith(
+            "MoveSkill (in process 1, with LevelSkill, policy) exited with code 1; everything was stopped."
+        )
+        for line in run.lines
+    ), run.output
+    assert "ZeroDivisionError" in run.output
+    assert " MoveSkill | CRITICAL MoveSkill: it died" in run.output
+
+
+@pytest.mark.zenoh
+def test_a_composed_run_is_watched_as_any(system: System) -> None:
+    run = Run(system.path, "--processes", 1, "--monitor", "--ticks", 50)
+    assert run.end() == 0, run.output
+    assert "0 violations" in run.output
+    for name in ("LevelSkill", "MoveSkill", "policy"):
+        assert any(line.split("|")[-1].split()[:2] == [name, "conforming"] for line in run.lines), (
+            run.output
+        )
+    assert run.output.count("MoveSkill | INFO MoveSkill: halted: Move") == 1
+
+
+@pytest.mark.parametrize("wrong", ["0", "-1", "two", "", "1e3", "1001"])
+def test_a_number_of_processes_that_is_none_is_refused(system: System, wrong: str) -> None:
+    run = Run(system.path, "--processes", wrong)
+    assert run.end() == 2
+    assert "is neither a number from 1 to 1000 nor 'each'" in run.output
