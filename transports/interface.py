@@ -22,6 +22,10 @@ class TransportError(Exception):
     """The middleware cannot do what was asked; the text names the channel and what would be right."""
 
 
+class UnreachableError(TransportError):
+    """Nobody is where this process was to connect; somebody may come."""
+
+
 class Reliability(StrEnum):
     """Whether the middleware may drop messages of a channel."""
 

@@ -17,7 +17,7 @@ SECURE_ENDPOINT = "tls/127.0.0.1:7447"
 
 
 def transport_options(
-    endpoints: Sequence[str], config: str, namespace: str, secure: str = ""
+    endpoints: Sequence[str], config: str, namespace: str, secure: str = "", identity: str = ""
 ) -> dict[str, str]:
     """What ``transports.registry.connect`` takes: the options that are given, by their names.
 
@@ -26,12 +26,14 @@ def transport_options(
         config: a Zenoh configuration file, or "".
         namespace: prefix of every channel, or "".
         secure: the folder of certificates, or "".
+        identity: whose certificate there is taken, or "" for the node's.
     """
     options = {
         "endpoint": ",".join(endpoints),
         "config": config,
         "namespace": namespace,
         "secure": secure,
+        "identity": identity,
     }
     return {name: value for name, value in options.items() if value}
 

@@ -34,6 +34,7 @@ _ERRORS = {
     "missing-element": "a full model lacks its `<model>`",
     "duplicate-policy": "a system has more than one behaviour tree",
     "bad-parameter": "a parameter of the system with a value that it cannot have",
+    "bad-deployment": "a deployment that forgets a node, names one twice, or says something that is not so",
     "bad-quality": "a quality of a topic that is none",
     "duplicate-quality": "the qualities of a topic are given twice",
     "unknown-topic": "qualities are given for a topic that no model has",

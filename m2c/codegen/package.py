@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 
+import msgspec
+
 from m2c.codegen.event_package import event_package
 from m2c.codegen.formatting import NotPythonError, formatted
 from m2c.codegen.names import distinct, package_name, snake
@@ -128,7 +130,7 @@ def system_files(
     machines = (*system.nodes, *system.plugins)
     for path, text in event_package(machines, system.library, packaging).items():
         draft.put(path, text)
-    launch = {
+    launch: dict[str, object] = {
         "format": LAUNCH_FORMAT,
         "system": system.name,
         "tick_rate_hz": system.tick_rate_hz,
@@ -145,6 +147,8 @@ def system_files(
             )
         ],
     }
+    if system.deployment:
+        launch["deployment"] = msgspec.to_builtins(system.deployment)
     draft.put("launch.json", json.dumps(launch, indent=2) + "\n")
     if packaging is Packaging.AMENT:
         _add_bringup(draft, system, nodes, policy, used)

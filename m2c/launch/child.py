@@ -1,10 +1,10 @@
-"""What a process of ``m2c run`` does before it is a node: ``python -m m2c.launch.child PARENT PACKAGE …``.
+"""What a process of ``m2c run`` does before it is a node: ``… -m m2c.launch.child PARENT NICE PACKAGE …``.
 
 It has the kernel end it when its parent ends, however that ends (prctl(2)). The parent cannot arrange
 that on its own between fork and exec: its threads are not there then, and what they have locked is.
 
-And whoever crashes, or is killed since it does not end, says first where in its code it stood: also within
-a middleware that holds Python's lock.
+NICE is its priority, a nice value, or empty. And whoever crashes, or is killed since it does not end, says
+first where in its code it stood: also within a middleware that holds Python's lock.
 """
 
 from __future__ import annotations
@@ -23,14 +23,26 @@ SAY_WHERE_AND_END = signal.SIGQUIT
 
 def main(arguments: list[str]) -> None:
     """Run ``python -m PACKAGE …`` in this process."""
-    parent, package, *_ = arguments
+    parent, nice, package, *_ = arguments
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != int(parent):  # it has ended already
         sys.exit(1)
     faulthandler.enable(all_threads=False)
     faulthandler.register(SAY_WHERE_AND_END, all_threads=False, chain=True)
-    sys.argv[1:] = arguments[2:]
+    if nice:
+        _set_priority(int(nice))
+    sys.argv[1:] = arguments[3:]
     runpy.run_module(package, run_name="__main__", alter_sys=True)
+
+
+def _set_priority(nice: int) -> None:
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
+    except PermissionError:
+        sys.exit(
+            f"error: priority {nice}: more urgent than usual needs CAP_SYS_NICE, or a limit `nice` that "
+            "allows it (limits.conf(5))"
+        )
 
 
 if __name__ == "__main__":

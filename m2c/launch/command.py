@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +21,10 @@ from transports.options import DEFAULT_ENDPOINT, LAUNCHER, SECURE_ENDPOINT, meet
 
 if TYPE_CHECKING:
     from m2c.launch.description import LaunchDescription
+    from m2c.launch.grouping import Group
     from m2c.policy.program import Policy
+    from transports.interface import Transport
+    from transports.stop_signals import StopSignals
 
 FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
@@ -116,6 +121,13 @@ class _Run(click.Command):
     "[default: as many as there are processors]",
 )
 @click.option(
+    "--deployment",
+    type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
+    metavar="FILE",
+    help="Which nodes share a process, and where, instead of what the system file says.",
+)
+@click.option("--host", metavar="HOST", help="Run only what the deployment gives to this host.")
+@click.option(
     "--restart",
     type=click.Choice(["never", ON_FAILURE]),
     default="never",
@@ -142,6 +154,8 @@ def run(
     monitor: str | None,
     record: Path | None,
     processes: int | None,
+    deployment: Path | None,
+    host: str | None,
     restart: str,
     lenient: bool,
     quiet: bool,
@@ -171,8 +185,8 @@ def run(
         replace,
         select,
     )
-    from m2c.launch.grouping import grouped
-    from m2c.launch.reading import parse_replacements
+    from m2c.launch.grouping import deployed, grouped
+    from m2c.launch.reading import parse_replacements, planned
     from m2c.launch.refusals import ask_for_refusals, ask_nodes_for_refusals
     from m2c.launch.screen import screen_for
     from m2c.launch.system import RunningSystem, RunSettings
@@ -204,6 +218,8 @@ def run(
             "--secure": secure,
             "--namespace": namespace,
             "--processes": processes,
+            "--deployment": deployment,
+            "--host": host,
             "--restart": restart == ON_FAILURE,
         }
         _refuse(transport, [name for name, value in refused.items() if value], "a middleware")
@@ -224,7 +240,9 @@ def run(
                 fail(
                     f"--replace {name}={path}: replacing by a model needs the system file as SYSTEM"
                 )
-            description = select(read_description(folder), only, without)
+            description = read_description(folder)
+            plan = planned(description, deployment, host, processes)
+            description = select(description, only, without)
             packages = {name: path for name, path in changed.items() if path.is_dir()}
             description = replace(description, folder, packages)
             policy = read_policy_of(description, folder)
@@ -236,19 +254,20 @@ def run(
                 interfaces = (*interfaces, events)
                 if transport == "ros2":
                     _provide_events(events)
-            groups = grouped(
-                description,
-                _count(processes, secure),
-                [*packages, *_policy_apart(description, restart)],
-            )
+            apart = [*packages, *_policy_apart(description, restart)]
+            if plan:
+                groups = deployed(description, plan, host or "", apart)
+            else:
+                groups = grouped(description, _count(processes, secure), apart)
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * (len(groups) + 1))
             options = _transport_options(transport, endpoint, zenoh_config, secure, namespace)
             signals = StopSignals()
             heard = False
             if secure is not None:
-                _check_certificates(secure, description)
+                _check_certificates(secure, groups)
                 heard = ask_for_refusals()
-            connection = connect(transport, LAUNCHER, meeting_at(options))
+            meet = functools.partial(connect, transport, LAUNCHER, meeting_at(options))
+            connection = meet() if host is None else _when_reachable(meet, signals)
             if heard:
                 ask_nodes_for_refusals()
             where = f"on {transport}"
@@ -259,7 +278,14 @@ def run(
                 arguments += [_NODE_OPTIONS[name], value]
             watch = watcher(system, of_monitor, record, interfaces)
             settings = RunSettings(
-                groups, tuple(arguments), where, rate, ticks or 0, watch, restart == ON_FAILURE
+                groups,
+                tuple(arguments),
+                where,
+                rate,
+                ticks or 0,
+                watch,
+                restart == ON_FAILURE,
+                secure is not None,
             )
             try:
                 with screen_for(policy, quiet) as screen:
@@ -271,6 +297,22 @@ def run(
         except (LaunchError, TransportError) as error:
             fail(str(error))
     sys.exit(code)
+
+
+def _when_reachable(connect: Callable[[], Transport], signals: StopSignals) -> Transport:
+    """Connect, as soon as somebody of another host is there; each attempt waits for some seconds itself."""
+    from transports.interface import UnreachableError
+
+    is_said = False
+    while True:
+        try:
+            return connect()
+        except UnreachableError as error:
+            if signals.asked:
+                raise
+            if not is_said:
+                say(f"waiting for another host: {error}")
+                is_said = True
 
 
 def _count(processes: int | None, secure: Path | None) -> int | None:
@@ -321,12 +363,11 @@ def _transport_options(
     return options
 
 
-def _check_certificates(folder: Path, description: LaunchDescription) -> None:
-    """A node that has no certificate would end as it starts; TransportError says it before any is started."""
+def _check_certificates(folder: Path, groups: Sequence[Group]) -> None:
+    """TransportError, before any is started, if a process has no certificate: it would end as it starts."""
     from transports.zenoh.credentials import check
 
-    packages = (*description.nodes, *filter(None, [description.policy]))
-    for name in (LAUNCHER, *(package.name for package in packages)):
+    for name in (LAUNCHER, *(group.name for group in groups)):
         check(folder, name)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.model.deployment import Process
 from m2c.policy.program import Policy
 from m2c.suggestions import nearest
 
@@ -24,7 +25,9 @@ class Package(msgspec.Struct, frozen=True):
 
 
 class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The nodes of a system and its policy; ``ticked`` are the nodes whose services the policy calls."""
+    """The nodes of a system and its policy; ``ticked`` are the nodes whose services the policy calls, and
+    ``deployment`` is what the system file says of its processes.
+    """
 
     format: int
     system: str
@@ -32,6 +35,7 @@ class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     nodes: tuple[Package, ...]
     policy: Package | None = None
     ticked: tuple[str, ...] = ()
+    deployment: tuple[Process, ...] = ()
 
 
 class LaunchError(Exception):

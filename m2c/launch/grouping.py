@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 import msgspec
 
 from m2c.launch.description import LaunchDescription, Package
+from m2c.model.deployment import POLICY, Process
 
 
 class Group(msgspec.Struct, frozen=True):
@@ -17,11 +18,13 @@ class Group(msgspec.Struct, frozen=True):
         name: the node's, if it has one; else of the process.
         nodes: the nodes that it runs.
         policy: the policy, if that runs here too.
+        priority: its nice value; None leaves it as it is.
     """
 
     name: str
     nodes: tuple[Package, ...]
     policy: Package | None = None
+    priority: int | None = None
 
     @property
     def packages(self) -> tuple[Package, ...]:
@@ -61,6 +64,39 @@ def grouped(
         for number, (nodes, ticking) in enumerate(dealt, 1)
     ]
     return (*(_named(group) for group in groups), *alone)
+
+
+def deployed(
+    description: LaunchDescription,
+    deployment: Sequence[Process],
+    host: str = "",
+    apart: Collection[str] = (),
+) -> tuple[Group, ...]:
+    """The processes of ``deployment`` that run on ``host`` (empty: on any).
+
+    Args:
+        description: the nodes, and the policy; those that are not in it are left out.
+        deployment: which share a process.
+        host: one of those of the deployment.
+        apart: names of nodes that have a process of their own.
+    """
+    nodes = {node.name: node for node in description.nodes}
+    groups = []
+    for process in deployment:
+        if host and process.host != host:
+            continue
+        own = [nodes[name] for name in process.nodes if name in nodes]
+        policy = description.policy if POLICY in process.nodes else None
+        alone = [
+            Group(node.name, (node,), None, process.priority) for node in own if node.name in apart
+        ]
+        own = [node for node in own if node.name not in apart]
+        if policy is not None and POLICY in apart:
+            policy, alone = None, [*alone, Group(POLICY, (), policy, process.priority)]
+        if own or policy is not None:
+            groups.append(Group(process.name, tuple(own), policy, process.priority))
+        groups += alone
+    return tuple(groups)
 
 
 def _named(group: Group) -> Group:

@@ -36,6 +36,7 @@ class NodeProcess:
         line: called with ``(name, text)`` for each line of output, on a thread of the process's own.
         ended: called with ``(name, exit code)`` once, on a thread of the process's own.
         files: open files that it inherits, under the same numbers.
+        priority: its nice value; None leaves it as it is.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class NodeProcess:
         line: Callable[[str, str], None],
         ended: Callable[[str, int], None],
         files: Sequence[int] = (),
+        priority: int | None = None,
     ) -> None:
         self.name = name
         self.last_lines: collections.deque[str] = collections.deque(maxlen=KEPT_LINES)
@@ -54,7 +56,10 @@ class NodeProcess:
         self._ended = ended
         path = os.pathsep.join([*map(str, folders), *filter(None, [os.environ.get("PYTHONPATH")])])
         self._process = subprocess.Popen(
-            [sys.executable, "-u", "-m", child.__name__, str(os.getpid()), package, *arguments],
+            [
+                *(sys.executable, "-u", "-m", child.__name__, str(os.getpid())),
+                *("" if priority is None else str(priority), package, *arguments),
+            ],
             env={**os.environ, "PYTHONPATH": path},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,

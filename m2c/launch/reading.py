@@ -13,7 +13,9 @@ import msgspec
 
 from m2c.check import check_system
 from m2c.check.report import print_findings
+from m2c.launch.description import LaunchDescription
 from m2c.model import DiagnosticLog, load
+from m2c.model.deployment import POLICY, Process, hosts_of, read_deployment_file
 from m2c.model.naming import Naming
 from m2c.model.system import System, linked, read_with_reference
 from m2c.suggestions import nearest
@@ -29,6 +31,41 @@ def parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
             fail(f"--replace {text}: expected NODE=PATH, where PATH exists")
         found[name] = Path(path)
     return found
+
+
+def planned(
+    description: LaunchDescription, file: Path | None, host: str | None, processes: int | None
+) -> tuple[Process, ...]:
+    """The deployment by which a system is run; empty if its nodes are dealt out by their number.
+
+    Args:
+        description: the whole system.
+        file: what ``--deployment`` says.
+        host: what ``--host`` says.
+        processes: what ``--processes`` says.
+    """
+    if processes is not None:
+        if file is not None or host is not None:
+            fail(
+                "--processes: how many there are, the deployment says; it excludes --deployment and --host"
+            )
+        return ()
+    plan = description.deployment
+    if file is not None:
+        log = DiagnosticLog()
+        policy = [] if description.policy is None else [POLICY]
+        plan = read_deployment_file(
+            file, [*(node.name for node in description.nodes), *policy], log
+        )
+        print_findings(log.diagnostics)
+        if log.has_errors:
+            sys.exit(2)
+    if host is not None and host not in hosts_of(plan):
+        hosts = hosts_of(plan)
+        there_is = nearest(host, hosts) if hosts else "it names no hosts"
+        where = file or "the system's deployment"
+        fail(f"--host {host}: {where} has no such host; {there_is}")
+    return plan
 
 
 def read_to_run(path: Path, changed: dict[str, Path], naming: Naming, lenient: bool) -> System:

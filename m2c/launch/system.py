@@ -50,6 +50,7 @@ class RunSettings(msgspec.Struct, frozen=True):
         watcher: the command line of ``moon`` that watches the run from its beginning to its end.
         restart: whether a process that dies once all are up is started again; one that ends with exit code 0
             was told to, and is not.
+        is_secure: whether each process has a certificate of its name.
     """
 
     groups: tuple[Group, ...]
@@ -59,6 +60,7 @@ class RunSettings(msgspec.Struct, frozen=True):
     ticks: int = 0
     watcher: tuple[str, ...] = ()
     restart: bool = False
+    is_secure: bool = False
 
 
 class RunningSystem:
@@ -92,6 +94,7 @@ class RunningSystem:
         """Which process died first and was not started again, and how."""
         self._groups = {group.name: group for group in settings.groups}
         self._group_of = {node.name: group for group in settings.groups for node in group.packages}
+        """Who runs here; other nodes of the system run on other hosts."""
         self._dead_node: dict[str, str] = {}
         """Which node of a process that several share has said that it died."""
         self._restarts = Restarts()
@@ -137,8 +140,10 @@ class RunningSystem:
         transport = self._transport
         signals.call(self._interrupted, self._interrupted_again)
         nodes = len(self._description.nodes)
+        here = sum(len(group.nodes) for group in self._settings.groups)
+        counted = f"{here} of {nodes}" if here < nodes else str(nodes)
         self._screen.line(
-            f"{self._description.system}: starting {nodes} {'node' if nodes == 1 else 'nodes'} "
+            f"{self._description.system}: starting {counted} {'node' if nodes == 1 else 'nodes'} "
             f"{self._settings.where}"
         )
         transport.watch_nodes(self._changed)
@@ -148,17 +153,18 @@ class RunningSystem:
                 self._wait_for_watcher()
             self._start_next()
             self._restart_timeout()
-            transport.spin(
-                lambda: bool(self._stopping or self._late or self._elsewhere or not self._missing)
-            )
+            transport.spin(lambda: self._is_enough() or not self._missing_here())
             self._cancel_timeout()
+            if self._missing and not self._is_enough():
+                self._screen.line(f"waiting for other hosts: {first_of(sorted(self._missing))}")
+                transport.spin(lambda: self._is_enough() or not self._missing)
             if self._elsewhere:
                 raise LaunchError(
                     f"{self._elsewhere} is up already {self._settings.where}: is the system running? "
                     "Another one needs a --namespace of its own"
                 )
             if self._late:
-                missing = ", ".join(sorted(self._missing))
+                missing = ", ".join(sorted(self._missing_here()))
                 raise LaunchError(
                     f"not up after {START_TIMEOUT_S:g} s: {missing}; their output is above"
                 )
@@ -177,6 +183,13 @@ class RunningSystem:
         if self._unshown is not None and not self._interrupted_by_signal:
             raise self._unshown
         return code
+
+    def _is_enough(self) -> bool:
+        """Whether there is a reason not to wait for nodes any more."""
+        return bool(self._stopping or self._late or self._elsewhere)
+
+    def _missing_here(self) -> set[str]:
+        return self._missing & self._group_of.keys()
 
     def _start_watcher(self) -> None:
         """What is to hear everything is there first."""
@@ -222,8 +235,9 @@ class RunningSystem:
             self._elsewhere = name
         elif up and name in self._missing:
             self._missing.discard(name)
-            self._restart_timeout()
-            self._start_next()
+            if self._missing_here():
+                self._restart_timeout()
+                self._start_next()
 
     def _restart_timeout(self) -> None:
         self._cancel_timeout()
@@ -237,7 +251,7 @@ class RunningSystem:
     def _start_next(self) -> None:
         """Start as many processes as may come up at a time."""
         while self._waiting and not self._stopping:
-            coming = {self._group_of[name].name for name in self._missing}
+            coming = {self._group_of[name].name for name in self._missing_here()}
             if len(coming - {group.name for group in self._waiting}) >= STARTING:
                 return
             self._start(self._waiting.pop())
@@ -259,8 +273,7 @@ class RunningSystem:
 
     def _stop_all(self) -> None:
         """The policy first: it halts its tree, for which the skills must be there. What watches, last."""
-        policy = self._description.policy
-        first = [self._group_of[policy.name].name] if policy is not None else []
+        first = [group.name for group in self._settings.groups if group.policy is not None]
         rest = [name for name in self._processes if name not in (*first, WATCHER)]
         for names in (first, rest, [WATCHER]):
             processes = [self._processes[name] for name in names if name in self._processes]
@@ -285,6 +298,8 @@ class RunningSystem:
             )
             arguments += self._policy_arguments(report_to)
         files = [] if report_to is None else [report_to]
+        if self._settings.is_secure:
+            arguments += ["--identity", group.name]
         folders = [self._folder / package.path for package in group.packages]
         if len(group.packages) == 1:
             package = group.packages[0].package
@@ -297,7 +312,14 @@ class RunningSystem:
                 arguments += ["--policy", f"{group.policy.name}={group.policy.package}"]
         try:
             self._processes[group.name] = NodeProcess(
-                group.name, package, folders, arguments, self._line, self._ended, files
+                group.name,
+                package,
+                folders,
+                arguments,
+                self._line,
+                self._ended,
+                files,
+                group.priority,
             )
         finally:
             if report_to is not None:
@@ -305,6 +327,7 @@ class RunningSystem:
 
     def _policy_arguments(self, report_to: int) -> list[str]:
         arguments = ["--rate", str(self._rate_hz()), "--report-to", str(report_to)]
+        arguments += ["--patience", "0"]  # how long to wait is known here
         if self._settings.ticks:
             arguments += ["--ticks", str(self._settings.ticks)]
         for node in self._description.nodes:
@@ -419,7 +442,8 @@ class RunningSystem:
         if not self._up:
             stopped = "stopped before all nodes were up"
         else:
-            stopped = "stopped after " + ("1 tick" if self._ticks == 1 else f"{self._ticks} ticks")
+            ticks = "1 tick" if self._ticks == 1 else f"{self._ticks} ticks"
+            stopped = "stopped" if self._reports is None else f"stopped after {ticks}"
         if self._killed:  # as was wished: by a second signal
             self._screen.line(f"{stopped}; nodes that had not ended yet were killed")
             return 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from m2c.model.clock import clock_for
+from m2c.model.deployment import POLICY, Process, read_deployment
 from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position
 from m2c.model.events import link_events
 from m2c.model.inputs import resolve
@@ -61,7 +62,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         name: of the system file or folder, or of the only model.
         path: where it was read from.
-        nodes: one machine per process.
+        nodes: one machine per node.
         plugins: behaviour-tree plugins, by machine name the leaf's ID.
         policy: the behaviour tree's XML file, if there is one.
         tick_rate_hz: how often the tree is ticked.
@@ -71,6 +72,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
         library: the interface types that the models use.
         sources: every file that was read, models and policy.
         qualities: what is asked of the middleware for single topics; the machines have it too.
+        deployment: its processes, where the system file says which there are.
         findings: what its reader found, where that was asked for (:func:`m2c.read_system`).
     """
 
@@ -86,6 +88,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     library: InterfaceLibrary
     sources: tuple[Path, ...] = ()
     qualities: tuple[TopicQuality, ...] = ()
+    deployment: tuple[Process, ...] = ()
     findings: tuple[Diagnostic, ...] = ()
 
     def made_lenient(self) -> System:
@@ -218,6 +221,7 @@ class _SystemReader:
         self._structures: list[tuple[Path, str]] = []
         self._lacks_structures = False
         self._parameters: list[Element] = []
+        self._deployment: Element | None = None
 
     def read(self, root: Element, interface_directories: Sequence[Path]) -> System:
         self._note(root, root.tag, SYSTEM_ROOT)
@@ -236,6 +240,8 @@ class _SystemReader:
                     self._interfaces += self._inputs(child, ("ros-interfaces",), wants_folder=True)
                 case "qos":
                     self._qualities += read_qualities(child, self._log)
+                case "deployment":
+                    self._note_deployment(child)
                 case tag if tag in _IGNORED:
                     self._log.note(
                         "ignored-element", child.position, tag, _IGNORED[tag] or "ignored"
@@ -248,6 +254,7 @@ class _SystemReader:
                         "data_declarations",
                         "interfaces",
                         "qos",
+                        "deployment",
                         "properties",
                     )
                     what = f"not an element of <{root.tag}>"
@@ -271,6 +278,10 @@ class _SystemReader:
         if not self._log.has_errors:  # else a model may be missing here
             clock = clock_for((*nodes, *plugins), library, self._log)
             nodes = nodes if clock is None else (*nodes, clock)
+        deployment: tuple[Process, ...] = ()
+        if self._deployment is not None and not self._log.has_errors:
+            names = [*(node.name for node in nodes), *([POLICY] if self._policy else [])]
+            deployment = read_deployment(self._deployment, names, self._log)
         return System(
             name=folder if stem in ("system", "main") else stem,
             path=self._path,
@@ -284,11 +295,20 @@ class _SystemReader:
             library=library,
             sources=tuple(sources),
             qualities=tuple(self._qualities),
+            deployment=deployment,
         )
 
     def _note(self, element: Element, written: str, current: str, attribute: str = "") -> None:
         if written != current:
             note_read_as(element.at(attribute), element.tag, written, f"`{current}`", self._log)
+
+    def _note_deployment(self, element: Element) -> None:
+        if self._deployment is not None:
+            hint = f"the first is at {self._deployment.position}"
+            what = "two deployments"
+            self._log.error("bad-deployment", element.position, element.tag, what, hint)
+        else:
+            self._deployment = element
 
     def _tree(self, element: Element) -> None:
         policies = self._inputs(element, ("bt.cpp-xml",), others=_PLUGIN_TYPES)

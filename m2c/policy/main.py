@@ -28,7 +28,7 @@ from transports.interface import Transport, TransportError
 from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
-"""How long the next of the nodes of ``--wait-for`` may take to be up."""
+"""How long the next of the nodes of ``--wait-for`` may take to be up, unless ``--patience`` says it."""
 
 
 class PolicySettings(msgspec.Struct, frozen=True):
@@ -38,6 +38,7 @@ class PolicySettings(msgspec.Struct, frozen=True):
         rate_hz: ticks a second; by default the system's.
         ticks: after how many to stop; 0: never.
         wait_for: the nodes that must be up before the first tick.
+        patience_s: how long the next of them may take to be up; 0: as long as it takes.
         tick_timeout_s: how long one leaf may take.
         report_to: an open file, to which a line of JSON is written for each tick.
     """
@@ -45,6 +46,7 @@ class PolicySettings(msgspec.Struct, frozen=True):
     rate_hz: float | None = None
     ticks: int = 0
     wait_for: tuple[str, ...] = ()
+    patience_s: float = START_TIMEOUT_S
     tick_timeout_s: float = 5.0
     report_to: int | None = None
 
@@ -55,6 +57,12 @@ def add_policy_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ticks", type=int, default=0, help="stop after so many (0: no end)")
     parser.add_argument(
         "--wait-for", action="append", default=[], metavar="NODE", help="tick once this node is up"
+    )
+    parser.add_argument(
+        "--patience",
+        type=float,
+        default=START_TIMEOUT_S,
+        help="seconds within which the next of them must be up (default: 30; 0: no limit)",
     )
     parser.add_argument(
         "--report-to",
@@ -68,7 +76,12 @@ def add_policy_options(parser: argparse.ArgumentParser) -> None:
 def policy_settings(parsed: argparse.Namespace) -> PolicySettings:
     """What the options of :func:`add_policy_options` say."""
     return PolicySettings(
-        parsed.rate, parsed.ticks, tuple(parsed.wait_for), parsed.tick_timeout, parsed.report_to
+        parsed.rate,
+        parsed.ticks,
+        tuple(parsed.wait_for),
+        parsed.patience,
+        parsed.tick_timeout,
+        parsed.report_to,
     )
 
 
@@ -130,8 +143,9 @@ class RunningPolicy:
 
     def _run(self) -> None:
         try:
-            if missing := self._awaited.wait(START_TIMEOUT_S):
-                say(f"error: not up after {START_TIMEOUT_S:g} s: {', '.join(missing)}")
+            if missing := self._awaited.wait(self._settings.patience_s or None):
+                patience_s = self._settings.patience_s
+                say(f"error: not up after {patience_s:g} s: {', '.join(missing)}")
                 self.code = 2
             elif not self._stopped:
                 self.code = 1  # unless it ends as it should
@@ -225,7 +239,7 @@ class _Awaited:
             self._given_up = True
             self._heard.notify_all()
 
-    def wait(self, timeout_s: float) -> list[str]:
+    def wait(self, timeout_s: float | None) -> list[str]:
         """Wait until all are up, or until ``give_up``; who is missing if none has come for ``timeout_s``."""
         with self._heard:
             while self._missing and not self._given_up:

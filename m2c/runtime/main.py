@@ -31,6 +31,12 @@ def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zen
         "--secure", default="", metavar="DIR", help="Zenoh: the certificates of `moon keys init`"
     )
     parser.add_argument(
+        "--identity",
+        default="",
+        metavar="NAME",
+        help="whose certificate of these (default: the node's)",
+    )
+    parser.add_argument(
         "--log-level",
         default="INFO",
         type=str.upper,
@@ -60,7 +66,11 @@ def connect_or_exit(arguments: argparse.Namespace, ros_arguments: str) -> Transp
         ros_arguments: what :func:`split_ros_arguments` found for ROS 2.
     """
     options = transport_options(
-        arguments.endpoint, arguments.zenoh_config, arguments.namespace, arguments.secure
+        arguments.endpoint,
+        arguments.zenoh_config,
+        arguments.namespace,
+        arguments.secure,
+        arguments.identity,
     )
     if ros_arguments:
         options["args"] = ros_arguments

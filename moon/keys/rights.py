@@ -76,7 +76,7 @@ class _Channels:
 
 
 def rights_of(system: System) -> tuple[Rights, ...]:
-    """What each process of ``system`` may do, the nodes first, and then :data:`OTHERS`.
+    """What each process of ``system`` may do: each node alone, those of the deployment, :data:`OTHERS`.
 
     Args:
         system: checked models.
@@ -103,14 +103,28 @@ def rights_of(system: System) -> tuple[Rights, ...]:
             if interface.channel is not None:
                 channels.add(interface, interface.channel)
         nodes.append(channels.rights(machine.name, Role.NODE))
+    own = (*nodes, *_policy(system))
     return (
-        *nodes,
-        *_policy(system),
+        *own,
+        *_shared(system, [rights.name for rights in own]),
         Rights(name=LAUNCHER, role=Role.LAUNCHER),
         Rights(name=MONITOR, role=Role.OBSERVER, publishes=(VERDICTS_CHANNEL,)),
         Rights(name=OBSERVER, role=Role.OBSERVER),
         Rights(name=ROUTER, role=Role.ROUTER),
     )
+
+
+def _shared(system: System, names: Sequence[str]) -> Iterable[Rights]:
+    """The processes of the system's deployment in which there are several nodes, or one of another name."""
+    for process in system.deployment:
+        if process.nodes == (process.name,):
+            continue
+        if process.name in (*names, *_TAKEN):
+            raise RightsError(
+                f"a process of the deployment is named {process.name}: there is another certificate of that "
+                "name; give the process another one"
+            )
+        yield Rights(name=process.name, role=Role.PROCESS, nodes=process.nodes)
 
 
 def _interfaces(machine: Machine) -> Iterable[Interface]:

@@ -192,6 +192,10 @@ RULE_EXAMPLES: dict[str, Example] = {
     "bad-parameter": system(
         machine(STATE), extra='<parameters><max_time value="ten" unit="s"/></parameters>'
     ),
+    "bad-deployment": system(
+        machine(STATE),
+        extra='<deployment><process name="all"><node name="Bb"/></process></deployment>',
+    ),
     "bad-quality": qos('<topic name="/t" reliability="best"/>'),
     "duplicate-quality": qos('<topic name="/t"/><topic name="/t" durability="transient_local"/>'),
     "unknown-topic": qos('<topic name="/tt" durability="transient_local"/>'),

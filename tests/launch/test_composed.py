@@ -120,3 +120,47 @@ def test_a_number_of_processes_that_is_none_is_refused(system: System, wrong: st
     run = Run(system.path, "--processes", wrong)
     assert run.end() == 2
     assert "is neither a number from 1 to 1000 nor 'each'" in run.output
+
+
+def deployed_system(system: System, processes: str) -> Path:
+    file = system.folder / "deployment.xml"
+    file.write_text(f"<deployment>{processes}</deployment>")
+    return file
+
+
+TWO_HOSTS = (
+    '<process name="brain" host="robot" priority="3"><node name="LevelSkill"/><node name="policy"/></process>'
+    '<process name="arm" host="base"><node name="MoveSkill"/></process>'
+)
+
+
+@pytest.mark.zenoh
+def test_a_deployment_says_which_processes_there_are_and_how_urgent_each_is(system: System) -> None:
+    run = Run(system.path, "--deployment", deployed_system(system, TWO_HOSTS))
+    run.until("tick ")
+    nice = {name: os.getpriority(os.PRIO_PROCESS, pid) for name, pid in run.children().items()}
+    assert nice == {"policy": 3, "MoveSkill": 0}
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 0, run.output
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--host", "robo"], "has no such host; did you mean robot?"),
+        (["--host", "robot", "--processes", "2"], "it excludes --deployment and --host"),
+    ],
+)
+def test_a_host_that_nobody_is_is_refused(system: System, options: list[str], said: str) -> None:
+    run = Run(system.path, "--deployment", deployed_system(system, TWO_HOSTS), *options)
+    assert run.end() == 2
+    assert said in run.output
+
+
+@pytest.mark.zenoh
+def test_a_deployment_that_forgets_a_node_is_refused_with_its_place(system: System) -> None:
+    file = deployed_system(system, TWO_HOSTS.replace('<node name="LevelSkill"/>', ""))
+    run = Run(system.path, "--deployment", file)
+    assert run.end() == 2
+    assert f"{file}:1:1: error: <deployment>: it gives no process to LevelSkill" in run.output

@@ -62,6 +62,30 @@ def test_nodes_of_two_hosts_call_one_another_and_are_heard_on_both(
             assert "warning" not in tap.said
 
 
+def test_each_host_starts_its_part_and_waits_for_the_rest(
+    system: System, hosts: tuple[list[str], list[str]]
+) -> None:
+    here, there = hosts
+    deployment = system.folder / "deployment.xml"
+    deployment.write_text(
+        '<deployment><process name="brain" host="robot"><node name="policy"/><node name="LevelSkill"/>'
+        '</process><process name="arm" host="base"><node name="MoveSkill"/></process></deployment>'
+    )
+    start = [system.path, "--deployment", deployment, "--host"]
+    base = Run(*start, "base", endpoint=MEETING, inside=there)
+    base.until("waiting for another host")  # nobody listens at the meeting point yet
+    robot = Run(*start, "robot", endpoint=MEETING, inside=here)
+    robot.until("starting 1 of 2 nodes")
+    base.until("starting 1 of 2 nodes")
+    robot.until("RUNNING  Level ok  Move ..")
+    base.until("2 nodes are up")
+    robot.process.send_signal(signal.SIGINT)
+    assert robot.end() == 0, robot.output
+    base.process.send_signal(signal.SIGINT)
+    assert base.end() == 0, base.output
+    assert base.lines[-1] == "stopped; all nodes have ended"
+
+
 def test_who_listens_on_loopback_only_says_that_a_third_host_cannot_reach_it(
     hosts: tuple[list[str], list[str]], tmp_path: Path
 ) -> None:

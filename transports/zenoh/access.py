@@ -50,6 +50,7 @@ class Role(StrEnum):
     POLICY = "policy"
     OBSERVER = "observer"
     LAUNCHER = "launcher"
+    PROCESS = "process"
     ROUTER = "router"
 
 
@@ -57,11 +58,12 @@ class Rights(msgspec.Struct, frozen=True, kw_only=True):
     """What one process may do.
 
     Attributes:
-        name: the common name of its certificate: the node's name.
+        name: the common name of its certificate: the node's, or the process's.
         role: what it is. An observer may subscribe to everything; a launcher, only see who is up; a router
-            may pass on whatever somebody may send.
+            may pass on whatever somebody may send; a process of several nodes, what each of them may.
         publishes, subscribes: topics.
         serves, calls: services.
+        nodes: of a process, the nodes that share it.
         keeps_last: those topics of ``publishes`` and ``subscribes`` whose last message is for who comes late.
     """
 
@@ -71,6 +73,7 @@ class Rights(msgspec.Struct, frozen=True, kw_only=True):
     subscribes: tuple[str, ...] = ()
     serves: tuple[str, ...] = ()
     calls: tuple[str, ...] = ()
+    nodes: tuple[str, ...] = ()
     keeps_last: frozenset[str] = frozenset()
 
 
@@ -97,7 +100,8 @@ def access_control(processes: Sequence[Rights], namespace: str = "") -> dict[str
                 own.append(f"{', '.join(messages)} {_WAYS[flow]} {process.name}")
                 rules.append(_rule(own[-1], flow, messages, [begin + key for key in keys]))
         if own:
-            policies.append({"rules": own, "subjects": [process.name]})
+            shared = [other.name for other in processes if process.name in other.nodes]
+            policies.append({"rules": own, "subjects": [process.name, *shared]})
     everything = [rule["id"] for rule in rules]
     policies += [
         {"rules": everything, "subjects": [process.name]}
@@ -134,7 +138,7 @@ def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[st
 
 def _allowed(process: Rights) -> list[tuple[str, list[str], list[str]]]:
     """Whether it comes from ``process`` or goes to it, which messages, and on which keys (perhaps none)."""
-    if process.role is Role.ROUTER:
+    if process.role in (Role.ROUTER, Role.PROCESS):
         return []
     looks = [f"{NODE_KEYS}/**", *(f"{SERVER_KEYS}/*/*/{key_of(name)}" for name in process.serves)]
     if process.role is Role.OBSERVER:

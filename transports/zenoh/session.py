@@ -32,7 +32,7 @@ from pathlib import Path
 
 import zenoh
 
-from transports.interface import TransportError
+from transports.interface import TransportError, UnreachableError
 from transports.zenoh.wire import LOG
 
 OPTIONS = ("endpoint", "rendezvous", "listen", "config", "namespace", "secure", "identity")
@@ -129,11 +129,11 @@ def _open_at(rendezvous: str, options: Mapping[str, str]) -> zenoh.Session:
     except zenoh.ZError as error:
         plain = _plain(str(error))
         if "listener" not in plain:
-            raise TransportError(_why_not_open(options, plain)) from error
+            raise _why_not_open(options, plain) from error
         try:
             return _open(connecting)
-        except TransportError as unreachable:
-            raise TransportError(
+        except UnreachableError as unreachable:
+            raise UnreachableError(
                 f"{unreachable}; nor can this process listen there: {plain}"
             ) from None
     _warn_if_open_to_all(listening)
@@ -145,7 +145,7 @@ def _open(options: Mapping[str, str]) -> zenoh.Session:
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
-        raise TransportError(_why_not_open(options, _plain(str(error)))) from error
+        raise _why_not_open(options, _plain(str(error))) from error
     if not session.info.routers_zid():
         _warn_if_half_reachable(config)
     if not options.get("endpoint", ""):  # else it is said where these processes meet
@@ -296,17 +296,19 @@ def _set_endpoints(config: zenoh.Config, option: str, key: str, endpoints: list[
     config.insert_json5(key, json.dumps(endpoints))
 
 
-def _why_not_open(options: Mapping[str, str], plain: str) -> str:
+def _why_not_open(options: Mapping[str, str], plain: str) -> TransportError:
     if "connect" in plain.lower():
         certificates = ", of the same authority" if options.get("secure", "") else ""
-        return (
+        return UnreachableError(
             f"cannot reach {options.get('endpoint') or 'the endpoints of the configuration'} "
             f"within {CONNECT_TIMEOUT_MS / 1000:g} s: is a node or router listening there{certificates}? "
             f"({plain})"
         )
     if "in use" in plain:
-        return f"cannot listen on {options.get('listen', '')}: the port is in use ({plain})"
-    return f"cannot open a Zenoh session: {plain}"
+        return TransportError(
+            f"cannot listen on {options.get('listen', '')}: the port is in use ({plain})"
+        )
+    return TransportError(f"cannot open a Zenoh session: {plain}")
 
 
 def _plain(error: str) -> str:
