@@ -9,6 +9,7 @@ from m2c.lazy_group import LazyGroup
 _COMMANDS = {
     "check": ("m2c.check.command:check", "Check models: every fault with file:line:column."),
     "convert": ("m2c.convert.command:convert", "Write models in one dialect, with today's names."),
+    "deploy": ("m2c.deploy.command:deploy", "Write systemd units and a compose file of a system."),
     "draw": ("m2c.draw.command:draw", "Draw a machine, a system's wiring or a policy."),
     "generate": ("m2c.codegen.command:generate", "Generate running Python nodes from models."),
     "interfaces": ("m2c.rosidl.command:interfaces", "Build ROS interface packages."),

@@ -254,10 +254,10 @@ def run(
                 interfaces = (*interfaces, events)
                 if transport == "ros2":
                     _provide_events(events)
-            apart = [*packages, *_policy_apart(description, restart)]
             if plan:
-                groups = deployed(description, plan, host or "", apart)
+                groups = deployed(description, plan, host or "", packages)
             else:
+                apart = [*packages, *_policy_apart(description, restart)]
                 groups = grouped(description, _count(processes, secure), apart)
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * (len(groups) + 1))
             options = _transport_options(transport, endpoint, zenoh_config, secure, namespace)

@@ -97,7 +97,7 @@ def test_a_run_whose_terminal_is_gone_halts_its_tree_and_leaves_nobody(tmp_path:
     system = System(tmp_path / "lab")
     trace = tmp_path / "trace.mcap"
     endpoint = free_endpoint()
-    run = Session("m2c", "run", system.path, "--endpoint", endpoint)
+    run = Session("m2c", "run", system.path, "--endpoint", endpoint, "--processes", "each")
     run.until(lambda text: "nodes are up" in text)
     recorder = subprocess.Popen(
         [BIN / "moon", "record", "-o", trace, "--endpoint", endpoint],
