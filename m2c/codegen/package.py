@@ -33,6 +33,9 @@ _MODULES = {
 _STEPWISE = _MODULES | {"machine.py": "stepwise_machine.py.j2", "node.py": "stepwise_node.py.j2"}
 """The same for a run in steps."""
 
+_SERVES = (InterfaceKind.SERVER, InterfaceKind.ACTION_SERVER)
+_CALLS = (InterfaceKind.CLIENT, InterfaceKind.ACTION_CLIENT)
+
 
 class Draft:
     """Files being made: their texts, and of which template and for which model each is.
@@ -138,14 +141,7 @@ def system_files(
             {"name": node, "package": package, "path": package} for package, node in nodes.items()
         ],
         "policy": {"name": "policy", "package": policy, "path": policy} if policy else None,
-        "ticked": [
-            machine.name
-            for machine in system.nodes
-            if any(
-                interface.kind is InterfaceKind.SERVER and interface.channel in called
-                for interface in machine.interfaces
-            )
-        ],
+        "called": _called(system, called),
     }
     if system.deployment:
         launch["deployment"] = msgspec.to_builtins(system.deployment)
@@ -153,6 +149,31 @@ def system_files(
     if packaging is Packaging.AMENT:
         _add_bringup(draft, system, nodes, policy, used)
     return draft.files()
+
+
+def _called(system: System, by_policy: Iterable[str]) -> list[str]:
+    """The nodes that a tick reaches by calls: of the policy, and of those that it calls, and so on."""
+    interfaces = {
+        machine.name: [
+            *machine.interfaces,
+            *(i for t in machine.threads for i in t.machine.interfaces),
+        ]
+        for machine in system.nodes
+    }
+    found: set[str] = set()
+    asked = {
+        *by_policy,
+        *(i.channel for p in system.plugins for i in p.interfaces if i.kind in _CALLS),
+    }
+    while asked:
+        new = {
+            name
+            for name, own in interfaces.items()
+            if any(i.kind in _SERVES and i.channel in asked for i in own)
+        } - found
+        found |= new
+        asked = {i.channel for name in new for i in interfaces[name] if i.kind in _CALLS}
+    return [machine.name for machine in system.nodes if machine.name in found]
 
 
 def _add_bringup(

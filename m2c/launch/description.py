@@ -25,7 +25,7 @@ class Package(msgspec.Struct, frozen=True):
 
 
 class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The nodes of a system and its policy; ``ticked`` are the nodes whose services the policy calls, and
+    """The nodes of a system and its policy; ``called`` are the nodes that a tick reaches by calls, and
     ``deployment`` is what the system file says of its processes.
     """
 
@@ -34,7 +34,7 @@ class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     tick_rate_hz: float
     nodes: tuple[Package, ...]
     policy: Package | None = None
-    ticked: tuple[str, ...] = ()
+    called: tuple[str, ...] = ()
     deployment: tuple[Process, ...] = ()
 
 

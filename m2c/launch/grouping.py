@@ -37,8 +37,8 @@ def grouped(
 ) -> tuple[Group, ...]:
     """Deal the nodes of ``description`` out to processes.
 
-    The policy and the nodes that it ticks share the first, as each of its calls would otherwise go from one
-    process to another; the others follow in the order of the system, in parts of one size.
+    The policy and the nodes that a tick calls share the first, as each call between processes costs several
+    within one; the others follow in the order of the system, in parts of one size.
 
     Args:
         description: the nodes, and the policy.
@@ -52,9 +52,9 @@ def grouped(
     together = [node for node in description.nodes if node.name not in apart]
     if policy is not None and policy.name in apart:
         alone, policy = (*alone, Group(policy.name, (), policy)), None
-    ticked = [node for node in together if node.name in description.ticked and policy is not None]
-    others = [node for node in together if node not in ticked]
-    first = [(tuple(ticked), policy)] if ticked or policy is not None else []
+    called = [node for node in together if node.name in description.called and policy is not None]
+    others = [node for node in together if node not in called]
+    first = [(tuple(called), policy)] if policy is not None else []
     room = max((processes or 1) - len(first), 0)
     if not room and first:
         first, others = [(tuple(together), policy)], []

@@ -16,11 +16,11 @@ from m2c.launch.grouping import grouped
 from tests.launch.system import Run, System
 
 
-def described(nodes: int, ticked: int = 0, policy: bool = True) -> LaunchDescription:
+def described(nodes: int, called: int = 0, policy: bool = True) -> LaunchDescription:
     names = [f"N{number}" for number in range(nodes)]
     packages = tuple(Package(name, name.lower(), name.lower()) for name in names)
     root = Package("policy", "p", "p") if policy else None
-    return LaunchDescription(1, "s", 5.0, packages, root, tuple(names[:ticked]))
+    return LaunchDescription(1, "s", 5.0, packages, root, tuple(names[:called]))
 
 
 @given(
@@ -31,9 +31,9 @@ def described(nodes: int, ticked: int = 0, policy: bool = True) -> LaunchDescrip
     st.sets(st.integers(0, 60)),
 )
 def test_each_runs_once_and_in_at_most_so_many_processes(
-    nodes: int, ticked: int, processes: int | None, policy: bool, apart: set[int]
+    nodes: int, called: int, processes: int | None, policy: bool, apart: set[int]
 ) -> None:
-    description = described(nodes, ticked, policy)
+    description = described(nodes, called, policy)
     alone = [f"N{number}" for number in apart if number < nodes]
     groups = grouped(description, processes, alone)
     running = [package.name for group in groups for package in group.packages]
@@ -49,8 +49,8 @@ def test_each_runs_once_and_in_at_most_so_many_processes(
     assert all(len(group.packages) == 1 for group in groups if group.name in alone)
 
 
-def test_what_the_policy_ticks_is_in_its_process_and_the_others_are_dealt_out() -> None:
-    groups = grouped(described(10, ticked=4), 3)
+def test_what_a_tick_calls_is_in_the_policy_s_process_and_the_others_are_dealt_out() -> None:
+    groups = grouped(described(10, called=4), 3)
     assert [[package.name for package in group.packages] for group in groups] == [
         ["N0", "N1", "N2", "N3", "policy"],
         ["N4", "N5", "N6"],
