@@ -51,6 +51,8 @@ NODES = (
 PROCESSES = (
     *NODES,
     Rights(name="Other", role=Role.NODE, publishes=("/other",), subscribes=("/done",)),
+    Rights(name="Third", role=Role.NODE, subscribes=("/done",)),
+    Rights(name="several", role=Role.PROCESS, nodes=("Other", "Third")),
     Rights(name="observer", role=Role.OBSERVER),
     Rights(name="router", role=Role.ROUTER),
 )

@@ -27,7 +27,7 @@ def attempt(secured: Secured, folder: Path, name: str) -> Attempt:
     return Attempt(folder=str(folder), name=name, endpoint=secured.endpoint, mode=secured.mode)
 
 
-@pytest.mark.parametrize("name", ["observer", "Other"])
+@pytest.mark.parametrize("name", ["observer", "Other", "several"])
 def test_who_has_a_certificate_sends_and_hears_only_what_its_rights_say(
     secured: Secured, name: str, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -105,3 +105,29 @@ def test_a_node_that_cannot_have_a_certificate_of_its_name_is_refused(
     renamed = msgspec.structs.replace(system.nodes[0], name=name)
     with pytest.raises(RightsError, match=name):
         rights_of(msgspec.structs.replace(system, nodes=(renamed, *system.nodes[1:])))
+
+
+DEPLOYED = """<deployment>
+<process name="brain"><node name="policy"/><node name="LevelSkill"/></process>
+<process name="MoveSkill"><node name="MoveSkill"/></process></deployment>"""
+
+
+def test_a_process_of_the_deployment_may_do_what_its_nodes_may(tmp_path: Path) -> None:
+    system = System(tmp_path / "lab")
+    system.path.write_text(system.path.read_text().replace("</roaml>", f"{DEPLOYED}</roaml>"))
+    processes = rights_of(read_checked([system.path]))
+    assert [found.name for found in processes if found.role is Role.PROCESS] == ["brain"]
+    section = access_control(processes)
+    for message in ("put", "declare_queryable", "query", "liveliness_token"):
+        of_nodes = [allowed(section, name, message) for name in ("policy", "LevelSkill")]
+        assert allowed(section, "brain", message) == set.union(*of_nodes)
+    assert "MoveSkill/tick" not in allowed(section, "brain", "declare_queryable")
+
+
+@pytest.mark.parametrize("name", ["LevelSkill", "m2c_run", "ca", "router"])
+def test_a_process_has_the_name_of_no_other_certificate(tmp_path: Path, name: str) -> None:
+    system = System(tmp_path / "lab")
+    text = DEPLOYED.replace("brain", name)
+    system.path.write_text(system.path.read_text().replace("</roaml>", f"{text}</roaml>"))
+    with pytest.raises(RightsError, match=f"a process of the deployment is named {name}"):
+        rights_of(read_checked([system.path]))

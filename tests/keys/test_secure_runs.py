@@ -127,3 +127,20 @@ def test_a_secured_run_of_an_example_is_conforming(tmp_path: Path) -> None:
         assert "0 violations" in run.said
         assert "4 machines: 4 conforming" in run.said
         assert "refused" not in run.said
+
+
+def test_a_process_of_several_nodes_has_one_certificate(tmp_path: Path) -> None:
+    system = System(tmp_path / "lab")
+    deployment = (
+        '<deployment><process name="brain"><node name="policy"/><node name="LevelSkill"/></process>'
+        '<process name="arm"><node name="MoveSkill"/></process></deployment>'
+    )
+    system.path.write_text(system.path.read_text().replace("</roaml>", f"{deployment}</roaml>"))
+    keys = init(tmp_path / "keys", system.path)
+    secure = ("--secure", keys, "--endpoint", free_endpoint().replace("tcp/", "tls/"))
+    with contextlib.closing(
+        Process("m2c", "run", system.path, *secure, "--ticks", 30, "--monitor")
+    ) as run:
+        assert run.end() == 0, run.said
+        assert "3 machines: 3 conforming until they ended" in run.said
+        assert "refused" not in run.said
