@@ -17,7 +17,12 @@ SECURE_ENDPOINT = "tls/127.0.0.1:7447"
 
 
 def transport_options(
-    endpoints: Sequence[str], config: str, namespace: str, secure: str = "", identity: str = ""
+    endpoints: Sequence[str],
+    config: str,
+    namespace: str,
+    secure: str = "",
+    identity: str = "",
+    router: bool = False,
 ) -> dict[str, str]:
     """What ``transports.registry.connect`` takes: the options that are given, by their names.
 
@@ -27,6 +32,7 @@ def transport_options(
         namespace: prefix of every channel, or "".
         secure: the folder of certificates, or "".
         identity: whose certificate there is taken, or "" for the node's.
+        router: whether a Zenoh router is at the endpoints, through which everything goes.
     """
     options = {
         "endpoint": ",".join(endpoints),
@@ -34,6 +40,7 @@ def transport_options(
         "namespace": namespace,
         "secure": secure,
         "identity": identity,
+        "mode": "client" if router else "",
     }
     return {name: value for name, value in options.items() if value}
 

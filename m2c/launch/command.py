@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import contextlib
 import os
 import sys
 import tempfile
@@ -22,6 +22,7 @@ from transports.options import DEFAULT_ENDPOINT, LAUNCHER, SECURE_ENDPOINT, meet
 if TYPE_CHECKING:
     from m2c.launch.description import LaunchDescription
     from m2c.launch.grouping import Group
+    from m2c.launch.router import Router
     from m2c.policy.program import Policy
     from transports.interface import Transport
     from transports.stop_signals import StopSignals
@@ -89,6 +90,12 @@ class _Run(click.Command):
 )
 @click.option("--endpoint", help=f"Zenoh: where the nodes meet.  [default: {DEFAULT_ENDPOINT}]")
 @click.option(
+    "--router",
+    "routed",
+    is_flag=True,
+    help="Zenoh: all talk through a router at the endpoint; it is started if there is none.",
+)
+@click.option(
     "--zenoh-config",
     type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
     help="Zenoh: configuration file for every process (TLS, routers…).",
@@ -147,6 +154,7 @@ def run(
     without: tuple[str, ...],
     replacements: tuple[str, ...],
     endpoint: str | None,
+    routed: bool,
     zenoh_config: Path | None,
     secure: Path | None,
     namespace: str,
@@ -176,6 +184,7 @@ def run(
     Example:
       m2c run generated --ticks 100
       m2c run system.xml --transport simulated --for 60 --monitor
+      m2c run system.xml --router
       m2c run system.xml --monitor="--properties safety.yaml" --record run.mcap
     """
     from m2c.launch.description import (
@@ -188,6 +197,7 @@ def run(
     from m2c.launch.grouping import deployed, grouped
     from m2c.launch.reading import parse_replacements, planned
     from m2c.launch.refusals import ask_for_refusals, ask_nodes_for_refusals
+    from m2c.launch.router import met_at_router
     from m2c.launch.screen import screen_for
     from m2c.launch.system import RunningSystem, RunSettings
     from m2c.launch.watching import watch_options, watcher
@@ -214,6 +224,7 @@ def run(
     if transport == SIMULATED:
         refused = {
             "--endpoint": endpoint,
+            "--router": routed,
             "--zenoh-config": zenoh_config,
             "--secure": secure,
             "--namespace": namespace,
@@ -229,7 +240,10 @@ def run(
         sys.exit(run_simulated(system, changed, *chosen, simulation, of_monitor, record, quiet))
     _refuse(transport, simulation.given(), SIMULATED)
     interfaces: tuple[Path, ...] = ()
-    with tempfile.TemporaryDirectory(prefix="m2c-run-") as scratch:
+    with (
+        tempfile.TemporaryDirectory(prefix="m2c-run-") as scratch,
+        contextlib.ExitStack() as at_router,
+    ):
         try:
             folder = system if system.is_dir() else Path(scratch) / "system"
             if not system.is_dir():
@@ -260,23 +274,34 @@ def run(
                 apart = [*packages, *_policy_apart(description, restart)]
                 groups = grouped(description, _count(processes, secure), apart)
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * (len(groups) + 1))
-            options = _transport_options(transport, endpoint, zenoh_config, secure, namespace)
+            options = _transport_options(
+                transport, endpoint, routed, zenoh_config, secure, namespace
+            )
             signals = StopSignals()
             heard = False
             if secure is not None:
                 _check_certificates(secure, groups)
                 heard = ask_for_refusals()
-            meet = functools.partial(connect, transport, LAUNCHER, meeting_at(options))
-            connection = meet() if host is None else _when_reachable(meet, signals)
+
+            def meet() -> tuple[Transport, Router | None]:
+                if routed:
+                    return at_router.enter_context(met_at_router(folder, options))
+                return connect(transport, LAUNCHER, meeting_at(options)), None
+
+            connection, router = meet() if host is None else _when_reachable(meet, signals)
             if heard:
                 ask_nodes_for_refusals()
             where = f"on {transport}"
             if transport == "zenoh":
-                where = f"at {options.get('endpoint') or f'the endpoints of {zenoh_config}'}"
+                the_router = "the router " if routed else ""
+                where = f"at {the_router}{options.get('endpoint') or f'the endpoints of {zenoh_config}'}"
             arguments = ["--transport", transport]
             for name, value in options.items():
                 arguments += [_NODE_OPTIONS[name], value]
             watch = watcher(system, of_monitor, record, interfaces)
+            if watch:  # to which a router is one of those it meets
+                watch += tuple(arguments)
+            arguments += ["--router"] if routed else []
             settings = RunSettings(
                 groups,
                 tuple(arguments),
@@ -289,7 +314,9 @@ def run(
             )
             try:
                 with screen_for(policy, quiet) as screen:
-                    system_run = RunningSystem(description, folder, connection, settings, screen)
+                    system_run = RunningSystem(
+                        description, folder, connection, settings, screen, router
+                    )
                     code = system_run.run(signals)
             finally:
                 with ended_after(CLOSE_TIMEOUT_S, "closing the connection"):
@@ -299,7 +326,9 @@ def run(
     sys.exit(code)
 
 
-def _when_reachable(connect: Callable[[], Transport], signals: StopSignals) -> Transport:
+def _when_reachable(
+    connect: Callable[[], tuple[Transport, Router | None]], signals: StopSignals
+) -> tuple[Transport, Router | None]:
     """Connect, as soon as somebody of another host is there; each attempt waits for some seconds itself."""
     from transports.interface import UnreachableError
 
@@ -342,6 +371,7 @@ _NODE_OPTIONS = {
 def _transport_options(
     transport: str,
     endpoint: str | None,
+    routed: bool,
     zenoh_config: Path | None,
     secure: Path | None,
     namespace: str,
@@ -355,11 +385,15 @@ def _transport_options(
             if zenoh_config is not None:
                 fail("--secure: the configurations are in the folder; it excludes --zenoh-config")
             options["secure"] = str(secure.absolute())
+        if routed and not endpoint and zenoh_config is not None:
+            fail("--router: with --zenoh-config give --endpoint, too: where the router is")
         if endpoint or zenoh_config is None:  # else the nodes meet where the file says
             default = DEFAULT_ENDPOINT if secure is None else SECURE_ENDPOINT
             options["endpoint"] = endpoint or default
-    elif endpoint or zenoh_config is not None or secure is not None:
-        fail(f"--transport {transport}: --endpoint, --zenoh-config and --secure are for zenoh")
+    elif endpoint or routed or zenoh_config is not None or secure is not None:
+        fail(
+            f"--transport {transport}: --endpoint, --router, --zenoh-config and --secure are for zenoh"
+        )
     return options
 
 

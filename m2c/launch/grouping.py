@@ -54,7 +54,9 @@ def grouped(
         alone, policy = (*alone, Group(policy.name, (), policy)), None
     called = [node for node in together if node.name in description.called and policy is not None]
     others = [node for node in together if node not in called]
-    first = [(tuple(called), policy)] if policy is not None else []
+    first: list[tuple[tuple[Package, ...], Package | None]] = []
+    if policy is not None:
+        first = [(tuple(called), policy)]
     room = max((processes or 1) - len(first), 0)
     if not room and first:
         first, others = [(tuple(together), policy)], []

@@ -6,9 +6,11 @@ costs each message; so by default it is heard that something was refused, and no
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import time
+from collections.abc import Iterator
 
 _LINKS = "zenoh_link_tls::unicast"
 _MESSAGES = "zenoh::net::routing::interceptor"
@@ -41,6 +43,20 @@ def ask_for_refusals() -> bool:
 def ask_nodes_for_refusals() -> None:
     """Have Zenoh say the same, and when it refuses a message, in processes started from now on."""
     os.environ[_VARIABLE] = _OF_NODES
+
+
+@contextlib.contextmanager
+def asked_as_nodes_are() -> Iterator[None]:
+    """What is started meanwhile says what nodes say, though the launcher has yet to connect."""
+    of_launcher = os.environ.get(_VARIABLE)
+    if of_launcher != _OF_LAUNCHER:
+        yield
+        return
+    ask_nodes_for_refusals()
+    try:
+        yield
+    finally:
+        os.environ[_VARIABLE] = of_launcher
 
 
 class Refusals:

@@ -17,6 +17,8 @@ from m2c.launch.grouping import Group
 from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, describe_end
 from m2c.launch.refusals import Refusals
 from m2c.launch.restarts import MOST_RESTARTS, Restarts
+from m2c.launch.router import NAME as ROUTER
+from m2c.launch.router import Router
 from m2c.launch.screen import Guarded, Screen
 from m2c.policy.runner import TreeTick
 from m2c.suggestions import first_of
@@ -47,7 +49,8 @@ class RunSettings(msgspec.Struct, frozen=True):
         where: where they meet, in words.
         rate_hz: ticks a second; by default the system's.
         ticks: after how many to stop; 0: never.
-        watcher: the command line of ``moon`` that watches the run from its beginning to its end.
+        watcher: the command line of ``moon`` that watches the run from its beginning to its end, and of its
+            connection.
         restart: whether a process that dies once all are up is started again; one that ends with exit code 0
             was told to, and is not.
         is_secure: whether each process has a certificate of its name.
@@ -72,6 +75,7 @@ class RunningSystem:
         transport: the launcher's own connection, to hear who is up and how the tree ticks.
         settings: how to run it.
         screen: where it is shown.
+        router: through which all talk, if it is this run's own.
     """
 
     def __init__(
@@ -81,6 +85,7 @@ class RunningSystem:
         transport: Transport,
         settings: RunSettings,
         screen: Screen,
+        router: Router | None = None,
     ) -> None:
         self._description = description
         self._folder = folder
@@ -89,6 +94,7 @@ class RunningSystem:
         self._screen = Guarded(screen, self._cannot_show)
         self._unshown: OSError | None = None
         """Why nothing can be shown."""
+        self._router = router
         self._processes: dict[str, NodeProcess] = {}
         self._died: tuple[str, str] | None = None
         """Which process died first and was not started again, and how."""
@@ -147,6 +153,9 @@ class RunningSystem:
             f"{self._settings.where}"
         )
         transport.watch_nodes(self._changed)
+        if self._router is not None:
+            self._processes[ROUTER] = self._router.process
+            self._router.follow(self._line, self._ended)
         try:
             if self._settings.watcher:
                 self._start_watcher()
@@ -194,13 +203,12 @@ class RunningSystem:
     def _start_watcher(self) -> None:
         """What is to hear everything is there first."""
         ready, say_ready = os.pipe()
-        arguments = [*self._settings.watcher, *self._settings.node_arguments]
         try:
             self._processes[WATCHER] = NodeProcess(
                 WATCHER,
                 WATCHER,
                 [self._folder],
-                [*arguments, "--ready-fd", str(say_ready)],
+                [*self._settings.watcher, "--ready-fd", str(say_ready)],
                 self._line,
                 self._ended,
                 [say_ready],
@@ -272,9 +280,12 @@ class RunningSystem:
         self._interrupted()
 
     def _stop_all(self) -> None:
-        """The policy first: it halts its tree, for which the skills must be there. What watches, last."""
+        """The policy first: it halts its tree, for which the skills must be there. What watches, last.
+
+        The router is there until this process's own connection is closed, too.
+        """
         first = [group.name for group in self._settings.groups if group.policy is not None]
-        rest = [name for name in self._processes if name not in (*first, WATCHER)]
+        rest = [name for name in self._processes if name not in (*first, WATCHER, ROUTER)]
         for names in (first, rest, [WATCHER]):
             processes = [self._processes[name] for name in names if name in self._processes]
             for process in processes:

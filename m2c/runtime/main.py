@@ -25,6 +25,9 @@ def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zen
     parser.add_argument(
         "--endpoint", action="append", default=[], help="where to connect, e.g. tcp/127.0.0.1:7447"
     )
+    parser.add_argument(
+        "--router", action="store_true", help="Zenoh: talk through the router at the endpoint"
+    )
     parser.add_argument("--zenoh-config", default="", help="a Zenoh configuration file (JSON5)")
     parser.add_argument("--namespace", default="", help="prefix of every channel")
     parser.add_argument(
@@ -71,6 +74,7 @@ def connect_or_exit(arguments: argparse.Namespace, ros_arguments: str) -> Transp
         arguments.namespace,
         arguments.secure,
         arguments.identity,
+        arguments.router,
     )
     if ros_arguments:
         options["args"] = ros_arguments

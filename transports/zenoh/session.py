@@ -11,6 +11,7 @@ Options (all strings, all optional):
     secure: a folder that `moon keys init` made: the configuration file there of this process is read instead
         of ``config``.
     identity: whose certificate in that folder is this process's; by default the node's.
+    mode: ``peer`` (the default), ``client`` of the router at the endpoint, or ``router``, which only listens.
 
 An option wins over the file; the file wins over the defaults: a peer without multicast scouting
 that finds the other peers by gossip from those it connects to, and stamps what it publishes.
@@ -35,13 +36,18 @@ import zenoh
 from transports.interface import TransportError, UnreachableError
 from transports.zenoh.wire import LOG
 
-OPTIONS = ("endpoint", "rendezvous", "listen", "config", "namespace", "secure", "identity")
+OPTIONS = (
+    *("endpoint", "rendezvous", "listen", "config", "namespace", "secure", "identity"),
+    "mode",
+)
+PEER, CLIENT, ROUTER = MODES = ("peer", "client", "router")
+"""What a session is to the others, as Zenoh calls it."""
 
 CONNECT_TIMEOUT_MS = 5_000
 """How long opening a session tries to reach its endpoints before it fails."""
 
 _DEFAULTS: Mapping[str, object] = {
-    "mode": "peer",
+    "mode": PEER,
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": True,
     "timestamping/enabled": True,
@@ -121,7 +127,7 @@ def _open_at(rendezvous: str, options: Mapping[str, str]) -> zenoh.Session:
     """Listen on ``rendezvous`` if that is possible; else somebody does, or it is another host's."""
     others = {name: value for name, value in options.items() if name != "rendezvous"}
     connecting = {**others, "endpoint": rendezvous}
-    if json.loads(configuration(connecting).get_json("mode")) == "client":  # which listens nowhere
+    if _mode(configuration(connecting)) == CLIENT:  # which listens nowhere
         return _open(connecting)
     try:
         listening = configuration({**others, "listen": rendezvous})
@@ -146,7 +152,15 @@ def _open(options: Mapping[str, str]) -> zenoh.Session:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise _why_not_open(options, _plain(str(error))) from error
-    if not session.info.routers_zid():
+    if session.info.routers_zid():
+        pass  # which relays: nobody needs to reach this process
+    elif options.get("mode", "") == CLIENT:
+        session.close()
+        raise TransportError(
+            f"what listens at {options.get('endpoint') or 'the endpoints of the configuration'} is a peer, "
+            "not a router: are nodes running there without --router?"
+        )
+    else:
         _warn_if_half_reachable(config)
     if not options.get("endpoint", ""):  # else it is said where these processes meet
         _warn_if_open_to_all(config)
@@ -156,12 +170,11 @@ def _open(options: Mapping[str, str]) -> zenoh.Session:
 def _warn_if_open_to_all(config: zenoh.Config) -> None:
     """Who listens for other hosts, and asks nobody for a certificate, lets everybody in."""
     here = [e for e in _endpoints(config, "listen") if not e.startswith(_ON_LOOPBACK)]
-    is_client = json.loads(config.get_json("mode")) == "client"  # which listens nowhere
     asks = json.loads(config.get_json("transport/link/tls"))["enable_mtls"]
     asks = asks and all(e.startswith(_WITH_CERTIFICATE) for e in here)
     if (
         here
-        and not is_client
+        and _mode(config) != CLIENT  # which listens nowhere
         and not (asks and json.loads(config.get_json("access_control/enabled")))
     ):
         LOG.warning(
@@ -186,6 +199,11 @@ def _warn_if_half_reachable(config: zenoh.Config) -> None:
         )
 
 
+def _mode(config: zenoh.Config) -> str:
+    mode: str = json.loads(config.get_json("mode"))
+    return mode
+
+
 def _endpoints(config: zenoh.Config, key: str) -> list[str]:
     """What a peer of ``config`` connects to or listens on."""
     endpoints = json.loads(config.get_json(f"{key}/endpoints"))
@@ -202,6 +220,12 @@ def configuration(options: Mapping[str, str]) -> zenoh.Config:
     for key, value in {**_DEFAULTS, "connect/timeout_ms": CONNECT_TIMEOUT_MS}.items():
         if not path or config.get_json(key) == blank.get_json(key):
             config.insert_json5(key, json.dumps(value))
+    if mode := options.get("mode", ""):
+        if mode not in MODES:
+            raise TransportError(f"mode {mode!r}: it is one of {', '.join(MODES)}")
+        config.insert_json5("mode", json.dumps(mode))
+        if mode == ROUTER:  # a file may be that of the nodes, which meet here
+            config.insert_json5("connect/endpoints", "[]")
     for option, key in (("endpoint", "connect/endpoints"), ("listen", "listen/endpoints")):
         endpoints = [e.strip() for e in options.get(option, "").split(",") if e.strip()]
         if endpoints:
