@@ -22,7 +22,7 @@ from benchmarks.page import TOLD_TO, Row, as_markdown, page_with, put
 
 HERE = Path(__file__).parent
 PAGES = (HERE.parent / "docs/performance.md", HERE.parent / "docs/performance-monitors.md")
-NO_BENCHMARKS = ("__main__", "copies", "page", "processes", "sampling", "ticking")
+NO_BENCHMARKS = ("__main__", "copies", "family", "page", "processes", "sampling", "ticking")
 
 
 def names() -> list[str]:
