@@ -109,18 +109,21 @@ def met_at_router(
     Raises:
         TransportError: there is no router, and none can be started there.
     """
+    from transports.zenoh.session import NotARouterError
+
     with asked_as_nodes_are():
         router = Router(folder, options)
     try:
         try:
             connection = connect("zenoh", LAUNCHER, {**options, "mode": "client"})
         except TransportError as error:
-            if router.listens:
+            if router.listens or isinstance(error, NotARouterError):
                 raise
-            said = " ".join(router.process.last_lines)
+            _, _, said = " ".join(router.process.last_lines).partition(": ")
             raise type(error)(f"{error}; nor can a router be started there: {said}") from None
         yield connection, (router if router.listens else None)
     finally:
+        is_unsaid = router.listens and router.process.code is None
         how = router.end()
-        if how and router.listens:
+        if how and is_unsaid:
             say(f"{NAME} {how} when everything was stopped")

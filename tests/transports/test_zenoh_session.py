@@ -45,13 +45,14 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(network):
         (
             {"endpont": "x"},
             "the zenoh transport has no option 'endpont'; "
-            "it has endpoint, rendezvous, listen, config, namespace, secure, identity",
+            "it has endpoint, rendezvous, listen, config, namespace, secure, identity, mode",
         ),
         (
             {"endpoint": "localhost"},
             "endpoint 'localhost' is not an endpoint; "
             "write <protocol>/<address>, e.g. tcp/127.0.0.1:7447",
         ),
+        ({"mode": "star"}, "mode 'star': it is one of peer, client, router"),
         ({"config": "/no/such.json5"}, "there is no Zenoh configuration file /no/such.json5"),
         (
             {"namespace": "a//b"},
@@ -93,6 +94,25 @@ def test_the_configuration_file_wins_over_defaults_and_options_over_the_file(tmp
     assert json.loads(config.get_json("namespace")) == "option"
     assert json.loads(config.get_json("connect/endpoints")) == ["tcp/127.0.0.1:1"]
     assert json.loads(config.get_json("timestamping/enabled")) is True
+
+
+def test_a_router_connects_nowhere_whatever_the_nodes_file_says(tmp_path):
+    path = tmp_path / "zenoh.json5"
+    path.write_text('{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:1"]}}', encoding="utf-8")
+    options = {"config": str(path), "mode": "router", "listen": "tcp/127.0.0.1:2"}
+    config = session.configuration(options)
+    assert json.loads(config.get_json("mode")) == "router"
+    assert json.loads(config.get_json("connect/endpoints")) == []
+    assert json.loads(config.get_json("listen/endpoints")) == ["tcp/127.0.0.1:2"]
+
+
+def test_a_client_refuses_a_peer_in_the_place_of_its_router(network):
+    network.node("peer")
+    with pytest.raises(session.NotARouterError) as error:
+        connect("client", {"endpoint": network.endpoint, "mode": "client"})
+    assert str(error.value).startswith(
+        f"what listens at {network.endpoint} is a peer, not a router"
+    )
 
 
 def test_who_comes_first_is_where_the_others_meet_and_so_is_who_comes_when_it_has_gone(network):

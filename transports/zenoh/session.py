@@ -92,6 +92,10 @@ _ELSEWHERE = os.strerror(errno.EADDRNOTAVAIL)
 _RUST_PLACE = re.compile(r" at /\S+\.rs:\d+\.?")
 
 
+class NotARouterError(TransportError):
+    """Who is to be the client of a router has met a peer, which may not relay."""
+
+
 def open_session(options: Mapping[str, str]) -> zenoh.Session:
     """An open session; TransportError says which option is wrong or what cannot be reached."""
     unknown = sorted(set(options) - set(OPTIONS))
@@ -156,7 +160,7 @@ def _open(options: Mapping[str, str]) -> zenoh.Session:
         pass  # which relays: nobody needs to reach this process
     elif options.get("mode", "") == CLIENT:
         session.close()
-        raise TransportError(
+        raise NotARouterError(
             f"what listens at {options.get('endpoint') or 'the endpoints of the configuration'} is a peer, "
             "not a router: are nodes running there without --router?"
         )
