@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import msgspec
 
@@ -463,6 +463,85 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Stop and release everything; idempotent, from any thread, and always ends ``spin``."""
+        ...
+
+
+class Listener(Protocol):
+    """The part of a transport by which one listens to a system; see ``Transport`` for every method."""
+
+    @property
+    def node(self) -> str:
+        """See ``Transport.node``."""
+        ...
+
+    @property
+    def repair_s(self) -> float:
+        """See ``Transport.repair_s``."""
+        ...
+
+    def now_ns(self) -> int:
+        """See ``Transport.now_ns``."""
+        ...
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """See ``Transport.publisher``."""
+        ...
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """See ``Transport.every``."""
+        ...
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """See ``Transport.after``."""
+        ...
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """See ``Transport.post``."""
+        ...
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """See ``Transport.watch_nodes``."""
+        ...
+
+    def up_since(self, name: str) -> int:
+        """See ``Transport.up_since``."""
+        ...
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """See ``Transport.tap``."""
+        ...
+
+    def close(self) -> None:
+        """See ``Transport.close``."""
+        ...
+
+
+@runtime_checkable
+class Namespaces(Protocol):
+    """What a transport has, too, that can listen to the systems of many namespaces over one connection.
+
+    The connection itself has no namespace then.
+    """
+
+    def watch_namespaces(self, pattern: str, handler: Callable[[str, bool], None]) -> None:
+        """``handler(namespace, up)`` whenever the first node of a namespace is up, or none is any more.
+
+        Args:
+            pattern: the namespaces, ``/`` between their parts; ``*`` stands for anything within one part.
+            handler: called on the executor.
+        """
+        ...
+
+    def within(self, namespace: str, failed: Callable[[Exception], None]) -> Listener:
+        """A listener to the system in ``namespace``, which shares this connection and its executor.
+
+        What comes for it waits apart from what comes for others. Closing it ends nothing else.
+
+        Args:
+            namespace: as ``watch_namespaces`` reports it.
+            failed: called once, on the executor, with what a handler of this listener raised; none of its
+                handlers is called any more then. An OSError is not caught: it is of who writes.
+        """
         ...
 
 

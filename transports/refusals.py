@@ -26,7 +26,7 @@ class Refusals:
         log: where it is reported.
     """
 
-    def __init__(self, log: logging.Logger) -> None:
+    def __init__(self, log: logging.Logger | logging.LoggerAdapter[logging.Logger]) -> None:
         self._log = log
         self._lock = threading.Lock()
         self._counts: dict[tuple[str, str], int] = {}

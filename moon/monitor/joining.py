@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from moon.tap.completeness import when_complete
-from transports.interface import Observation, Publisher, Tap, Timer, Topic, Transport
+from transports.interface import Listener, Observation, Publisher, Tap, Timer, Topic
 
 
 class Joining:
@@ -20,7 +20,7 @@ class Joining:
         connection: the monitor's.
     """
 
-    def __init__(self, connection: Transport) -> None:
+    def __init__(self, connection: Listener) -> None:
         self._connection = connection
         self._up: dict[str, None] = {}
         self._handler: Callable[[Observation], None] | None = None

@@ -7,7 +7,7 @@ from typing import ClassVar
 import msgspec
 
 from moon.verdict import Verdict
-from transports.interface import Topic, Transport
+from transports.interface import Listener, Topic
 
 VERDICTS_CHANNEL = "/moon/verdicts"
 
@@ -56,7 +56,7 @@ def message_of(verdict: Verdict) -> VerdictMessage:
 class VerdictTopic:
     """Publishes verdicts over ``transport``."""
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Listener) -> None:
         self._publisher = transport.publisher(VERDICTS)
 
     def take(self, verdict: Verdict) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from transports.interface import Tap, Transport
+from transports.interface import Listener, Tap
 
 LOOK_S = 0.02
 """How often it is looked whether the tap is complete."""
@@ -17,7 +17,7 @@ AT_MOST_S = 15.0
 
 
 def when_complete(
-    connection: Transport, tap: Tap, begin: Callable[[], None], give_up: Callable[[], None]
+    connection: Listener, tap: Tap, begin: Callable[[], None], give_up: Callable[[], None]
 ) -> None:
     """Call ``begin`` once, when ``tap`` receives everything; at once, if it does already.
 

@@ -34,7 +34,7 @@ def router_of(run: Run) -> int:
 
 def test_a_run_starts_a_router_to_which_each_process_has_its_only_link(system: System) -> None:
     endpoint = free_endpoint()
-    run = Run(system.path, "--router", endpoint=endpoint)
+    run = Run(system.path, "--router", "--processes", "each", endpoint=endpoint)
     run.until("Move ..")
     assert "starting 2 nodes at the router " + endpoint in run.output
     assert f"router | INFO transports.zenoh: a router listens at {endpoint}" in run.output
@@ -81,7 +81,7 @@ def test_a_router_that_is_there_is_used_by_several_runs_and_goes_on(system: Syst
 
 def test_a_tap_that_comes_later_is_linked_to_all_nodes_by_the_router(system: System) -> None:
     endpoint = free_endpoint()
-    run = Run(system.path, "--router", endpoint=endpoint)
+    run = Run(system.path, "--router", "--processes", "each", endpoint=endpoint)
     run.until("Move ..")
     with contextlib.closing(Process("moon", "tap", "--json", "--endpoint", endpoint)) as tap:
         for node in ("LevelSkill", "MoveSkill"):
@@ -96,7 +96,7 @@ def test_a_peer_where_a_router_is_expected_is_one_error(system: System) -> None:
     endpoint = free_endpoint()
     mesh = Run(system.path, endpoint=endpoint)
     mesh.until("tick ")
-    run = Run(system.path, "--router", endpoint=endpoint)
+    run = Run(system.path, "--router", "--processes", "each", endpoint=endpoint)
     assert run.end() == 2, run.output
     assert run.lines == [
         f"error: what listens at {endpoint} is a peer, not a router: are nodes running there without "
@@ -109,7 +109,7 @@ def test_a_peer_where_a_router_is_expected_is_one_error(system: System) -> None:
 def test_a_port_that_something_else_has_is_one_error(system: System) -> None:
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        run = Run(system.path, "--router", endpoint=endpoint)
+        run = Run(system.path, "--router", "--processes", "each", endpoint=endpoint)
         assert run.end() == 2
     (line,) = run.lines
     assert line.startswith(f"error: cannot reach {endpoint} within 5 s: is a node or router ")

@@ -25,7 +25,7 @@ import zenoh
 from transports.interface import Answer
 from transports.refusals import Refusals
 from transports.timers import Timer
-from transports.zenoh.executor import Executor
+from transports.zenoh.contained import Runner
 from transports.zenoh.names import ANSWER_KEYS
 from transports.zenoh.orders import Orders
 from transports.zenoh.tokens import MOST_NS, answer_key
@@ -92,19 +92,22 @@ class Questions:
         is_right: whether what is stamped by a session may be from a node (``Claims.is_right``).
         handled: how many batches the tap has handled.
         refusals: where what is no answer is counted.
+        prefix: of the keys of those who are asked, where they have a namespace and the session has none.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
-        executor: Executor,
+        executor: Runner,
         subscribed: Collection[str],
         is_right: Callable[[str, object], bool],
         handled: Callable[[], int],
         refusals: Refusals,
+        prefix: str = "",
     ) -> None:
         self._session = session
         self._executor = executor
+        self._prefix = prefix
         self._is_right = is_right
         self._handled = handled
         self._refusals = refusals
@@ -153,7 +156,7 @@ class Questions:
                 indirect=False,
             )
             self._session.get(
-                answer_key(question.zid, question.node),
+                self._prefix + answer_key(question.zid, question.node),
                 came,
                 timeout=within_s + _GRACE_S,
                 consolidation=zenoh.ConsolidationMode.NONE,

@@ -21,6 +21,7 @@ import zenoh
 
 from transports.refusals import Refusals, shown
 from transports.zenoh import tokens
+from transports.zenoh.contained import Runner
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import NODE_KEYS, SERVER_KEYS, key_of
 from transports.zenoh.tokens import NodeToken, TokenError
@@ -106,10 +107,13 @@ class Nodes:
                 del self._contested[past]
         self._contested[name] = math.inf
 
-    def take(self, sample: zenoh.Sample, refusals: Refusals) -> tuple[str, bool] | None:
-        """``update`` with what ``sample`` says, or refuse it."""
+    def take(
+        self, sample: zenoh.Sample, refusals: Refusals, prefix: str = ""
+    ) -> tuple[str, bool] | None:
+        """``update`` with what ``sample`` says, whose key begins with ``prefix``, or refuse it."""
+        key = str(sample.key_expr).removeprefix(prefix)
         try:
-            return self.update(tokens.read_node(str(sample.key_expr)), is_up(sample))
+            return self.update(tokens.read_node(key), is_up(sample))
         except TokenError as error:
             refusals.refuse(NODE_KEYS, "", error)
             return None
@@ -138,23 +142,25 @@ def wait_for_nodes(
 
 def watch_nodes(
     session: zenoh.Session,
-    executor: Executor,
+    executor: Runner,
     since: dict[str, int],
     handler: Callable[[str, bool], None],
     refusals: Refusals,
+    prefix: str = "",
 ) -> Any:
     """``handler(name, up)`` on the executor; returns what must be undeclared.
 
-    ``since`` is kept up to date: when each node that is up began to connect.
+    ``since`` is kept up to date: when each node that is up began to connect. ``prefix``: of the nodes' keys,
+    where they have a namespace and the session has none.
     """
     nodes = Nodes(since)
 
     def receive(sample: zenoh.Sample) -> None:
-        if change := nodes.take(sample, refusals):
+        if change := nodes.take(sample, refusals, prefix):
             handler(*change)
 
     put = executor.put
-    return watch(session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample)))
+    return watch(session, f"{prefix}{NODE_KEYS}/**", lambda sample: put((receive, sample)))
 
 
 class _Twins:

@@ -33,7 +33,7 @@ from transports.service_events import (
 from transports.zenoh import tokens
 from transports.zenoh.answers import MARK, Questions
 from transports.zenoh.claims import Claims
-from transports.zenoh.executor import Executor
+from transports.zenoh.contained import Runner
 from transports.zenoh.names import LINK_KEYS, NODE_KEYS, channel_of, subscriptions
 from transports.zenoh.presence import MOST_TOKENS, Nodes, is_up, watch
 from transports.zenoh.tokens import TokenError
@@ -57,18 +57,31 @@ _decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
 
 
 class Tap:
-    """A passive listener; see ``transports.interface.Tap``."""
+    """A passive listener; see ``transports.interface.Tap``.
+
+    Args:
+        session: whose subscribers it has.
+        executor: where observations are handed over.
+        globs: of channels; empty: all.
+        handler: gets each observation.
+        refusals: where what cannot be used is counted.
+        namespace: whose channels and nodes they are, where the session has no namespace of its own.
+        ring_capacity: messages that Zenoh keeps until they are taken; by default ``RING_CAPACITY``.
+    """
 
     def __init__(
         self,
         session: zenoh.Session,
-        executor: Executor,
+        executor: Runner,
         node: str,
         globs: Sequence[str],
         handler: Callable[[Observation], None],
         refusals: Refusals,
+        namespace: str = "",
+        ring_capacity: int | None = None,
     ) -> None:
         self._session = session
+        self._prefix = prefix = f"{namespace}/" if namespace else ""
         self._executor = executor
         self._node = node
         self._wants = channel_filter(globs)
@@ -80,7 +93,8 @@ class Tap:
         self._linked_to: dict[str, tuple[str, ...]] = {}
         self._claims = Claims(self._nodes.announced, self._linked_ids, self._tokens_lock)
         self._watches = [
-            watch(session, f"{prefix}/**", self._take_token) for prefix in (NODE_KEYS, LINK_KEYS)
+            watch(session, f"{prefix}{keys}/**", self._take_token)
+            for keys in (NODE_KEYS, LINK_KEYS)
         ]
         # opening a session waits for those who are there: who knows nobody is alone
         is_alone = not (session.info.peers_zid() or session.info.routers_zid())
@@ -88,13 +102,19 @@ class Tap:
         self._channels: dict[str, tuple[str, str] | None] = {}
         self._waiting = Waiting()
         self._ending = threading.Event()
-        keys = subscriptions(globs)
+        keys = [prefix + key for key in subscriptions(globs)]
         self._questions = Questions(
-            session, executor, keys, self._claims.is_right, lambda: self._waiting.gone, refusals
+            session,
+            executor,
+            keys,
+            self._claims.is_right,
+            lambda: self._waiting.gone,
+            refusals,
+            prefix,
         )
+        capacity = RING_CAPACITY if ring_capacity is None else ring_capacity
         self._subscribers = [
-            session.declare_subscriber(key, zenoh.handlers.RingChannel(RING_CAPACITY))
-            for key in keys
+            session.declare_subscriber(key, zenoh.handlers.RingChannel(capacity)) for key in keys
         ]
         self._threads = [
             threading.Thread(
@@ -184,7 +204,7 @@ class Tap:
 
     def _take_token(self, sample: zenoh.Sample) -> None:
         """On a thread of Zenoh's."""
-        key = str(sample.key_expr)
+        key = str(sample.key_expr).removeprefix(self._prefix)
         with self._tokens_lock:
             try:
                 if key.startswith(NODE_KEYS):
@@ -259,7 +279,7 @@ class Tap:
     def _place_of(self, key: str) -> tuple[str, str] | None:
         """The channel, and what events of it are, by their suffix; None if it is not received."""
         suffix = next((s for s in (EVENT_SUFFIX, TAKEN_SUFFIX) if key.endswith(s)), "")
-        channel = channel_of(key.removesuffix(suffix))
+        channel = channel_of(key.removeprefix(self._prefix).removesuffix(suffix))
         if key.endswith(MARK) or not self._wants(channel):
             return None
         if len(self._channels) >= MOST_CHANNELS:

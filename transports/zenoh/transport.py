@@ -28,6 +28,7 @@ from transports.service_events import TAKEN_SUFFIX
 from transports.zenoh import answers, presence, topics
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Events
+from transports.zenoh.namespaces import Within, watch_namespaces
 from transports.zenoh.orders import Orders
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.session import open_session
@@ -72,6 +73,7 @@ class ZenohTransport(OnExecutor):
         self._servers: set[str] = set()
         self._clients: list[Client] = []
         self._taps: list[Tap] = []
+        self._namespaces: list[Within] = []
         self._declared: list[Any] = []
         self._answering: Any = None
         self._shared.enter(node)
@@ -165,11 +167,27 @@ class ZenohTransport(OnExecutor):
     def _beside(self, node: str) -> ZenohTransport:
         return ZenohTransport(node, self._session, time.time_ns(), self._shared)
 
+    def watch_namespaces(self, pattern: str, handler: Callable[[str, bool], None]) -> None:
+        """See ``transports.interface.Namespaces``."""
+        self._declared.append(
+            watch_namespaces(self._session, self._executor, pattern, handler, self._refusals)
+        )
+
+    def within(self, namespace: str, failed: Callable[[Exception], None]) -> Within:
+        """See ``transports.interface.Namespaces``."""
+        opened = Within(
+            self._session, self._executor, self._node, namespace, failed, self._namespaces.remove
+        )
+        self._namespaces.append(opened)
+        return opened
+
     def _release(self) -> None:
         for client in self._clients:
             client.close()
         for tap in self._taps:
             tap.close()
+        for within in tuple(self._namespaces):
+            within.close()
         if self._answering is not None:
             self._shared.announcements.remove(self._node)
             self._answering.undeclare()  # what is done from now on is not reported
