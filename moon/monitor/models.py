@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
@@ -12,6 +12,7 @@ from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.confirmation import Losses, Publishers
 from moon.oracle.delivery import Clock
 from moon.oracle.oracle import Oracle
+from moon.oracle.program import Program
 from moon.ordering.numbers import Numbers
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
@@ -32,6 +33,7 @@ class ModelMonitor:
         policy: the oracle of the behaviour tree that ticks them, if it is monitored too.
         others: the models of further nodes of the system, for what they publish.
         numbers: those of all sources, where whoever feeds it follows them, and says how each does.
+        programs: the machines by name, ready to be stepped, if they are already.
     """
 
     def __init__(
@@ -44,8 +46,10 @@ class ModelMonitor:
         policy: PolicyOracle | None = None,
         others: Iterable[Machine] = (),
         numbers: Numbers | None = None,
+        programs: Mapping[str, Program] | None = None,
     ) -> None:
         machines = tuple(machines)
+        programs = programs or {}
         self.policy = policy
         self.bounds = bounds or Bounds()
         losses = Losses(lossy)
@@ -64,6 +68,7 @@ class ModelMonitor:
                 self._clock,
                 self._publishers,
                 numbers,
+                programs.get(machine.name),
             )
             for machine in machines
         }

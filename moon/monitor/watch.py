@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from moon.monitor.compiled import CompiledSystem
 from moon.monitor.connection import Connection, Sink
 from moon.monitor.departures import senders
 from moon.monitor.models import ModelMonitor
@@ -27,7 +27,6 @@ from moon.ordering.judge import Gap
 from moon.ordering.reception import Reception
 from moon.ordering.silence import Silence
 from moon.policy.oracle import PolicyOracle
-from moon.policy.places import policy_oracle
 from moon.verdict import Outcome, Verdict
 from transports.interface import Answer, Observation, ObservationKind, Tap
 
@@ -52,6 +51,7 @@ class SystemWatch:
         monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was.
         repeated: takes each violation that reads as its node's last; sinks do not get it.
         screens: sinks for people, who are told once when all machines are resynchronised, not of each.
+        compiled: ``system``, if it was compiled already: watches of many runs of it share that.
     """
 
     def __init__(
@@ -67,6 +67,7 @@ class SystemWatch:
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         repeated: Callable[[Verdict], None] = lambda verdict: None,
         screens: Iterable[Sink] = (),
+        compiled: CompiledSystem | None = None,
     ) -> None:
         self.counts = Counts()
         self._repeated = repeated
@@ -101,7 +102,8 @@ class SystemWatch:
         self._properties.rely_on(self._order.sources, _reporters(system))
         if policy is None:
             policy = {machine.name for machine in machines} >= {node.name for node in system.nodes}
-        self._policy_of = system if policy and system.policy is not None else None
+        self._has_policy = policy and system.policy is not None
+        self._compiled = compiled or CompiledSystem(system, machines)
         self._models = self._fresh_models()
         self._nodes = {name: WatchedNode() for name in self._models.watched}
         self._up: tuple[str, ...] = ()
@@ -217,24 +219,15 @@ class SystemWatch:
                 self._lose(self._models.watched[name], why)
 
     def _fresh_models(self) -> ModelMonitor:
-        policy = None
-        if self._policy_of is not None:
-            # the rate is not checked: whoever starts the policy may choose another
-            policy = policy_oracle(
-                self._policy_of,
-                DiagnosticLog(),
-                bounds=self._bounds,
-                synchronised=False,
-                rate_hz=0.0,
-            )
         models = ModelMonitor(
             self._machines,
             self._library,
             self._bounds,
             synchronised=False,
-            policy=policy,
+            policy=self._compiled.policy_oracle(self._bounds) if self._has_policy else None,
             others=self._others.values(),
             numbers=self._order.numbers,
+            programs=self._compiled.programs,
         )
         for name in models.oracles:
             models.node_found(name, FOREVER)  # it is not known to be there

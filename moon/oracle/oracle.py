@@ -20,6 +20,7 @@ from moon.oracle.confirmation import Conclusion, Confirmation, Losses, OtherEnds
 from moon.oracle.delivery import Clock, Delivery, Topics
 from moon.oracle.in_transit import RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
+from moon.oracle.program import Program
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
@@ -50,6 +51,7 @@ class Oracle:
         clock: how far time has passed, for all oracles of one monitor.
         publishers: who publishes and calls, by the models of all nodes.
         numbers: those of all sources, where whoever feeds it follows them, and says how each does.
+        program: the machine, ready to be stepped, if it is already.
 
     Attributes:
         judge: judges what happened, in order.
@@ -68,6 +70,7 @@ class Oracle:
         clock: Clock | None = None,
         publishers: Publishers | None = None,
         numbers: Numbers | None = None,
+        program: Program | None = None,
     ) -> None:
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
@@ -78,7 +81,7 @@ class Oracle:
         self.channels = Channels(machine, library, self.node)
         self._clock = clock or Clock()
         self._publishers = publishers = publishers or Publishers()
-        search = Search(machine, library, self.channels, bounds)
+        search = Search(machine, library, self.channels, bounds, program)
         self._program = program = search.program
         self._latency = bounds.latency
         self._streams = SourceStreams(self.channels, self.node, numbers)

@@ -59,6 +59,7 @@ class Search:
         library: its message types.
         channels: its channels.
         bounds: what is assumed.
+        program: the machine, ready to be stepped, if it is already; oracles of many runs of it share one.
 
     Attributes:
         program: the machine, ready to be stepped.
@@ -70,11 +71,16 @@ class Search:
     """
 
     def __init__(
-        self, machine: Machine, library: InterfaceLibrary, channels: Channels, bounds: Bounds
+        self,
+        machine: Machine,
+        library: InterfaceLibrary,
+        channels: Channels,
+        bounds: Bounds,
+        program: Program | None = None,
     ) -> None:
         self.bounds = bounds
         self.wording = Wording(library)
-        self.program = Program(machine, library)
+        self.program = Program(machine, library) if program is None else program
         self.last = 0
         self.successors = successors = Successors(self.program, channels, bounds)
         self.inputs = Inputs(successors, self.program, channels)
