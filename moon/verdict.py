@@ -59,6 +59,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
         reason: one sentence; "" while all is well.
         explanation: for violations.
         kind: ``model``, or ``property``: then ``machine`` and ``node`` are its id.
+        robot: in a fleet, the namespace of the robot; else "".
     """
 
     machine: str
@@ -68,3 +69,4 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     reason: str = ""
     explanation: Explanation | None = None
     kind: str = "model"
+    robot: str = ""

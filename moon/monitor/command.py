@@ -22,10 +22,13 @@ from moon.connection import (
     ready_option,
     say_ready,
 )
+from moon.fleet.command import monitor_fleet
+from moon.fleet.options import fleet_options
 from moon.monitor.subject_options import SECONDS, Choice, read_or_fail, subject_options
 from moon.monitor.verdict_options import json_option, log_option
 
 if TYPE_CHECKING:
+    from moon.fleet.choice import Shard
     from moon.monitor.connection import Connection, Sink
     from moon.monitor.subject import Monitored
     from moon.recording.writer import RecordingWriter
@@ -51,6 +54,7 @@ FLUSH_S = 0.5
     help="Record the run, verdicts included, to this MCAP file.",
 )
 @ready_option
+@fleet_options
 @click.option("--exit-on-violation", is_flag=True, help="Stop at the first one.")
 @click.option(
     "--for", "seconds", type=SECONDS, callback=finite, help="Stop after this many seconds."
@@ -65,6 +69,7 @@ def monitor(
     ready_fd: int | None,
     exit_on_violation: bool,
     seconds: float | None,
+    fleet: tuple[str, Shard] | None,
 ) -> None:
     """Check a running system against its models, or properties, or both, passively.
 
@@ -75,11 +80,29 @@ def monitor(
 
     Exit code 0: no violation; 1: a violation; 2: the monitor could not run.
 
+    --fleet monitors every robot whose namespace matches, as robots come and go: each runs the system with
+    `m2c run --namespace`. --shard spreads a fleet over several monitors, which need not know of one another.
+
     \b
     Example:
       moon monitor examples/lab_tour/system.xml --for 60
+      moon monitor examples/lab_tour/system.xml --fleet 'robots/*' --shard 2/4
     """
     monitored = read_or_fail(choice.subject(models))
+    if fleet is not None:
+        with connected(network, "moon_monitor", writing="verdicts") as connection:
+            code = monitor_fleet(
+                connection,
+                network.transport,
+                monitored,
+                *fleet,
+                as_json,
+                log_file,
+                ready_fd,
+                exit_on_violation,
+                seconds,
+            )
+        sys.exit(code)
     with (
         connected(network, "moon_monitor", writing="verdicts") as connection,
         _recorder(record_file, monitored) as recorder,

@@ -18,7 +18,7 @@ from moon.monitor.report import HEADER, NUMBERS, cells, last_explanations, shade
 from moon.monitor.status import MachineStatus
 from moon.verdict import Outcome
 
-_STYLES = {"31": "red", "32": "green", "33": "yellow"}
+STYLES = {"31": "red", "32": "green", "33": "yellow"}
 _LEFT_OUT_FIRST = ("lag [ms]", "out", "in", "state")
 _SHORTEST_STATE = 8
 """Of a state so many characters tell something; a narrower column is left out."""
@@ -50,7 +50,7 @@ def drawn(statuses: Sequence[MachineStatus], width: int, height: int | None = No
         )
     for status, row in zip(shown, rows, strict=True):
         texts = {heading: Text(row[heading]) for heading in widths}
-        texts["verdict"].stylize(_STYLES.get(shade(status.verdict), "dim"))
+        texts["verdict"].stylize(STYLES.get(shade(status.verdict), "dim"))
         table.add_row(*texts.values())
     below = [Text(f"… and {more} more", style="dim")] if more else []
     below += [Text(line) for line in last_explanations(shown)]

@@ -19,7 +19,7 @@ MAX_STATES = 3
 """So many states are named; more say no more than their number."""
 _SHOWN_TOGETHER = 5
 """So many channels that no model names, and machines with the same reason, are named."""
-_UNTIL_IT_ENDED = "conforming until it ended"
+UNTIL_IT_ENDED = "conforming until it ended"
 _UNTIL_THEY_ENDED = "conforming until they ended"
 """Of machines whose nodes went away: an end is no fault, and makes nothing inconclusive."""
 _NOT_CONFORMING = (str(Outcome.VIOLATED), str(Outcome.INCONCLUSIVE))
@@ -55,6 +55,8 @@ def verdict_lines(verdict: Verdict, colour: bool = False) -> list[str]:
     )
     why = verdict.explanation
     head = f"{clock(verdict.stamp_ns)}  {printable(name)}  {shown}"
+    if verdict.robot:
+        head = f"{clock(verdict.stamp_ns)}  {printable(verdict.robot)}  {printable(name)}  {shown}"
     if why is None:
         return [f"{head}  {printable(verdict.reason)}".rstrip()]
     unresponsive = verdict.reason.startswith(UNRESPONSIVE)
@@ -156,7 +158,7 @@ def _tally(nouns: tuple[str, str], verdicts: Sequence[str]) -> str:
     """How many there are of each verdict; nothing if there is none of the kind."""
     if not verdicts:
         return ""
-    words = (str(Outcome.CONFORMING), _UNTIL_IT_ENDED, *_NOT_CONFORMING, UNSEEN)
+    words = (str(Outcome.CONFORMING), UNTIL_IT_ENDED, *_NOT_CONFORMING, UNSEEN)
     parts = [_counted(verdicts.count(word), word) for word in words if word in verdicts]
     return f"{len(verdicts):,} {nouns[len(verdicts) != 1]}: {', '.join(parts)}; "
 
@@ -164,11 +166,11 @@ def _tally(nouns: tuple[str, str], verdicts: Sequence[str]) -> str:
 def _standing(status: MachineStatus) -> str:
     """Its verdict, as the last lines have it."""
     conforming = status.verdict == str(Outcome.CONFORMING)
-    return _UNTIL_IT_ENDED if conforming and status.has_ended else status.verdict
+    return UNTIL_IT_ENDED if conforming and status.has_ended else status.verdict
 
 
 def _counted(number: int, verdict: str) -> str:
-    several = number > 1 and verdict == _UNTIL_IT_ENDED
+    several = number > 1 and verdict == UNTIL_IT_ENDED
     return f"{number} {_UNTIL_THEY_ENDED if several else verdict}"
 
 

@@ -61,14 +61,14 @@ class JsonLines:
 
     def take(self, verdict: Verdict) -> None:
         """Show a verdict that is new."""
-        _write_event("verdict", verdict)
+        write_event("verdict", verdict)
 
     def refresh(self, statuses: Statuses) -> None:
         """Nothing is shown between verdicts."""
 
     def finish(self, summary: Summary) -> None:
         """Show the end."""
-        _write_event("summary", summary)
+        write_event("summary", summary)
 
     def close(self) -> None:
         """The terminal was not changed."""
@@ -124,6 +124,7 @@ def screen_for(as_json: bool, is_alone: bool = True) -> Screen:
     return Lines()
 
 
-def _write_event(kind: str, content: Any) -> None:
+def write_event(kind: str, content: Any) -> None:
+    """Show ``content`` as an object on a line, with ``"event": kind``."""
     fields = {"event": kind, **msgspec.to_builtins(content)}
     show_painted(versioned_line(fields).decode())

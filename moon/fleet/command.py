@@ -1,0 +1,78 @@
+"""``moon monitor --fleet``: from the options to the end."""
+
+from __future__ import annotations
+
+import gc
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from m2c.terminal import fail, say
+from moon.connection import Watching, say_ready
+
+if TYPE_CHECKING:
+    from moon.fleet.choice import Shard
+    from moon.monitor.connection import Sink
+    from moon.monitor.subject import Monitored
+    from transports.interface import Transport
+
+SETTLING_BOUNDS = 2
+"""A monitor that is to end goes on for so many latency bounds: what it has received by then is judged."""
+
+
+def monitor_fleet(
+    connection: Transport,
+    transport: str,
+    monitored: Monitored,
+    pattern: str,
+    shard: Shard,
+    as_json: bool,
+    log_file: Path | None,
+    ready_fd: int | None,
+    exit_on_violation: bool,
+    seconds: float | None,
+) -> int:
+    """Monitor until it is to end; the exit code of the process."""
+    from moon.fleet.fleet import Fleet
+    from moon.fleet.robot import FleetModels
+    from moon.fleet.screen import fleet_screen
+    from moon.ordering.event_time_clock import NS, clock_nobody_sets
+    from moon.sinks.file import VerdictFile
+    from transports.interface import Namespaces
+
+    if not isinstance(connection, Namespaces):
+        fail(f"--fleet: the transport {transport} listens to one namespace only; zenoh has all")
+    file = VerdictFile(log_file) if log_file is not None else None
+    screen = fleet_screen(as_json)
+    sinks: list[Sink] = [file] if file is not None else []
+    models = FleetModels(monitored, clock_nobody_sets(connection.now_ns, transport))
+    fleet = Fleet(
+        connection,
+        pattern,
+        models,
+        [*sinks, *([screen] if as_json else [])],
+        [] if as_json else [screen],
+        say,
+        shard,
+    )
+
+    def look_around() -> None:
+        fleet.look_around()
+        screen.refresh(fleet)
+
+    try:
+        gc.freeze()  # as in a monitor of one system
+        fleet.start()
+        say_ready(ready_fd)
+        settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
+        Watching(connection).run(
+            look_around, seconds, lambda: exit_on_violation and fleet.is_violated, settling_s
+        )
+        fleet.finish()
+        screen.finish(fleet, fleet.summary())
+    finally:
+        screen.close()
+        if file is not None:
+            file.close()
+    if fleet.violations:
+        return 1
+    return 2 if fleet.failures else 0

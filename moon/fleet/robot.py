@@ -1,0 +1,280 @@
+"""One robot of a fleet: judged by judges of its own while it is there, a line when it is gone."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from moon.fleet.status import RobotStatus
+from moon.monitor.compiled import CompiledSystem
+from moon.monitor.connection import Sink
+from moon.monitor.joining import Joining
+from moon.monitor.status import UNSEEN, MachineStatus
+from moon.monitor.subject import Monitored
+from moon.monitor.watch import SystemWatch
+from moon.sinks.topic import VerdictTopic
+from moon.tap.notices import Notices
+from moon.verdict import Outcome, Verdict
+from transports.interface import Listener, Timer
+
+KEPT_S = 30.0
+"""The judges of a robot that is gone are kept so long: if it is back, it is followed from its start."""
+
+Failed = Callable[[Exception], None]
+
+
+class FleetModels:
+    """What every robot runs, read and compiled once.
+
+    Args:
+        monitored: what was read.
+        monotonic_ns: a clock that nobody sets.
+    """
+
+    def __init__(
+        self, monitored: Monitored, monotonic_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.monitored = monitored
+        self._compiled = CompiledSystem(monitored.system, monitored.machines)
+        self._monotonic_ns = monotonic_ns
+
+    def watch(
+        self,
+        connection: Joining,
+        sinks: Sequence[Sink],
+        screens: Sequence[Sink],
+        say: Callable[[str], None],
+    ) -> SystemWatch:
+        """Fresh judges of one robot; see :class:`SystemWatch`."""
+        monitored = self.monitored
+        return SystemWatch(
+            connection,
+            monitored.system,
+            monitored.machines,
+            monitored.bounds,
+            sinks,
+            say,
+            monitored.property_watch(),
+            policy=monitored.policy,
+            monotonic_ns=self._monotonic_ns,
+            screens=screens,
+            compiled=self._compiled,
+        )
+
+
+class _Naming:
+    """Says in each verdict of which robot it is."""
+
+    def __init__(self, robot: str, sink: Sink) -> None:
+        self._robot = robot
+        self._sink = sink
+
+    def take(self, verdict: Verdict) -> None:
+        self._sink.take(msgspec.structs.replace(verdict, robot=self._robot))
+
+
+class _Life:
+    """The judges of a robot, and how they listen."""
+
+    def __init__(self, connection: Listener, joining: Joining, watch: SystemWatch) -> None:
+        self.connection = connection
+        self.joining = joining
+        self.watch = watch
+
+
+class Robot:
+    """One robot.
+
+    Args:
+        name: its namespace.
+        models: what it runs.
+        connect: opens a listener to it (``Namespaces.within``).
+        sinks: get every verdict.
+        screens: sinks for people.
+        say: called with what a person should know, one sentence each.
+
+    Attributes:
+        name: as above.
+        is_present: whether a node of it is up.
+        has_failed: whether it is not judged any more because of an error of the monitor.
+        gone_ns: when it was last seen to go (ns, monotonic); of use for an order only.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        models: FleetModels,
+        connect: Callable[[str, Failed], Listener],
+        sinks: Sequence[Sink],
+        screens: Sequence[Sink],
+        say: Callable[[str], None],
+    ) -> None:
+        self.name = name
+        self.is_present = False
+        self.has_failed = False
+        self.gone_ns = 0
+        self._models = models
+        self._connect = connect
+        self._sinks = [_Naming(name, sink) for sink in sinks]
+        self._screens = [_Naming(name, sink) for sink in screens]
+        self._say: Callable[[str], None] = lambda sentence: say(f"{name}: {sentence}")
+        self._notices = Notices(self._say)
+        self._life: _Life | None = None
+        self._release: Timer | None = None
+        self._outcomes: dict[str, Outcome] = {}
+        """The last of each machine and property."""
+        self._violated: set[str] = set()
+        self._last = ""
+        self._judged = 0
+        self._earlier = (0, 0)
+        """Violations and observations of the judges that it had before its present ones."""
+        self._unwell: tuple[MachineStatus, ...] = ()
+        """The machines that were not fine when the judges were freed."""
+        self._measured = (0, 0)
+        """When observations were counted last (ns, monotonic), and how many there were."""
+        self._per_second = 0.0
+
+    # --- coming and going --------------------------------------------------------------------------
+
+    def appear(self) -> None:
+        """Its first node is up."""
+        self.is_present = True
+        if self._release is not None:
+            self._release.cancel()
+            self._release = None
+        if self._life is None and not self.has_failed:
+            self._begin()
+
+    def disappear(self) -> None:
+        """None of its nodes is up any more."""
+        self.is_present = False
+        self.gone_ns = time.monotonic_ns()
+        if self._life is not None:
+            self._release = self._life.connection.after(KEPT_S, self.release)
+
+    def _begin(self) -> None:
+        self._outcomes.clear()
+        self._unwell = ()
+        connection = self._connect(self.name, self._fail)
+        joining = Joining(connection)
+        sinks: list[Sink] = [self, *self._sinks, VerdictTopic(connection)]
+        watch = self._models.watch(joining, sinks, self._screens, self._say)
+        self._judged = len(watch.statuses())
+        self._life = _Life(connection, joining, watch)
+        joining.when_complete(watch.start, self._say)
+
+    def release(self) -> None:
+        """Free its judges; what they found stands."""
+        if self._life is not None:
+            self._unwell = _unwell(self._life.watch)
+            self._end(self._life)
+
+    def _end(self, life: _Life) -> None:
+        self._life = None
+        violations, received = self._earlier
+        self._earlier = (violations + life.watch.violations, received + life.watch.counts.received)
+        life.connection.close()
+
+    def finish(self) -> None:
+        """The monitor is to end: begin to judge, if it had not yet, and say what is left to be said."""
+        life = self._life
+        if life is None:
+            return
+        if life.watch.listener is None:
+            life.watch.start()
+        self._notices.last_problems(life.watch.problems())
+
+    def _fail(self, error: Exception) -> None:
+        """A fault of the monitor, not of the robot: it concerns this robot only."""
+        self.has_failed = True
+        if self._life is not None:
+            self._end(self._life)
+        *_, last = traceback.extract_tb(error.__traceback__)
+        where = f"{last.filename}:{last.lineno}"
+        self._last = f"not judged any more: {type(error).__name__}: {error} ({where})"
+        self._say(f"error: {self._last}; this is a fault of the monitor, please report it")
+
+    # --- verdicts ----------------------------------------------------------------------------------
+
+    def take(self, verdict: Verdict) -> None:
+        """Note how one of its machines or properties stands."""
+        self._outcomes[verdict.node] = verdict.outcome
+        if verdict.outcome is Outcome.VIOLATED:
+            self._violated.add(verdict.node)
+        if verdict.outcome is not Outcome.CONFORMING:
+            self._last = f"{verdict.node}: {verdict.reason}"
+
+    # --- what can be asked -------------------------------------------------------------------------
+
+    @property
+    def violations(self) -> int:
+        """How often something was violated."""
+        present = self._life.watch.violations if self._life is not None else 0
+        return self._earlier[0] + present
+
+    @property
+    def received(self) -> int:
+        """Observations."""
+        present = self._life.watch.counts.received if self._life is not None else 0
+        return self._earlier[1] + present
+
+    @property
+    def verdict(self) -> str:
+        """How it stands; see :class:`RobotStatus`."""
+        if self.violations:
+            return str(Outcome.VIOLATED)
+        if self.has_failed or Outcome.INCONCLUSIVE in self._outcomes.values():
+            return str(Outcome.INCONCLUSIVE)
+        return str(Outcome.CONFORMING) if self._outcomes else UNSEEN
+
+    def problems(self) -> tuple[str, ...]:
+        """What of it could not be received or judged, one sentence each."""
+        return () if self._life is None else tuple(self._life.watch.problems())
+
+    def look(self) -> None:
+        """Say what of it cannot be received or judged, as far as that is new."""
+        if self._life is not None:
+            self._notices.problems(self._life.watch.problems())
+
+    def measure(self, now_ns: int) -> None:
+        """Count how much was received since this was last called; ``now_ns`` is monotonic."""
+        before_ns, before = self._measured
+        received = self.received
+        if before_ns:
+            self._per_second = (received - before) * 1e9 / max(now_ns - before_ns, 1)
+        self._measured = (now_ns, received)
+
+    def status(self, unfolded: bool = False) -> RobotStatus:
+        """How it stands; ``unfolded``: with the machines that are not fine."""
+        fine = sum(
+            outcome is Outcome.CONFORMING and name not in self._violated
+            for name, outcome in self._outcomes.items()
+        )
+        verdict = self.verdict
+        machines: tuple[MachineStatus, ...] = ()
+        if unfolded:
+            machines = self._unwell if self._life is None else _unwell(self._life.watch)
+        return RobotStatus(
+            self.name,
+            verdict,
+            self.is_present,
+            fine,
+            self._judged,
+            self.violations,
+            self.received,
+            self._per_second,
+            "" if verdict == Outcome.CONFORMING else self._last,
+            machines,
+        )
+
+
+def _unwell(watch: SystemWatch) -> tuple[MachineStatus, ...]:
+    """The machines and properties that are violated or inconclusive."""
+    return tuple(
+        status
+        for status in watch.statuses()
+        if status.verdict in (Outcome.VIOLATED, Outcome.INCONCLUSIVE)
+    )

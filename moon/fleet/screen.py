@@ -1,0 +1,144 @@
+"""Where a monitor of a fleet shows itself: a live table on a terminal, lines elsewhere, or JSON."""
+
+from __future__ import annotations
+
+import sys
+from typing import Protocol
+
+from m2c.terminal import show_painted
+from moon.fleet.fleet import Fleet
+from moon.fleet.report import closing, table
+from moon.fleet.status import FleetSummary
+from moon.monitor.report import verdict_lines
+from moon.monitor.screen import write_event
+from moon.monitor.watch import MIDDLE
+from moon.verdict import Outcome, Verdict
+
+
+class FleetScreen(Protocol):
+    """Shows verdicts, the robots, and the end."""
+
+    def take(self, verdict: Verdict) -> None:
+        """Show a verdict that is new."""
+        ...
+
+    def refresh(self, fleet: Fleet) -> None:
+        """Show how the robots stand."""
+        ...
+
+    def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
+        """Show the end."""
+        ...
+
+    def close(self) -> None:
+        """Leave the terminal as it was; idempotent, and writes nothing else."""
+        ...
+
+
+class Troubles:
+    """Which verdicts a person wants to read of a fleet: trouble, and its end.
+
+    That each of thousands of machines conforms, or was found in the middle of its run, is not.
+    """
+
+    def __init__(self) -> None:
+        self._troubled: set[tuple[str, str]] = set()
+
+    def concerns(self, verdict: Verdict) -> bool:
+        """Whether ``verdict`` is one."""
+        place = (verdict.robot, verdict.node)
+        if verdict.outcome is Outcome.CONFORMING:
+            was_troubled = place in self._troubled
+            self._troubled.discard(place)
+            return was_troubled
+        if verdict.outcome is Outcome.INCONCLUSIVE and verdict.reason == MIDDLE:
+            return False
+        self._troubled.add(place)
+        return True
+
+
+class Lines:
+    """Troubles as they come, the robots that are not fine at the end."""
+
+    def __init__(self) -> None:
+        self._troubles = Troubles()
+
+    def take(self, verdict: Verdict) -> None:
+        """Show it if a person wants to read it."""
+        if self._troubles.concerns(verdict):
+            show_painted(*verdict_lines(verdict))
+
+    def refresh(self, fleet: Fleet) -> None:
+        """Nothing is shown between verdicts."""
+
+    def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
+        """Show the end."""
+        show_painted(*table(summary.troubled), *closing(summary))
+
+    def close(self) -> None:
+        """The terminal was not changed."""
+
+
+class JsonLines:
+    """An object a line: every verdict, and a summary at the end."""
+
+    def take(self, verdict: Verdict) -> None:
+        """Show a verdict that is new."""
+        write_event("verdict", verdict)
+
+    def refresh(self, fleet: Fleet) -> None:
+        """Nothing is shown between verdicts."""
+
+    def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
+        """Show the end."""
+        write_event("summary", summary)
+
+    def close(self) -> None:
+        """The terminal was not changed."""
+
+
+class LiveTable:
+    """The robots in a table that stays in place, troubles above it."""
+
+    def __init__(self) -> None:
+        from rich.live import Live
+
+        self._troubles = Troubles()
+        self._live = Live(auto_refresh=False, redirect_stderr=sys.stderr.isatty())
+        self._live.start()
+
+    def take(self, verdict: Verdict) -> None:
+        """Show it if a person wants to read it."""
+        from rich.text import Text
+
+        if self._troubles.concerns(verdict):
+            for line in verdict_lines(verdict, colour=True):
+                self._live.console.print(Text.from_ansi(line))
+
+    def refresh(self, fleet: Fleet) -> None:
+        """Draw the table anew."""
+        from moon.fleet.live_table import drawn
+
+        width, height = self._live.console.size
+        self._live.update(drawn(fleet.robots(), width, height), refresh=True)
+
+    def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
+        """Leave the robots that are not fine, each with its machines: the terminal may scroll now."""
+        from moon.fleet.live_table import drawn
+
+        troubled = {status.robot for status in summary.troubled}
+        robots = [robot for robot in fleet.robots() if robot.name in troubled]
+        self._live.update(drawn(robots, self._live.console.width))
+        self.close()
+        show_painted(*closing(summary))
+
+    def close(self) -> None:
+        """Show the cursor again."""
+        self._live.stop()
+
+
+def fleet_screen(as_json: bool) -> FleetScreen:
+    """The screen that the options and standard output ask for."""
+    if as_json:
+        return JsonLines()
+    return LiveTable() if sys.stdout.isatty() else Lines()
