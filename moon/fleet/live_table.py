@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+from rich.cells import cell_len
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from moon.fleet.report import HEADER, machine_cells, robot_cells, standing, totals
+from moon.fleet.report import HEADER, NUMBERS, machine_cells, robot_cells, standing, totals
 from moon.fleet.robot import Robot
 from moon.fleet.status import RobotStatus
 from moon.monitor.live_table import STYLES
@@ -22,11 +24,17 @@ from moon.verdict import Outcome
 _UNFOLDED = (str(Outcome.VIOLATED), str(Outcome.INCONCLUSIVE))
 _AROUND = 2
 """Lines of the table that are no robots: the headings, and how many there are."""
-_NARROW = 60
-"""Columns of a terminal that has no room for what was wrong."""
+_SHORTEST_LAST = 12
+"""Of what was wrong so many characters tell something; a narrower column is left out."""
+_LEFT_OUT_FIRST = ("last", "obs/s", "machines")
+_GAP = 2
+"""Between columns."""
+
+_Row = tuple[str, tuple[str, ...]]
+"""A verdict, for the colour, and the cells."""
 
 
-def drawn(robots: Sequence[Robot], width: int, height: int | None = None) -> Table:
+def drawn(robots: Sequence[Robot], width: int, height: int | None = None) -> Group:
     """The table.
 
     Args:
@@ -34,33 +42,53 @@ def drawn(robots: Sequence[Robot], width: int, height: int | None = None) -> Tab
         width: of the terminal, in characters.
         height: of the terminal, in lines; None if it may scroll.
     """
-    shown = HEADER if width >= _NARROW else HEADER[:3]
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for heading in shown:
-        table.add_column(
-            Text(heading),
-            justify="right" if heading in ("machines", "obs/s") else "left",
-            no_wrap=True,
-            overflow="ellipsis",
-            ratio=1 if heading == "last" else None,
-        )
     room = None if height is None else max(height - _AROUND, 1)
     rows, rest = _that_fit(robots, room)
+    table = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
+    widths = _widths([cells for _, cells in rows], width)
+    for heading, wide in widths.items():
+        table.add_column(
+            Text(heading),
+            justify="right" if heading in NUMBERS else "left",
+            width=wide,
+            no_wrap=True,
+            overflow="ellipsis",
+        )
     for verdict, cells in rows:
-        texts = [Text(cell) for cell in cells[: len(shown)]]
-        texts[1].stylize(STYLES.get(shade(verdict), "dim"))
-        table.add_row(*texts)
-    if rest:
-        counts = Counter(standing(robot.status()) for robot in rest)
-        table.add_row(Text(f"… and {totals(dict(counts))}", style="dim"))
-    return table
+        row = dict(zip(HEADER, map(Text, cells), strict=True))
+        row["verdict"].stylize(STYLES.get(shade(verdict), "dim"))
+        table.add_row(*(row[heading] for heading in widths))
+    if not rest:
+        return Group(table)
+    counts = Counter(standing(robot.status()) for robot in rest)
+    more = Text(f"… and {totals(dict(counts))}", style="dim", no_wrap=True, overflow="ellipsis")
+    return Group(table, more)
 
 
-def _that_fit(
-    robots: Sequence[Robot], room: int | None
-) -> tuple[list[tuple[str, tuple[str, ...]]], Sequence[Robot]]:
+def _widths(rows: Sequence[tuple[str, ...]], width: int) -> dict[str, int]:
+    """The columns that there is room for, and how wide each is; what was wrong has what is left."""
+    columns = zip(HEADER, *rows, strict=True)
+    widths = {column[0]: max(map(cell_len, column)) for column in columns}
+    whole_last = widths["last"]
+    widths["last"] = min(whole_last, _SHORTEST_LAST)
+    for heading in _LEFT_OUT_FIRST:
+        if _total(widths) > width:
+            del widths[heading]
+    spare = width - _total(widths)
+    if "last" in widths:
+        widths["last"] = min(whole_last, widths["last"] + spare)
+    elif spare < 0:
+        widths["robot"] = max(widths["robot"] + spare, 1)
+    return widths
+
+
+def _total(widths: dict[str, int]) -> int:
+    return sum(widths.values()) + _GAP * (len(widths) - 1)
+
+
+def _that_fit(robots: Sequence[Robot], room: int | None) -> tuple[list[_Row], Sequence[Robot]]:
     """The rows that there is room for, each with a verdict, and the robots that are in none of them."""
-    rows: list[tuple[str, tuple[str, ...]]] = []
+    rows: list[_Row] = []
     for place, robot in enumerate(robots):
         is_unfolded = robot.verdict in _UNFOLDED
         block = _rows_of(robot.status(unfolded=is_unfolded))
@@ -72,6 +100,6 @@ def _that_fit(
     return rows, ()
 
 
-def _rows_of(status: RobotStatus) -> list[tuple[str, tuple[str, ...]]]:
+def _rows_of(status: RobotStatus) -> list[_Row]:
     machines = [(status.verdict, cells) for cells in machine_cells(status)]
     return [(status.verdict, robot_cells(status)), *machines]

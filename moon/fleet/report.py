@@ -11,6 +11,8 @@ from moon.monitor.report import UNTIL_IT_ENDED, cells
 from moon.verdict import Outcome
 
 HEADER = ("robot", "verdict", "machines", "obs/s", "last")
+NUMBERS = ("machines", "obs/s")
+"""The columns whose cells are aligned to the right."""
 MOST_MACHINES = 5
 """So many machines of a robot are shown below it; of more, a number."""
 _MOST_NAMED = 5
@@ -54,7 +56,7 @@ def table(statuses: Sequence[RobotStatus]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
-            text.rjust(width) if heading in ("machines", "obs/s") else text.ljust(width)
+            text.rjust(width) if heading in NUMBERS else text.ljust(width)
             for heading, text, width in zip(HEADER, row, widths, strict=True)
         ).rstrip()
         for row in rows
