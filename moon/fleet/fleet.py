@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from m2c.suggestions import first_of
 from moon.fleet.choice import WHOLE, Shard
+from moon.fleet.notices import RobotNotices
 from moon.fleet.report import standing
 from moon.fleet.robot import FleetModels, Robot
 from moon.fleet.status import FleetSummary, RobotStatus
@@ -61,6 +62,7 @@ class Fleet:
         self._sinks = (self, *sinks)
         self._screens = screens
         self._say = say
+        self._notices = RobotNotices(say)
         self._shard = shard
         self._most = most
         self._robots: dict[str, Robot] = {}
@@ -101,7 +103,7 @@ class Fleet:
                 self._connection.within,
                 self._sinks,
                 self._screens,
-                self._say,
+                self._notices.of(name),
             )
         robot.appear()
 
@@ -145,6 +147,7 @@ class Fleet:
             for robot in robots[begin : begin + _LOOKED_AT]:
                 robot.look()
             self._next = begin + _LOOKED_AT if begin + _LOOKED_AT < len(robots) else 0
+        self._notices.flush()
         now_ns = time.monotonic_ns()
         if now_ns - self._measured_ns >= _MEASURE_NS:
             self._measured_ns = now_ns
@@ -198,6 +201,7 @@ class Fleet:
         """The monitor is to end."""
         for robot in self._robots.values():
             robot.finish()
+        self._notices.flush()
 
     def summary(self) -> FleetSummary:
         """How it stands at the end."""

@@ -38,7 +38,7 @@ class FleetModels:
         self, monitored: Monitored, monotonic_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
         self.monitored = monitored
-        self._compiled = CompiledSystem(monitored.system, monitored.machines)
+        self.compiled = CompiledSystem(monitored.system, monitored.machines)
         self._monotonic_ns = monotonic_ns
 
     def watch(
@@ -61,7 +61,7 @@ class FleetModels:
             policy=monitored.policy,
             monotonic_ns=self._monotonic_ns,
             screens=screens,
-            compiled=self._compiled,
+            compiled=self.compiled,
         )
 
 
@@ -94,7 +94,7 @@ class Robot:
         connect: opens a listener to it (``Namespaces.within``).
         sinks: get every verdict.
         screens: sinks for people.
-        say: called with what a person should know, one sentence each.
+        say: called with what a person should know of this robot, one sentence each.
 
     Attributes:
         name: as above.
@@ -120,7 +120,7 @@ class Robot:
         self._connect = connect
         self._sinks = [_Naming(name, sink) for sink in sinks]
         self._screens = [_Naming(name, sink) for sink in screens]
-        self._say: Callable[[str], None] = lambda sentence: say(f"{name}: {sentence}")
+        self._say = say
         self._notices = Notices(self._say)
         self._life: _Life | None = None
         self._release: Timer | None = None

@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from moon.fleet.choice import Shard
+from moon.fleet.notices import RobotNotices
 from moon.fleet.report import closing, table
 from moon.fleet.screen import Troubles
 from moon.monitor.watch import MIDDLE
@@ -79,6 +80,7 @@ def test_a_robot_that_is_back_soon_is_followed_by_the_same_judges_from_its_start
     assert robot.opened == 1
     robot.run()
     assert by_hand.status("robots/r1").verdict == "conforming"
+    by_hand.fleet.look_around()
     assert "robots/r1: Level has started again" in by_hand.said
 
 
@@ -188,6 +190,21 @@ def test_problems_are_said_with_the_robot_they_are_of(by_hand) -> None:
     warnings = [sentence for sentence in by_hand.said if "warning" in sentence]
     assert warnings == ["robots/r1: warning: missed 5 messages on /battery from Battery"]
     assert set(by_hand.fleet.summary().problems) == {"robots/r1"}
+
+
+def test_what_is_so_of_many_robots_is_said_once() -> None:
+    said: list[str] = []
+    notices = RobotNotices(said.append)
+    for number in range(9):
+        notices.of(f"robots/r{number}")(f"this monitor stood still for 0.{number + 1} s")
+    notices.of("robots/r3")("Level has started again")
+    notices.flush()
+    notices.flush()
+    named = ", ".join(f"robots/r{number}" for number in range(5))
+    assert said == [
+        f"{named} and 4 more: this monitor stood still for 0.1 s",
+        "robots/r3: Level has started again",
+    ]
 
 
 def test_the_end_has_a_line_for_each_robot_that_is_not_fine_and_totals(by_hand) -> None:
