@@ -21,7 +21,10 @@ import msgspec
 from benchmarks.page import TOLD_TO, Row, as_markdown, page_with, put
 
 HERE = Path(__file__).parent
-PAGES = (HERE.parent / "docs/performance.md", HERE.parent / "docs/performance-monitors.md")
+PAGES = tuple(
+    HERE.parent / "docs" / page
+    for page in ("performance.md", "performance-monitors.md", "fleet.md")
+)
 NO_BENCHMARKS = ("__main__", "copies", "family", "page", "processes", "sampling", "ticking")
 
 

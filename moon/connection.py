@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 MONITOR = "monitor"
 OBSERVER = "observer"
 """Whose certificates ``moon monitor``, which publishes verdicts, and the other commands take."""
+SETTLING_BOUNDS = 2
+"""A monitor that is to end goes on for so many latency bounds: what it has received by then is judged."""
 REFRESH_S = 0.5
 """How often what is shown is drawn anew, and losses looked for."""
 

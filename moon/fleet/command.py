@@ -7,16 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from m2c.terminal import fail, say
-from moon.connection import Watching, say_ready
+from moon.connection import SETTLING_BOUNDS, Watching, say_ready
 
 if TYPE_CHECKING:
     from moon.fleet.choice import Shard
     from moon.monitor.connection import Sink
     from moon.monitor.subject import Monitored
     from transports.interface import Transport
-
-SETTLING_BOUNDS = 2
-"""A monitor that is to end goes on for so many latency bounds: what it has received by then is judged."""
 
 
 def monitor_fleet(

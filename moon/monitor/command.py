@@ -14,6 +14,7 @@ import click
 from m2c.terminal import fail, say
 from moon.beside import system_beside
 from moon.connection import (
+    SETTLING_BOUNDS,
     Network,
     Watching,
     connected,
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from moon.recording.writer import RecordingWriter
     from transports.interface import Transport
 
-SETTLING_BOUNDS = 2
-"""A monitor that is to end goes on for so many latency bounds: what it has received by then is judged."""
 FLUSH_S = 0.5
 """How often what was recorded is handed to the system: no more is lost with the process."""
 

@@ -190,7 +190,7 @@ class Within:
         tap = Tap(
             self._session,
             self._runner,
-            self._node,
+            self.node,
             channels,
             handler,
             self._refusals,
