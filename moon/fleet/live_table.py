@@ -34,16 +34,19 @@ _Row = tuple[str, tuple[str, ...]]
 """A verdict, for the colour, and the cells."""
 
 
-def drawn(robots: Sequence[Robot], width: int, height: int | None = None) -> Group:
+def drawn(
+    robots: Sequence[Robot], width: int, height: int | None = None, unfolds: bool = True
+) -> Group:
     """The table.
 
     Args:
         robots: the gravest first.
         width: of the terminal, in characters.
         height: of the terminal, in lines; None if it may scroll.
+        unfolds: whether the machines of a robot in trouble are shown.
     """
     room = None if height is None else max(height - _AROUND, 1)
-    rows, rest = _that_fit(robots, room)
+    rows, rest = _that_fit(robots, room, unfolds)
     table = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
     widths = _widths([cells for _, cells in rows], width)
     for heading, wide in widths.items():
@@ -86,11 +89,13 @@ def _total(widths: dict[str, int]) -> int:
     return sum(widths.values()) + _GAP * (len(widths) - 1)
 
 
-def _that_fit(robots: Sequence[Robot], room: int | None) -> tuple[list[_Row], Sequence[Robot]]:
+def _that_fit(
+    robots: Sequence[Robot], room: int | None, unfolds: bool
+) -> tuple[list[_Row], Sequence[Robot]]:
     """The rows that there is room for, each with a verdict, and the robots that are in none of them."""
     rows: list[_Row] = []
     for place, robot in enumerate(robots):
-        is_unfolded = robot.verdict in _UNFOLDED
+        is_unfolded = unfolds and robot.verdict in _UNFOLDED
         block = _rows_of(robot.status(unfolded=is_unfolded))
         if room is not None and len(rows) + len(block) > room:
             if len(rows) >= room:

@@ -97,38 +97,61 @@ class JsonLines:
         """The terminal was not changed."""
 
 
+SHOWN_AT_ONCE = 20
+"""Verdicts that appear above a live table at a time; a trouble of all robots would hold up the monitor."""
+
+
 class LiveTable:
-    """The robots in a table that stays in place, troubles above it."""
+    """The robots in a table that stays in place, troubles above it.
+
+    They appear when the table is drawn: whenever something is written above it, all of it is drawn anew.
+    """
 
     def __init__(self) -> None:
         from rich.live import Live
 
         self._troubles = Troubles()
+        self._new: list[Verdict] = []
+        self._more = 0
         self._live = Live(auto_refresh=False, redirect_stderr=sys.stderr.isatty())
         self._live.start()
 
     def take(self, verdict: Verdict) -> None:
-        """Show it if a person wants to read it."""
+        """Keep it until the table is drawn, if a person wants to read it."""
+        if not self._troubles.concerns(verdict):
+            return
+        if len(self._new) < SHOWN_AT_ONCE:
+            self._new.append(verdict)
+        else:
+            self._more += 1
+
+    def _show_new(self) -> None:
         from rich.text import Text
 
-        if self._troubles.concerns(verdict):
-            for line in verdict_lines(verdict, colour=True):
-                self._live.console.print(Text.from_ansi(line))
+        if not self._new:
+            return
+        lines = [line for verdict in self._new for line in verdict_lines(verdict, colour=True)]
+        if self._more:
+            lines.append(f"… and {self._more:,} more verdicts; --log FILE keeps all")
+        self._live.console.print(Text.from_ansi("\n".join(lines)))
+        self._new, self._more = [], 0
 
     def refresh(self, fleet: Fleet) -> None:
-        """Draw the table anew."""
+        """Draw the table anew, and show above it what is new."""
         from moon.fleet.live_table import drawn
 
+        self._show_new()
         width, height = self._live.console.size
         self._live.update(drawn(fleet.robots(), width, height), refresh=True)
 
     def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
-        """Leave the robots that are not fine, each with its machines: the terminal may scroll now."""
+        """Leave the robots that are not fine, a line each: the terminal may scroll now."""
         from moon.fleet.live_table import drawn
 
+        self._show_new()
         troubled = {status.robot for status in summary.troubled}
         robots = [robot for robot in fleet.robots() if robot.name in troubled]
-        self._live.update(drawn(robots, self._live.console.width))
+        self._live.update(drawn(robots, self._live.console.width, unfolds=False))
         self.close()
         show_painted(*closing(summary))
 

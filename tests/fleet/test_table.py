@@ -6,6 +6,8 @@ import pytest
 from rich.console import Console
 
 from moon.fleet.live_table import drawn
+from moon.fleet.screen import SHOWN_AT_ONCE, LiveTable
+from moon.verdict import Outcome, Verdict
 from tests.fleet.by_hand import FleetByHand
 
 
@@ -56,3 +58,29 @@ def test_a_table_without_an_end_has_all(by_hand) -> None:
 def test_names_from_the_wire_cannot_paint_the_terminal(by_hand) -> None:
     by_hand.robot("robots/\x1b[31mred").start()
     assert not any("\x1b" in line for line in lines_of(by_hand))
+
+
+def test_what_is_violated_appears_above_the_table_but_not_everything_at_once(
+    by_hand, capsys
+) -> None:
+    screen = LiveTable()
+    for number in range(SHOWN_AT_ONCE + 7):
+        screen.take(Verdict("Level", "Level", Outcome.VIOLATED, 0, f"why {number}", robot="r1"))
+    capsys.readouterr()
+    screen.refresh(by_hand.fleet)
+    shown = capsys.readouterr().out
+    assert f"why {SHOWN_AT_ONCE - 1}" in shown
+    assert f"why {SHOWN_AT_ONCE}" not in shown
+    assert "… and 7 more verdicts; --log FILE keeps all" in shown
+    screen.refresh(by_hand.fleet)
+    assert "why" not in capsys.readouterr().out
+    screen.finish(by_hand.fleet, by_hand.fleet.summary())
+    *_, last = capsys.readouterr().out.splitlines()
+    assert "2 violations in " in last
+
+
+def test_at_the_end_each_robot_in_trouble_has_one_line(by_hand) -> None:
+    console = Console(width=120)
+    with console.capture() as capture:
+        console.print(drawn(by_hand.fleet.robots()[:2], 120, unfolds=False))
+    assert len(capture.get().splitlines()) == 1 + 2
