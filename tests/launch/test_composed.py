@@ -105,7 +105,7 @@ def test_a_node_that_dies_of_an_error_is_named_whoever_it_shares_a_process_with(
 
 @pytest.mark.zenoh
 def test_a_composed_run_is_watched_as_any(system: System) -> None:
-    run = Run(system.path, "--processes", 1, "--monitor", "--ticks", 50)
+    run = Run(system.path, "--processes", 1, "--monitor", "--ticks", 100)
     assert run.end() == 0, run.output
     assert "0 violations" in run.output
     for name in ("LevelSkill", "MoveSkill", "policy"):

@@ -52,7 +52,7 @@ def test_a_run_through_its_router_is_heard_from_its_first_act_and_conforming(
     system: System, tmp_path: Path
 ) -> None:
     recording = tmp_path / "run.mcap"
-    run = Run(system.path, "--router", "--ticks", 5, "--monitor", "--record", recording)
+    run = Run(system.path, "--router", "--ticks", 50, "--monitor", "--record", recording)
     assert run.end() == 0, run.output
     assert NOMINAL in run.output
     assert "0 violations" in run.output
