@@ -1,7 +1,8 @@
 """The graph of a ROS 2 system: who is there, with a report when it changes.
 
 rcl triggers a guard condition at every change of the graph; one thread waits for it and calls those
-who asked. rclpy itself only offers to look again every now and then.
+who asked. rclpy itself only offers to look again every now and then. The nodes of one rclpy context see
+the same graph, and share this.
 """
 
 # rclpy leaves some of its functions without types
@@ -10,7 +11,7 @@ who asked. rclpy itself only offers to look again every now and then.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 from rclpy.guard_condition import GuardCondition
@@ -23,6 +24,8 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 _PAUSE_S = 0.005
 """Changes come in bursts (a node that starts makes dozens): each burst is reported once."""
+_MOST_NAMED = 100_000
+"""Endpoints whose nodes are remembered, as anybody may claim any number; the oldest are forgotten first."""
 
 
 def request_topic(service: str) -> str:
@@ -42,24 +45,39 @@ def service_type_of(dds_type: str) -> str:
 
 
 class Graph:
-    """Tells of changes, and finds names for GIDs."""
+    """Tells of changes, and finds names for GIDs.
+
+    Args:
+        node: the ``rclpy.node.Node`` by which rcl is asked; it outlives this.
+    """
 
     def __init__(self, node: Any) -> None:
         self._node = node
         self._guard = native.graph_guard(node)
-        self._stop = GuardCondition(callback=None, callback_group=None, context=node.context)
+        self._bell = GuardCondition(callback=None, callback_group=None, context=node.context)
         self._stopping = threading.Event()
-        self._listeners: list[Callable[[], None]] = []
+        self._listeners: tuple[Callable[[], None], ...] = ()
+        """Replaced whole, as the graph's thread goes through them."""
         self._subscription: Any = None
+        self._lock = threading.Lock()
         self._names: dict[bytes, str] = {}
         self._participants: dict[bytes, set[str]] = {}
-        self._announced: dict[bytes, str] = {}
+        self._alone: dict[bytes, str] = {}
         """Of participants that hold one node, which says so itself."""
+        self._itemized: set[bytes] = set()
+        """Participants whose nodes say which endpoints are their own."""
         self._thread = threading.Thread(target=self._watch, name="ros2-graph", daemon=True)
 
     def listen(self, listener: Callable[[], None]) -> None:
-        """Call ``listener`` on the graph's thread at each change; before ``start`` only."""
-        self._listeners.append(listener)
+        """Call ``listener`` on the graph's thread, soon for the first time and then at each change."""
+        with self._lock:
+            self._listeners = (*self._listeners, listener)
+        self._bell.trigger()
+
+    def no_longer(self, listener: Callable[[], None]) -> None:
+        """Undo ``listen``; it may be under way for the last time."""
+        with self._lock:
+            self._listeners = tuple(other for other in self._listeners if other != listener)
 
     def start(self, subscription: Any) -> None:
         """Begin; a message on ``subscription`` counts as a change too (a listener takes it)."""
@@ -70,9 +88,9 @@ class Graph:
         """End; idempotent."""
         self._stopping.set()
         if self._thread.is_alive():
-            self._stop.trigger()
+            self._bell.trigger()
             self._thread.join()
-        self._stop.destroy()
+        self._bell.destroy()
 
     def _watch(self) -> None:
         wait_set = _rclpy.WaitSet(1, 2, 0, 0, 0, 0, self._node.context.handle)
@@ -83,7 +101,7 @@ class Graph:
                 return
             wait_set.clear_entities()
             wait_set.add_subscription(self._subscription.handle)
-            wait_set.add_guard_condition(self._stop.handle)
+            wait_set.add_guard_condition(self._bell.handle)
             native.add_guard(wait_set, self._guard)
             wait_set.wait(-1)
 
@@ -121,32 +139,45 @@ class Graph:
         return self._find(native.gid_of(endpoint)) or UNKNOWN
 
     def _learn(self, endpoints: Iterable[Any]) -> None:
-        for endpoint in endpoints:
-            if endpoint.node_name == UNKNOWN:
-                continue
-            gid = native.gid_of(endpoint)
-            self._names[gid] = endpoint.node_name
-            self._participants.setdefault(native.participant_of(gid), set()).add(endpoint.node_name)
+        with self._lock:
+            for endpoint in endpoints:
+                if endpoint.node_name == UNKNOWN:
+                    continue
+                gid = native.gid_of(endpoint)
+                self._names.setdefault(gid, endpoint.node_name)
+                in_it = self._participants.setdefault(native.participant_of(gid), set())
+                in_it.add(endpoint.node_name)
 
-    def learn_node(self, gid: bytes, name: str) -> None:
-        """``name`` says that the endpoint with this GID is its own, and that it has its participant for
-        itself; the graph may show it seconds later, or never.
+    def learn_node(self, name: str, participant: bytes, endpoints: Collection[bytes]) -> None:
+        """What ``name`` says of itself; the graph may show it seconds later, or never.
+
+        Args:
+            name: the node's.
+            participant: the one that it is in.
+            endpoints: the GIDs of what it has, all in that participant; none: it has that for itself.
         """
-        self._announced[native.participant_of(gid)] = name
+        with self._lock:
+            if not endpoints:
+                self._alone[participant] = name
+                return
+            self._alone.pop(participant, None)
+            self._itemized.add(participant)
+            self._names.update(dict.fromkeys(endpoints, name))
+            while len(self._names) > _MOST_NAMED:
+                del self._names[next(iter(self._names))]
 
     def _known(self, gid: bytes) -> str | None:
         """The node, without asking the graph."""
         name = self._names.get(gid)
-        if name is None:
-            name = self._announced.get(native.participant_of(gid))
-            if name is not None:
-                self._names[gid] = name  # a GID is not given twice
-        return name
+        return self._alone.get(native.participant_of(gid)) if name is None else name
 
     def _find(self, gid: bytes) -> str:
         """By the endpoint, else by its participant if that is known to hold one node only."""
         name = self._known(gid)
         if name is not None:
             return name
-        names = self._participants.get(native.participant_of(gid), set())
-        return next(iter(names)) if len(names) == 1 else ""
+        participant = native.participant_of(gid)
+        with self._lock:
+            names = self._participants.get(participant, set())
+            is_only = len(names) == 1 and participant not in self._itemized
+            return next(iter(names)) if is_only else ""

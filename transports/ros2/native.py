@@ -169,7 +169,9 @@ class Libraries:
         self.add_subscription.argtypes = [pointer, pointer, pointer]
         self.take = self._declare(rcl, "rcl_take_serialized_message")
         self.client_handle = self._declare(rcl, "rcl_client_get_rmw_handle", pointer)
+        self.publisher_handle = self._declare(rcl, "rcl_publisher_get_rmw_handle", pointer)
         self.gid_of_client = self._declare(rmw, "rmw_get_gid_for_client")
+        self.gid_of_publisher = self._declare(rmw, "rmw_get_gid_for_publisher")
         self.on_new = {
             kind: self._declare(rcl, name)
             for kind, what in _KINDS
@@ -196,8 +198,10 @@ class Libraries:
         self.graph_guard.argtypes = [pointer]
         self.add_guard.argtypes = [pointer, pointer, pointer]
         self.take.argtypes = [pointer, pointer, pointer, pointer]
-        self.client_handle.argtypes = [pointer]
-        self.gid_of_client.argtypes = [pointer, pointer]
+        for handle in (self.client_handle, self.publisher_handle):
+            handle.argtypes = [pointer]
+        for gid in (self.gid_of_client, self.gid_of_publisher):
+            gid.argtypes = [pointer, pointer]
         for function in self.on_new.values():
             function.argtypes = [pointer, pointer, pointer]
         self.bytes_init.argtypes = [pointer, size, pointer]
@@ -356,12 +360,21 @@ def end_subscription(address: int, node: Any) -> None:
 
 def gid_of_client(handle: Any) -> bytes:
     """The GID by which the events of a service's client (``client.handle``) name it."""
-    gid = _Gid()
     rcl = functions()
-    client = rcl.client_handle(handle.pointer)
-    if not client or rcl.gid_of_client(client, ctypes.byref(gid)) != _RCL_RET_OK:
-        rcl.reset_error()
-        raise TransportError("cannot tell the GID of a service client")
+    return _gid_of(rcl.client_handle(handle.pointer), rcl.gid_of_client, "a service client")
+
+
+def gid_of_publisher(handle: Any) -> bytes:
+    """The GID of a publisher (``publisher.handle``), as messages have it."""
+    rcl = functions()
+    return _gid_of(rcl.publisher_handle(handle.pointer), rcl.gid_of_publisher, "a publisher")
+
+
+def _gid_of(entity: int | None, ask: Any, what: str) -> bytes:
+    gid = _Gid()
+    if not entity or ask(entity, ctypes.byref(gid)) != _RCL_RET_OK:
+        functions().reset_error()
+        raise TransportError(f"cannot tell the GID of {what}")
     return bytes(gid.data)
 
 

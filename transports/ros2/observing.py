@@ -16,7 +16,7 @@ from transports.ros2 import cdr, event_cdr, native
 from transports.ros2.graph import Graph
 from transports.ros2.native import Taken
 from transports.ros2.numbering import Numbers
-from transports.ros2.presence import Announcements
+from transports.ros2.roster import Roster
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT
 
 
@@ -25,13 +25,13 @@ class Notes:
 
     Args:
         graph: who knows names.
-        announcements: which participants are whose.
+        roster: which participants are whose.
         prefix: put before every channel.
     """
 
-    def __init__(self, graph: Graph, announcements: Announcements, prefix: str) -> None:
+    def __init__(self, graph: Graph, roster: Roster, prefix: str) -> None:
         self.graph = graph
-        self._announcements = announcements
+        self._roster = roster
         self.prefix = prefix
         self.losses = Losses()
         self.without_contents: dict[str, str] = {}
@@ -57,7 +57,7 @@ class Notes:
 
     def is_of(self, name: str, gid: bytes) -> bool:
         """Whether an endpoint may be of the node ``name``; it is noted if not."""
-        if not name or self._announcements.is_of(name, gid):
+        if not name or self._roster.is_of(name, gid):
             return True
         place = (name, native.participant_of(gid))
         if place in self._foreign or len(self._foreign) < MOST_PLACES:

@@ -15,7 +15,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
 from transports.refusals import Refusals
-from transports.ros2 import native, qos
+from transports.ros2 import endpoints, native, qos
 from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph
@@ -190,7 +190,7 @@ class Client:
             raise TransportError(f"cannot call {name} ({service.type_name}): {text}") from error
         self._handle = self.declared.handle
         self._gid = native.gid_of_client(self._handle)
-        self._prefix = native.participant_of(self._gid).hex()
+        self._known_as = {gid.hex() for gid in endpoints.of_client(node, self._handle, name)}
         self._settled = time.monotonic() + SETTLE_S
         self._lock = threading.Lock()
         self._sent: dict[int, _Call] = {}
@@ -287,7 +287,7 @@ class Client:
 
     def _failed(self, error: CallError) -> None:
         """A server says that it failed a call, perhaps one of this client."""
-        if not error.gid.startswith(self._prefix):
+        if error.gid not in self._known_as:
             return
         with self._lock:
             call = self._sent.pop(error.call, None)
@@ -354,7 +354,7 @@ class Client:
                     type_name=self.type_name,
                     by_server=False,
                     client=self._node.get_name(),
-                    gid=self._prefix,
+                    gid=self._gid.hex(),
                     call=call.number,
                     error=f"{result.outcome}: {result.error}",
                     node=self._node.get_name(),

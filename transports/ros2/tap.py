@@ -20,13 +20,13 @@ from transports.cdr import CdrError
 from transports.channel_filter import matches
 from transports.interface import Answer, Observation, TransportError
 from transports.ros2 import native, qos
+from transports.ros2.announcements import Announcements
 from transports.ros2.executor import Executor
-from transports.ros2.graph import Graph
 from transports.ros2.interfaces import ros_class
 from transports.ros2.observing import Errors, Events, Messages, Notes, Observing
 from transports.ros2.presence import TOPIC as NODES_TOPIC
-from transports.ros2.presence import Announcements
 from transports.ros2.raw_subscription import RawSubscription
+from transports.ros2.shared import Shared
 from transports.ros2.subscribing import Subscriber
 from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX
 from transports.timers import Timer
@@ -103,22 +103,23 @@ class Tap:
         node: Any,
         executor: Executor,
         subscriber: Subscriber,
-        graph: Graph,
+        shared: Shared,
         announcements: Announcements,
-        prefix: str,
         globs: Sequence[str],
         handler: Callable[[Observation], None],
     ) -> None:
         self._node = node
         self._executor = executor
         self._subscriber = subscriber
-        self._graph = graph
+        self._shared = shared
+        self._graph = shared.graph
+        self._roster = shared.roster
         self._announcements = announcements
-        self._prefix = prefix
+        self._prefix = prefix = shared.prefix
         self._globs = [prefix + glob for glob in globs] or [f"{prefix}/*"]
         self._handler = handler
         self._taker = native.Taker()
-        self._notes = Notes(graph, announcements, prefix)
+        self._notes = Notes(shared.graph, shared.roster, prefix)
         self._tapped: dict[str, _Tapped] = {}
         self._looking = False
         self._quiet_until = 0.0
@@ -162,7 +163,7 @@ class Tap:
 
     def is_contested(self, name: str) -> bool:
         """See ``transports.interface.Tap``."""
-        return self._announcements.is_contested(name)
+        return self._roster.is_contested(name)
 
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         """See ``transports.interface.Tap``."""
@@ -181,7 +182,7 @@ class Tap:
         not_received = {**notes.without_contents.copy(), **self._not_received.copy()}
         contested = (
             f"several nodes claim to be {name}: which of them is the node is not known"
-            for name in self._announcements.contested()
+            for name in self._roster.contested()
         )
         return [
             *notes.losses.sentences(),
@@ -315,6 +316,7 @@ class Tap:
             type_name = offered[0] if offered else types[0]
             profile = qos.to_receive_all(publishers)
             ros = ros_class(type_name)
+            self._shared.require_type(topic, type_name, self._node.get_name())
         except TransportError as error:
             self._not_received[topic] = f"{topic} is not received: {error}"
             return

@@ -19,16 +19,16 @@ from transports.interface import (
 from transports.on_executor import OnExecutor
 from transports.refusals import Refusals
 from transports.ros2 import qos, topics
+from transports.ros2.announcements import Announcements
 from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import LOG, Executor
 from transports.ros2.faults import Declared, Faults
-from transports.ros2.graph import Graph
 from transports.ros2.introspection import ServiceEvents, outbox
 from transports.ros2.logs import RosLogHandler
 from transports.ros2.parameters import positive
-from transports.ros2.presence import Announcements
 from transports.ros2.services import Client, Request, Server
 from transports.ros2.session import open_node, prefix_of
+from transports.ros2.shared import Shared
 from transports.ros2.subscribing import Subscriber
 from transports.ros2.tap import Tap
 from transports.timers import Timer
@@ -61,7 +61,7 @@ class Ros2Transport(OnExecutor):
     Args:
         ros_node: an ``rclpy.node.Node``; ``close`` destroys it.
         options: see ``transports.ros2.session``.
-        owns_context: whether its context ends with it.
+        shared: what the nodes of its context have in common; None: it opened the context, which ends with it.
     """
 
     _executor: Executor
@@ -71,24 +71,24 @@ class Ros2Transport(OnExecutor):
     its next heartbeat (each 3 s) is answered."""
 
     def __init__(
-        self, ros_node: Any, options: Mapping[str, str], owns_context: bool = True
+        self, ros_node: Any, options: Mapping[str, str], shared: Shared | None = None
     ) -> None:
         self._refusals = Refusals(LOG)
         super().__init__(ros_node.get_name(), Executor(ros_node, self._refusals))
         self._ros = ros_node
         self._clock = ros_node.get_clock()
         self._options = options
-        self._owns_context = owns_context
+        self._owns_context = shared is None
         self._prefix = prefix = prefix_of(options)
-        self._graph = Graph(ros_node)
-        self._graph.listen(self._graph_changed)
+        self._shared = shared or Shared(ros_node, self._executor, prefix, self._refusals)
+        self._graph = graph = self._shared.graph
         self._change_posted = threading.Event()
         self._announcements = Announcements(
-            ros_node, self._executor, self._graph, prefix, self._refusals
+            ros_node, self._executor, graph, self._shared.roster, prefix
         )
         self._own = self._announcements.own
         self._declared = Declared()
-        self._faults = Faults(ros_node, self._graph, self._declared)
+        self._faults = Faults(ros_node, graph, self._declared)
         self._faults_timer: Timer | None = None
         self._errors: CallErrors | None = None
         self._outbox = outbox(self._executor)
@@ -96,6 +96,7 @@ class Ros2Transport(OnExecutor):
         self._clients: dict[str, Client] = {}
         self._taps: list[Tap] = []
         self._subscriber = Subscriber(ros_node, self._executor)
+        graph.listen(self._graph_changed)
         self._close_at_exit()
 
     @property
@@ -113,8 +114,11 @@ class Ros2Transport(OnExecutor):
         return positive(self._ros, name, default, meaning)
 
     def log_handler(self, level: int) -> RosLogHandler:
-        """Logs as ROS 2 does, what is at ``level`` (of ``logging``) and above."""
-        return RosLogHandler(self._ros, level)
+        """Logs as ROS 2 does, what is at ``level`` (of ``logging``) and above.
+
+        One does for all nodes of the process: see ``transports.ros2.logs``.
+        """
+        return RosLogHandler(lambda: self._shared.nodes, self._node, level)
 
     def now_ns(self) -> int:
         """The ROS clock, ns since the epoch (the simulation's time with ``use_sim_time``)."""
@@ -187,7 +191,7 @@ class Ros2Transport(OnExecutor):
 
     def up_since(self, name: str) -> int:
         """When ``name`` began to connect: ns since the epoch, on its clock; 0 if not known."""
-        return self._announcements.up_since(name)
+        return self._shared.roster.up_since(name)
 
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
@@ -201,9 +205,8 @@ class Ros2Transport(OnExecutor):
             self._ros,
             self._executor,
             self._subscriber,
-            self._graph,
+            self._shared,
             self._announcements,
-            self._prefix,
             channels,
             handler,
         )
@@ -211,10 +214,8 @@ class Ros2Transport(OnExecutor):
         return tap
 
     def _beside(self, node: str) -> Ros2Transport:
-        if node in {self._node, *(other.node for other in self._others)}:
-            raise TransportError(f"two nodes of this process are named {node}")
-        ros_node = open_node(node, self._options, self._ros.context)
-        return Ros2Transport(ros_node, self._options, owns_context=False)
+        ros_node = self._shared.open_node(node, self._options)
+        return Ros2Transport(ros_node, self._options, self._shared)
 
     def _release(self) -> None:
         for client in self._clients.values():
@@ -225,13 +226,15 @@ class Ros2Transport(OnExecutor):
             events.close()
         self._outbox.close()
         self._wait_for_last_words()
-        self._graph.stop()
-        self._announcements.release()
+        self._graph.no_longer(self._graph_changed)
+        if self._owns_context:
+            self._shared.stop()
         context = self._ros.context
         with watchdog.ended_after(_DESTROY_S, f"{self.node}: destroying the ROS 2 node"):
             self._executor.destroy()
             self._subscriber.close()
             self._ros.destroy_node()
+            self._shared.leave(self._node)
             if self._owns_context:
                 context.try_shutdown()
 
@@ -256,16 +259,10 @@ class Ros2Transport(OnExecutor):
         return name
 
     def _require_type(self, topic: Topic) -> str:
-        """The full name of ``topic``, which may have one type in this node: DDS allows no other."""
+        """The full name of ``topic``, which may have one type in this process: DDS allows no other."""
         self._require_open()
         name = self._full_name("topic", topic.name)
-        for declared in (self._declared.publishes, self._declared.subscribes):
-            known = declared.get(name)
-            if known is not None and known[0] != _ros_type(topic):
-                raise TransportError(
-                    f"{topic.name}: {self.node} has declared it as {known[0]} already, and now as "
-                    f"{topic.type_name}; ROS 2 allows one type per topic in a node"
-                )
+        self._shared.require_type(name, _ros_type(topic), self._node)
         return name
 
     def _events_of(self, name: str, service: Service) -> ServiceEvents:

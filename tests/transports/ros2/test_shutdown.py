@@ -34,7 +34,7 @@ rclpy.create_node = create_and_be_told
 """
 TOLD_WHILE_IT_WAITS = """
 import os, signal
-from transports.ros2.presence import Announcements
+from transports.ros2.announcements import Announcements
 watch = Announcements.watch
 def watch_and_be_told(announcements, handler):
     watch(announcements, handler)

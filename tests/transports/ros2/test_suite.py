@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
+from collections.abc import Sequence
 
 import pytest
 
 from transports.conformance import CHECKS, Check
+from transports.interface import Transport
 from transports.networks import ThreadedNetwork
 
 pytestmark = pytest.mark.ros2
@@ -18,6 +21,29 @@ pytestmark = pytest.mark.ros2
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 def test_ros2(check: Check, network: ThreadedNetwork) -> None:
     check(network)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.usefixtures("way")
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_ros2_in_one_context(check: Check) -> None:
+    from transports.ros2 import connect
+
+    owner = connect("owner", {})
+
+    def join(name: str, others: Sequence[Transport]) -> Transport:
+        is_beside = name != "misled"  # it has a topic as another type; DDS allows a participant one
+        return owner.beside(name) if is_beside else connect(name, {})
+
+    network = ThreadedNetwork(join)
+    spinning = threading.Thread(target=owner.spin)
+    spinning.start()
+    try:
+        check(network)
+    finally:
+        network.close()
+        owner.close()
+        spinning.join()
 
 
 def test_without_rclpy_the_transport_says_what_to_install() -> None:

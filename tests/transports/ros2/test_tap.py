@@ -344,6 +344,9 @@ def test_a_node_that_announces_itself_has_a_name_before_the_graph_tells_it(
     graph = listener._graph
     gid = bytes(range(16))
     assert graph.publisher_of("/none", gid) == ""
-    graph.learn_node(gid, "policy")
+    other = gid[:12] + b"\x09\x08\x07\x06"
+    graph.learn_node("policy", gid[:12], {gid})
     assert graph.publisher_of("/none", gid) == "policy"
-    assert graph.client_of("/none", gid[:12] + b"\x09\x08\x07\x06") == "policy"
+    assert graph.client_of("/none", other) == ""  # of another node of its process, perhaps
+    graph.learn_node("alone", gid[:12], ())
+    assert graph.client_of("/none", other) == "alone"
