@@ -33,6 +33,10 @@ class Executor(Protocol):
         """See ``Transport.spin``."""
         ...
 
+    def is_current(self) -> bool:
+        """Whether the calling thread is the one that spins."""
+        ...
+
     def close(self) -> None:
         """End ``spin``; idempotent, from any thread."""
         ...
@@ -114,7 +118,8 @@ class OnExecutor(Transport):
     def close(self) -> None:
         """Stop and release everything; idempotent, from any thread."""
         if not self._closing.acquire(blocking=False):
-            if self._closer != threading.get_ident():  # not a signal handler within close()
+            is_within = self._closer == threading.get_ident()  # a signal handler
+            if not is_within and not self._is_awaited():
                 self._closed.wait()
             return
         self._closer = threading.get_ident()
@@ -131,6 +136,10 @@ class OnExecutor(Transport):
         A process that ends while the middleware still calls back can hang or crash in it.
         """
         atexit.register(self.close)
+
+    def _is_awaited(self) -> bool:
+        """Whether ``close`` waits for the calling thread: it runs this node, or one beside it."""
+        return self._executor.is_current() or any(other._is_awaited() for other in self._others)
 
     def _is_closing(self) -> bool:
         return self._closer != 0

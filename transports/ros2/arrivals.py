@@ -35,6 +35,8 @@ Take = Callable[[], bool]
 
 _MOST_BELLS = 64
 """Files that a node opens for this: beyond it entities share them, and are looked at together."""
+MOST_FILES = _MOST_BELLS + 4
+"""That a node has open: these, its own bell, epoll's and two for signals."""
 _FLAGS = os.EFD_NONBLOCK | os.EFD_CLOEXEC
 _MILLISECOND_NS = 10**6
 _SHORT_NS = 2 * _MILLISECOND_NS

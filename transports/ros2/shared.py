@@ -10,10 +10,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from transports.interface import TransportError
+from transports.open_files import FOR_A_CONNECTION, allow_open_files
 from transports.refusals import Refusals
 from transports.ros2 import session
+from transports.ros2.arrivals import MOST_FILES
 from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph
+from transports.ros2.last_words import LastWords
 from transports.ros2.roster import Roster
 
 
@@ -30,6 +33,7 @@ class Shared:
         graph: who is in the system, by DDS.
         roster: who says so himself.
         nodes: the nodes (of rclpy) by name; replaced whole.
+        last_words: set once they all close: they wait together for what they sent last.
     """
 
     def __init__(self, node: Any, executor: Executor, prefix: str, refusals: Refusals) -> None:
@@ -39,6 +43,7 @@ class Shared:
         self._types: dict[str, tuple[str, str]] = {}
         """Of topics: the type, and the node that had it first."""
         self.nodes: Mapping[str, Any] = {node.get_name(): node}
+        self.last_words: LastWords | None = None
         self.graph = Graph(node)
         self.roster = Roster(node, executor, self.graph, prefix, refusals)
 
@@ -46,11 +51,13 @@ class Shared:
         """A further ``rclpy.node.Node`` in the context; for ``options`` see ``transports.ros2.session``.
 
         Raises:
-            TransportError: another has this name, or that which ROS arguments give it; or ROS 2 refuses.
+            TransportError: another has this name, or that which ROS arguments give it; ROS 2 refuses; or
+                the process may not open so many files.
         """
         with self._lock:
             if name in self.nodes:
                 raise TransportError(f"two nodes of this process are named {name}")
+            allow_open_files(FOR_A_CONNECTION + MOST_FILES * (len(self.nodes) + 1))
             node = session.open_node(name, options, self._context)
             got = node.get_name()
             if got in self.nodes:

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rclpy.duration import Duration
-
 from transports import ros_forms, ros_names, watchdog
 from transports.interface import (
     Observation,
@@ -24,6 +22,7 @@ from transports.ros2.call_errors import CallErrors
 from transports.ros2.executor import LOG, Executor
 from transports.ros2.faults import Declared, Faults
 from transports.ros2.introspection import ServiceEvents, outbox
+from transports.ros2.last_words import LastWords
 from transports.ros2.logs import RosLogHandler
 from transports.ros2.parameters import positive
 from transports.ros2.services import Client, Request, Server
@@ -37,7 +36,7 @@ _FAULTS_DELAY_S = 0.5
 """How long the graph must be quiet before it is looked at for what cannot work."""
 
 _LAST_WORDS_S = 0.5
-"""How long a node that closes waits for what it sent last to arrive, where a subscriber stands still."""
+"""How long a node that closes, with those beside it, waits for what they sent last to arrive."""
 
 _DESTROY_S = 8.0
 """How long ROS 2 may take to destroy a node, which takes it milliseconds: some builds of Fast DDS never
@@ -213,6 +212,12 @@ class Ros2Transport(OnExecutor):
         self._taps.append(tap)
         return tap
 
+    def close(self) -> None:
+        """Stop and release everything; idempotent, from any thread."""
+        if self._owns_context and self._shared.last_words is None:
+            self._shared.last_words = LastWords(_LAST_WORDS_S)
+        super().close()
+
     def _beside(self, node: str) -> Ros2Transport:
         ros_node = self._shared.open_node(node, self._options)
         return Ros2Transport(ros_node, self._options, self._shared)
@@ -225,7 +230,8 @@ class Ros2Transport(OnExecutor):
         for events in self._events.values():
             events.close()
         self._outbox.close()
-        self._wait_for_last_words()
+        last_words = self._shared.last_words or LastWords(_LAST_WORDS_S)
+        last_words.wait(self._ros.publishers)
         self._graph.no_longer(self._graph_changed)
         if self._owns_context:
             self._shared.stop()
@@ -237,14 +243,6 @@ class Ros2Transport(OnExecutor):
             self._shared.leave(self._node)
             if self._owns_context:
                 context.try_shutdown()
-
-    def _wait_for_last_words(self) -> None:
-        """A message is dropped where its publisher is known to be gone before it arrives."""
-        deadline = time.monotonic() + _LAST_WORDS_S
-        for publisher in self._ros.publishers:
-            left_ns = int((deadline - time.monotonic()) * 1e9)
-            if left_ns > 0:
-                publisher.wait_for_all_acked(Duration(nanoseconds=left_ns))
 
     def _require_open(self) -> None:
         if self._is_closing():

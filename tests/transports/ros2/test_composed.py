@@ -231,7 +231,6 @@ def test_what_each_node_logs_is_its_own_on_rosout(network: ThreadedNetwork) -> N
         on(network, first, lambda: log.error("on its thread"))
         on(network, owner, lambda: log.warning("on the owner's"))
         handler.handle(named)
-        first.close()
         log.error("of nobody")
         expected = {
             ("first", "tests.composed: on its thread"),
@@ -240,6 +239,11 @@ def test_what_each_node_logs_is_its_own_on_rosout(network: ThreadedNetwork) -> N
             ("owner", "tests.composed: of nobody"),
         }
         assert network.until(lambda: expected <= said), said
+        first.close()
+        on_thread = threading.Thread(target=lambda: log.error("once more"), name="first")
+        on_thread.start()
+        on_thread.join()
+        assert network.until(lambda: ("owner", "tests.composed: once more") in said)
         assert network.until(lambda: len(heard) >= len(expected))
         assert all(seen.source == seen.data["name"] for seen in heard), heard
     finally:
@@ -294,3 +298,42 @@ def test_a_name_is_free_again_once_its_node_is_closed(network: ThreadedNetwork) 
         again.announce()
         assert owner.wait_for_nodes(["again"], PATIENCE_S) == []
         again.close()
+
+
+def test_who_is_closed_by_several_at_once_ends(network: ThreadedNetwork) -> None:
+    owner = network.node("owner")
+    first, second = spinning(owner, "first"), spinning(owner, "second")
+    begun = threading.Event()
+
+    def close_too(node: Transport) -> None:
+        begun.set()
+        assert network.until(owner._is_closing)
+        node.close()
+
+    first.post(lambda: close_too(owner))
+    owner.post(lambda: close_too(owner))
+    second.post(lambda: close_too(second))
+    assert begun.wait(PATIENCE_S)
+    closing = threading.Thread(target=owner.close)
+    closing.start()
+    closing.join(PATIENCE_S)
+    assert not closing.is_alive()
+
+
+def test_a_subscriber_that_stands_still_holds_up_the_end_once() -> None:
+    from transports.ros2.last_words import LastWords
+
+    class Unheard:
+        """A publisher whose subscriber stands still."""
+
+        asked = 0
+
+        def wait_for_all_acked(self, patience: Any) -> bool:
+            self.asked += 1
+            return threading.Event().wait(patience.nanoseconds / 1e9)
+
+    publishers = [Unheard(), Unheard()]
+    last_words = LastWords(0.05)
+    for _ in range(2):
+        last_words.wait(publishers)
+    assert [publisher.asked for publisher in publishers] == [1, 0]

@@ -78,6 +78,7 @@ SAID = st.one_of(
         node=st.one_of(st.just(""), st.just("x" * 999), st.text(max_size=9), st.integers()),
         since_ns=st.integers(-(2**70), 2**70),
         publishes=st.lists(st.text(max_size=5), max_size=5),
+        endpoints=st.lists(st.one_of(st.text(max_size=9), st.just("0123abcd\n"), st.integers())),
     ),
 )
 
@@ -88,11 +89,15 @@ SAID = st.one_of(
 @example(HEADER + b"\0\0\0\0")
 @example(string(b"[" * 100_000))
 @example(string(b'{"node":"x","taps":' + b"[" * 100_000))
+@example(string(b'{"node":"x","endpoints":["0123abcd"]}'))
+@example(string(msgspec.json.encode({"node": "x", "endpoints": ["0123abcd"] * 5000})))
 def test_what_a_node_says_of_itself_is_read_or_refused(payload: bytes) -> None:
     with contextlib.suppress(PayloadError):
         found = presence.read_presence(payload)
         assert 0 < len(found.node) <= 255
         assert 0 <= found.since_ns < 2**63
+        assert len(found.endpoints) <= presence.MOST_ENDPOINTS
+        assert all(len(gid) == 16 for gid in found.gids(bytes(12)))
 
 
 def test_nobody_dies_of_what_anybody_publishes(
