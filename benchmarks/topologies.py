@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import os
 import shlex
-import signal
 import subprocess
 import sys
 import tempfile
@@ -24,7 +22,7 @@ from benchmarks import copies
 from benchmarks.family import family, links, memory_mib, used_s
 from benchmarks.page import Row, beside, command
 from benchmarks.processes import Child, ChildError, free_endpoint
-from benchmarks.sampling import Block, measured
+from benchmarks.sampling import Block, distribution, measured
 from benchmarks.tick import call, serve
 from benchmarks.ticking import WHOLE, Order, ordered
 
@@ -54,14 +52,17 @@ class Cost(msgspec.Struct, frozen=True):
     links: float
 
 
-def run(generated: Path, seconds: float, options: list[str], topology: str) -> Cost:
-    """Start a system, let it tick for so long, and end it."""
+def run(generated: Path, seconds: float, options: list[str], topology: str) -> Cost | None:
+    """Start a system, let it tick for so long, and end it; None, and why, if it does not come up."""
     where = ["--endpoint", free_endpoint(), *(["--router"] if topology == STAR else [])]
     arguments = [str(BIN / "m2c"), "run", str(generated), *where, *options]
     began = time.perf_counter()
-    process = Child(f"m2c run, {topology}", arguments)
-    try:
-        process.wait_for(lambda line: line.endswith(" up"), START_S)
+    with Child(f"m2c run, {topology}", arguments) as process:
+        try:
+            process.wait_for(lambda line: line.endswith(" up"), START_S)
+        except ChildError as error:
+            print(error, file=sys.stderr)
+            return None
         up_s = time.perf_counter() - began
         starting_s = used_s(family(process.pid))
         process.wait_for(lambda line: line.startswith("tick "), START_S)
@@ -70,11 +71,6 @@ def run(generated: Path, seconds: float, options: list[str], topology: str) -> C
         threading.Event().wait(seconds)  # never set
         ticking_s = (used_s(pids) - before) / (time.perf_counter() - since)
         return Cost(up_s, starting_s, ticking_s, memory_mib(pids), links(pids))
-    finally:
-        os.kill(process.pid, signal.SIGINT)
-        with contextlib.suppress(ChildError):
-            process.wait_for(lambda _: False, START_S)
-        process.stop()
 
 
 def systems(nodes: int, seconds: float, count: int, options: list[str]) -> list[Row]:
@@ -94,8 +90,18 @@ def systems(nodes: int, seconds: float, count: int, options: list[str]) -> list[
         found = measured(turns, count)
 
     def row(what: str, unit: str, name: str) -> Row:
-        star, mesh = ([[getattr(cost, name)] for cost in found[topology]] for topology in turns)
-        return beside(f"{nodes} nodes, {what}", unit, star, MESH, mesh)
+        star, mesh = (
+            [[getattr(cost, name)] for cost in found[topology] if cost is not None]
+            for topology in (STAR, MESH)
+        )
+        what = f"{nodes} nodes, {what}"
+        if len(star) == len(mesh) == count:
+            return beside(what, unit, star, MESH, mesh)
+        if not star:
+            sys.exit(f"{nodes} nodes around a router do not come up")
+        return Row(
+            what, distribution(star).p50.value, unit, f"{MESH}: {len(mesh)} of {count} came up"
+        )
 
     return [
         row("until all are up", "s", "up_s"),
