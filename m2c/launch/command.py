@@ -272,7 +272,7 @@ def run(
                 groups = deployed(description, plan, host or "", packages)
             else:
                 apart = [*packages, *_policy_apart(description, restart)]
-                groups = grouped(description, _count(processes, secure), apart)
+                groups = grouped(description, _count(processes, secure, transport), apart)
             allow_open_files(FOR_A_CONNECTION + FILES_OF_PROCESS * (len(groups) + 1))
             options = _transport_options(
                 transport, endpoint, routed, zenoh_config, secure, namespace
@@ -344,11 +344,13 @@ def _when_reachable(
                 is_said = True
 
 
-def _count(processes: int | None, secure: Path | None) -> int | None:
+def _count(processes: int | None, secure: Path | None, transport: str) -> int | None:
     """How many processes there are to be; None: one for each node, as there is a certificate for each."""
     if secure is not None:
         if processes:
             fail("--processes: each node has a certificate of its own; --secure takes only `each`")
+        return None
+    if processes is None and transport == "ros2":
         return None
     return (os.cpu_count() or 1) if processes is None else processes or None
 
