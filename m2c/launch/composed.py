@@ -208,6 +208,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         owner.close()
         sys.exit(2)
     signals.call(composition.stop)
+    if signals.asked and composition.policy is not None:  # while it connected: nothing is ticked
+        composition.policy.stop()
     sys.exit(composition.run())
 
 

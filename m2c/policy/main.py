@@ -195,6 +195,8 @@ def main(
         connection.close()
         sys.exit(2)
     signals.call(lambda: connection.post(policy.stop))
+    if signals.asked:  # while it connected: nothing is ticked
+        policy.stop()
     policy.start()
     connection.spin()
     code = policy.join()
