@@ -96,6 +96,16 @@ def test_the_configuration_file_wins_over_defaults_and_options_over_the_file(tmp
     assert json.loads(config.get_json("timestamping/enabled")) is True
 
 
+@pytest.mark.parametrize(
+    ("endpoint", "of_two"),
+    [("tcp/127.0.0.1:7447", "greater-zid"), ("tcp/192.0.2.1:7447", "always")],
+)
+def test_of_two_peers_on_loopback_one_connects_to_the_other(endpoint, of_two):
+    config = session.configuration({"endpoint": endpoint, "listen": "tcp/127.0.0.1:0"})
+    strategy = json.loads(config.get_json("scouting/gossip/autoconnect_strategy"))
+    assert ((strategy or {}).get("peer") or {}).get("to_peer", "always") == of_two
+
+
 def test_a_router_connects_nowhere_whatever_the_nodes_file_says(tmp_path):
     path = tmp_path / "zenoh.json5"
     path.write_text('{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:1"]}}', encoding="utf-8")

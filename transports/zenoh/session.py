@@ -79,6 +79,11 @@ comes is noticed by one pool of threads and handled by another, as its link belo
 it; here it is one pool, as large as those together: a tick wakes a third fewer threads. Sending keeps its own
 thread, so that a receiver that waits for room in a queue cannot wait for itself."""
 
+_ONE_CONNECTS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
+"""Which of two peers that learn of one another connects (``scouting/gossip/autoconnect_strategy``). By default
+both do, and most pairs are left with two links. Only where each can be reached: who is behind a firewall has to
+connect itself."""
+
 _FILES = (
     *("transport/link/tls/root_ca_certificate", "transport/auth/usrpwd/dictionary_file"),
     *("transport/link/tls/listen_certificate", "transport/link/tls/listen_private_key"),
@@ -237,6 +242,11 @@ def configuration(options: Mapping[str, str]) -> zenoh.Config:
     if config.get_json("listen/endpoints") == blank.get_json("listen/endpoints"):
         reachable = json.dumps({"peer": _reachable_at(config)})
         config.insert_json5("listen/endpoints", reachable)
+    strategy = "scouting/gossip/autoconnect_strategy"
+    places = _endpoints(config, "connect") + _endpoints(config, "listen")
+    is_default = config.get_json(strategy) == blank.get_json(strategy)
+    if is_default and all(place.startswith(_ON_LOOPBACK) for place in places):
+        config.insert_json5(strategy, json.dumps(_ONE_CONNECTS))
     if namespace := options.get("namespace", "").strip("/"):
         if secure and json.loads(config.get_json("namespace")) != namespace:
             raise TransportError(
