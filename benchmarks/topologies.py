@@ -1,7 +1,7 @@
 """A star around a router beside a mesh of peers: what a running system costs, and what a call does.
 
 A star is ``m2c run --router``. Each system is started and ticked in both ways, in turns. ``--run`` gives both
-runs more options, e.g. ``--run "--rate 10"``.
+runs their further options, e.g. ``--run "--processes 2"``; by default each node has a process.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def call_rows(count: int) -> list[Row]:
 
 
 def rows(
-    nodes: str = "4 17 47", seconds: float = 10.0, rounds: int = 1, run: str = ""
+    nodes: str = "4 17 47", seconds: float = 10.0, rounds: int = 1, run: str = "--processes each"
 ) -> list[Row]:
     """What is shown of systems of so many ``nodes``; each ticks for ``seconds``."""
     shown = [] if not nodes else [int(number) for number in nodes.split()]

@@ -80,9 +80,9 @@ it; here it is one pool, as large as those together: a tick wakes a third fewer 
 thread, so that a receiver that waits for room in a queue cannot wait for itself."""
 
 _ONE_CONNECTS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
-"""Which of two peers that learn of one another connects (``scouting/gossip/autoconnect_strategy``). By default
-both do, and most pairs are left with two links. Only where each can be reached: who is behind a firewall has to
-connect itself."""
+"""Which of two peers that learn of one another connects (``scouting/gossip/autoconnect_strategy``). By
+default both do, and most pairs are left with two links. Only where each can be reached: who is behind a
+firewall has to connect itself."""
 
 _FILES = (
     *("transport/link/tls/root_ca_certificate", "transport/auth/usrpwd/dictionary_file"),
