@@ -144,7 +144,7 @@ def generated() -> Iterator[Path]:
         yield Path(scratch)
 
 
-def rows(rounds: int = 3) -> list[Row]:
+def rows(rounds: int = 1) -> list[Row]:
     """What is shown, of so many rounds."""
     with generated() as folder:
         turns: dict[Any, Any] = {"floor": functools.partial(floor, folder)}

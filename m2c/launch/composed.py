@@ -64,7 +64,7 @@ class _Composition:
         self._threads: list[threading.Thread] = []
         self._nodes: list[tuple[Transport, Any]] = []
         self.policy: RunningPolicy | None = None
-        self._died = ""
+        self.died = ""
         """Whose handler raised."""
 
     def connection(self, name: str) -> Transport:
@@ -104,7 +104,7 @@ class _Composition:
         self._owner.close()
         for thread in self._threads:
             thread.join()
-        return 1 if self._died else code
+        return 1 if self.died else code
 
     def _spin(self, connection: Transport) -> None:
         is_over = False
@@ -117,7 +117,9 @@ class _Composition:
 
     def _end_for(self, dead: Transport) -> None:
         """A handler of ``dead`` raised; nobody serves what it served, so the tree is not halted."""
-        self._died = self._died or dead.node
+        if not self.died:
+            self.died = dead.node
+            logging.getLogger(dead.node).critical("it died", exc_info=True)
         if self.policy is not None:
             self.policy.stop()
         if dead is self._owner:
@@ -126,13 +128,18 @@ class _Composition:
             self.close()
 
 
-def _log_death(
-    kind: type[BaseException], exception: BaseException | None, trace: TracebackType | None
-) -> None:
-    """A handler of the node that this thread runs has raised."""
-    assert exception is not None
-    name = threading.current_thread().name
-    logging.getLogger(name).critical("it died", exc_info=(kind, exception, trace))
+def _log_what_raised(composition: _Composition) -> None:
+    """Whatever else ends a thread is logged, unless a node has died: what comes of that is no news."""
+
+    def log(
+        kind: type[BaseException], exception: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if exception is not None and not composition.died:
+            name = threading.current_thread().name
+            logging.getLogger(name).critical("it died", exc_info=(kind, exception, trace))
+
+    threading.excepthook = lambda args: log(args.exc_type, args.exc_value, args.exc_traceback)
+    sys.excepthook = log
 
 
 def _package(text: str) -> tuple[str, str]:
@@ -181,14 +188,11 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_OfNode([name for name, _ in parts]))
     logging.basicConfig(level=parsed.log_level.upper(), handlers=[handler])
-    threading.excepthook = lambda args: _log_death(
-        args.exc_type, args.exc_value, args.exc_traceback
-    )
-    sys.excepthook = _log_death
     signals = StopSignals()
     parsed.node_name = parts[0][0]
     owner = connect_or_exit(parsed, ros_arguments)
     composition = _Composition(owner)
+    _log_what_raised(composition)
     try:
         for name, package in parsed.nodes:
             _, node_class = _part(package, "NODE_CLASS")
