@@ -130,6 +130,7 @@ class Ros2Transport(OnExecutor):
         publisher = topics.Publisher(self._ros, name, topic)
         self._declared.publishes[name] = (_ros_type(topic), qos.of_publisher(topic))
         self._own.publishes.append(name)
+        self._announcements.announce_again()
         return publisher
 
     def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
@@ -138,6 +139,7 @@ class Ros2Transport(OnExecutor):
         topics.subscribe(self._ros, self._executor, name, topic, handler, self._refusals)
         self._declared.subscribes[name] = (_ros_type(topic), qos.of_subscription(topic))
         self._own.subscribes.append(name)
+        self._announcements.announce_again()
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
         """Serve ``service``; a second server of it, here or in another node, is reported."""
@@ -159,6 +161,7 @@ class Ros2Transport(OnExecutor):
         )
         self._declared.serves[name] = service.type_name
         self._own.serves.append(name)
+        self._announcements.announce_again()
 
     def client(self, service: Service) -> Client:
         """A client of ``service``; the same one for the same service."""
@@ -173,6 +176,7 @@ class Ros2Transport(OnExecutor):
             self._clients[name] = client
             self._declared.calls[name] = service.type_name
             self._own.calls.append(name)
+            self._announcements.announce_again()
         elif client.type_name != service.type_name:
             raise TransportError(
                 f"cannot call {name} as {service.type_name}: this node calls it as "

@@ -337,3 +337,25 @@ def test_a_subscriber_that_stands_still_holds_up_the_end_once() -> None:
     for _ in range(2):
         last_words.wait(publishers)
     assert [publisher.asked for publisher in publishers] == [1, 0]
+
+
+def test_what_a_node_declares_once_it_is_up_is_known_to_be_its_own(
+    network: ThreadedNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also to somebody whom ROS 2 does not tell whose it is."""
+    from transports.ros2.graph import Graph
+
+    owner = network.node("owner")
+    first = spinning(owner, "first")
+    for node in (owner, first):
+        node.announce()
+    listener = network.node("listener")
+    monkeypatch.setattr(Graph, "_learn", lambda graph, endpoints: None)
+    assert listener.wait_for_nodes(["owner", "first"], PATIENCE_S) == []
+    publisher = first.publisher(NUMBERS)
+    heard: list[Observation] = []
+    on(network, listener, lambda: listener.tap([NUMBERS.name], heard.append))
+    assert network.until(lambda: publisher.declared.get_subscription_count() == 1)
+    publisher.publish(Number(1))
+    assert network.until(lambda: bool(heard))
+    assert heard[0].source == "first"
