@@ -90,8 +90,9 @@ class Outbox(Generic[Item]):
         self._pending: deque[Item] = deque()
         self.add: Callable[[Item], None] = self._pending.append
         """Keep an item; from any thread. ``flush_later`` or ``flush`` has it published."""
-        self._lock = threading.Lock()
-        """Held while items are published: they leave in order, whoever flushes."""
+        self.publishing = threading.Lock()
+        """Held while items are published: they leave in order, whoever flushes. Who ends what publishes
+        some of them, and is not alone, holds it, too."""
         self._scheduled = False
         self._timer: Timer | None = None
         self._closed = False
@@ -170,13 +171,13 @@ class Outbox(Generic[Item]):
     def flush(self) -> None:
         """Publish what is kept, now; from any thread."""
         pending, publish = self._pending, self._publish
-        with self._lock:
+        with self.publishing:
             while pending and not self._closed:
                 publish(pending.popleft())
 
     def close(self) -> None:
         """Publish what is kept, and nothing after it; idempotent."""
         self.flush()
-        with self._lock:
+        with self.publishing:
             self._closed = True
             self._pending.clear()

@@ -178,9 +178,7 @@ class RunningSystem:
                     f"not up after {START_TIMEOUT_S:g} s: {missing}; their output is above"
                 )
             if not self._stopping:
-                self._screen.line(f"{_nodes_are(self._description)} up")
-                self._up = True
-                self._show_ticks()
+                self._note_up()
                 transport.spin(lambda: self._stopping)
                 if not self._interrupted_by_signal:
                     self._show_last_ticks()
@@ -307,6 +305,7 @@ class RunningSystem:
             self._reports = threading.Thread(
                 target=self._follow_ticks, args=[reports], name="ticks", daemon=True
             )
+            self._reports.start()
             arguments += self._policy_arguments(report_to)
         files = [] if report_to is None else [report_to]
         if self._settings.is_secure:
@@ -348,11 +347,15 @@ class RunningSystem:
     def _rate_hz(self) -> float:
         return self._settings.rate_hz or self._description.tick_rate_hz
 
-    def _show_ticks(self) -> None:
-        """All are up, and the policy ticks its tree from now on."""
+    def _note_up(self) -> None:
+        """All are up, as was heard, or as the policy ticks: it waits for them, and may hear of them first."""
+        if self._up:
+            return
+        self._up = True
+        self._missing.clear()
+        self._screen.line(f"{_nodes_are(self._description)} up")
         if self._reports is not None:
             self._screen.line(f"ticking the tree {self._rate_hz():g} times a second")
-            self._reports.start()
 
     def _follow_ticks(self, reports: int) -> None:
         with open(reports, "rb") as lines:
@@ -425,12 +428,13 @@ class RunningSystem:
         self._stopping = True
 
     def _show_tick(self, tick: TreeTick) -> None:
+        self._note_up()
         self._ticks = tick.tick
         self._screen.tick(tick)
 
     def _show_last_ticks(self) -> None:
         """What the policy has reported until its end."""
-        if self._reports is None or not self._reports.ident:  # it was never begun
+        if self._reports is None:
             return
         over = False
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -164,3 +165,28 @@ def test_a_deployment_that_forgets_a_node_is_refused_with_its_place(system: Syst
     run = Run(system.path, "--deployment", file)
     assert run.end() == 2
     assert f"{file}:1:1: error: <deployment>: it gives no process to LevelSkill" in run.output
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("processes", ["1", "each"])
+def test_a_policy_that_has_ended_before_its_nodes_are_heard_of_has_ticked(
+    system: System, processes: str
+) -> None:
+    deaf = (
+        "import runpy, sys\n"
+        "from transports.zenoh.transport import ZenohTransport\n"
+        "ZenohTransport.watch_nodes = lambda transport, handler: None\n"
+        "del sys.argv[0]\n"
+        "runpy.run_path(sys.argv[0], run_name='__main__')\n"
+    )
+    run = Run(
+        *(system.path, "--processes", processes, "--ticks", 3),
+        inside=[sys.executable, "-c", deaf],
+    )
+    assert run.end() == 0, run.output
+    said = [line for line in run.lines if "|" not in line]
+    assert said[1] == "2 nodes are up"
+    assert [line.split()[:2] for line in said if line.startswith("tick ")] == [
+        ["tick", str(number)] for number in (1, 2, 3)
+    ]
+    assert said[-1] == "stopped after 3 ticks; all nodes have ended"

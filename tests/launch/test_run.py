@@ -113,7 +113,7 @@ def test_a_system_that_is_running_there_already_is_one_error(system: System) -> 
     second = Run(system.path, endpoint=endpoint)
     assert second.end() == 2, second.output
     assert re.fullmatch(
-        rf"error: (Level|Move)Skill is up already at {endpoint}: is the system running\? "
+        rf"error: (LevelSkill|MoveSkill|policy) is up already at {endpoint}: is the system running\? "
         "Another one needs a --namespace of its own",
         second.lines[-1],
     )

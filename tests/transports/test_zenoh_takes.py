@@ -8,6 +8,7 @@ import zenoh
 
 from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, linked, peer
 from transports.interface import Answer, ObservationKind
+from transports.service_events import REQUEST_RECEIVED
 from transports.zenoh import tokens
 from transports.zenoh.names import ANSWER_KEYS
 from transports.zenoh.orders import Orders
@@ -175,3 +176,18 @@ def test_taps_with_several_globs_hear_all_before_the_answer(network):
         answer, count = answers.wait(round_ + 1)[-1]
         assert max(o.order for o in heard[:count]) == answer.next_order - 1
     assert not listener.problems()
+
+
+def test_what_a_node_that_has_ended_kept_does_not_hold_up_those_beside_it(network):
+    owner, tapper = network.node("owner"), network.node("tap")
+    server = owner.beside("server")
+    server.serve(peer.ADD, lambda request: None)
+    heard = Inbox()
+    tapper.tap([], heard)
+    events = server._events[peer.ADD.name]
+    eventually(lambda: events.is_tapped)
+    moment = events.moment()
+    server.close()
+    events.record(REQUEST_RECEIVED, moment, "late", 1, None)
+    owner._shared.outbox.flush()
+    owner.close()

@@ -70,6 +70,8 @@ class Events:
         is_service = isinstance(channel, Service)
         suffix, type_suffix = (EVENT_SUFFIX, TYPE_SUFFIX) if is_service else (TAKEN_SUFFIX, "")
         self._keep = outbox.add
+        self._publishing = outbox.publishing
+        self._has_ended = False
         self.flush_later = outbox.flush_later
         """Publish what is recorded, a little later; from any thread, best when nobody waits for the node."""
         self.flush = outbox.flush
@@ -121,6 +123,8 @@ class Events:
 
     def publish(self, recorded: Recorded) -> None:
         """Publish an event; one thread at a time."""
+        if self._has_ended:
+            return
         _, event_type, (stamp, order), client, call, request, response, error = recorded
         stamp_ns = int(stamp.get_time_as_ntp64().as_nanos())
         event = ServiceEvent(
@@ -134,5 +138,7 @@ class Events:
         self._publisher.put(_encode(event), attachment=sent_as)
 
     def undeclare(self) -> None:
-        """Publish no more; the outbox is closed by then."""
-        self._publisher.undeclare()
+        """Publish no more: what is kept of these events is dropped, while other nodes go on."""
+        with self._publishing:
+            self._has_ended = True
+            self._publisher.undeclare()
