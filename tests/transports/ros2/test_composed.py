@@ -213,7 +213,7 @@ def test_what_each_node_logs_is_its_own_on_rosout(network: ThreadedNetwork) -> N
     from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
     owner = network.node("owner")
-    first, _ = spinning(owner, "first"), spinning(owner, "second")
+    first, second = spinning(owner, "first"), spinning(owner, "second")
     said: set[tuple[str, str]] = set()
     heard: list[Observation] = []
     profile = QoSProfile(depth=100, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -222,6 +222,9 @@ def test_what_each_node_logs_is_its_own_on_rosout(network: ThreadedNetwork) -> N
     )
     tapper = network.node("tapper")
     on(network, tapper, lambda: tapper.tap(["/rosout"], heard.append))
+    for node in (owner, first, second):  # before, ROS 2 may know one of them only
+        node.announce()
+    assert tapper.wait_for_nodes(["owner", "first", "second"], PATIENCE_S) == []
     log = logging.getLogger("tests.composed")
     log.propagate = False
     handler = owner.log_handler(logging.INFO)
