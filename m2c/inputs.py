@@ -53,6 +53,13 @@ interface_folders = click.option(
 )
 """The option of a command that has PATHS of its own kind; it gets a tuple, ``interfaces``."""
 
+deployment_option = click.option(
+    "--deployment",
+    type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
+    metavar="FILE",
+    help="Which nodes share a process, and where, instead of what the system file says.",
+)
+
 lenient_option = click.option(
     "--lenient",
     is_flag=True,

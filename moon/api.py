@@ -11,7 +11,6 @@ from moon.monitor.joining import Joining
 from moon.monitor.reading import no_system
 from moon.monitor.status import MachineStatus
 from moon.monitor.subject import Monitored, Subject, monitored_of
-from moon.monitor.watch import SystemWatch
 from moon.offline import engine
 from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
@@ -59,16 +58,7 @@ class Monitor:
         self.unmonitored = monitored.unmonitored
         self._say = on_notice
         self._joining = Joining(transport)
-        self._watch = SystemWatch(
-            self._joining,
-            monitored.system,
-            monitored.machines,
-            monitored.bounds,
-            [_Sink(on_verdict)],
-            on_notice,
-            monitored.property_watch(),
-            policy=monitored.policy,
-        )
+        self._watch = monitored.watch(self._joining, [_Sink(on_verdict)], on_notice)
 
     def start(self) -> None:
         """Begin as soon as everything is received; on the executor, or before it spins.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
 
 from transports.interface import Transport
@@ -86,6 +87,27 @@ class ThreadedNetwork:
         for thread in self._threads:
             thread.join(PATIENCE_S)
             assert not thread.is_alive(), f"{thread.name} still spins after close()"
+
+
+@contextlib.contextmanager
+def nodes_beside(
+    owner: Transport, connect: Callable[[str], Transport] | None = None
+) -> Iterator[ThreadedNetwork]:
+    """A network whose nodes are all beside ``owner``, which is none of them and ends last.
+
+    Args:
+        owner: does not spin yet.
+        connect: how a node is connected, if not by ``owner.beside``.
+    """
+    network = ThreadedNetwork(lambda name, _: (connect or owner.beside)(name))
+    spinning = threading.Thread(target=owner.spin)
+    spinning.start()
+    try:
+        yield network
+    finally:
+        network.close()
+        owner.close()
+        spinning.join()
 
 
 class SimulatedNetwork:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from m2c.inputs import ExistingPath, Inputs, input_options, lenient_option
+from m2c.inputs import Inputs, deployment_option, input_options, lenient_option
 from m2c.terminal import fail, show
 
 
@@ -20,12 +20,7 @@ from m2c.terminal import fail, show
     help="Folder of the deployment; made if it does not exist.",
 )
 @click.option("--transport", default="zenoh", show_default=True, help="Middleware of the nodes.")
-@click.option(
-    "--deployment",
-    type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
-    metavar="FILE",
-    help="Which nodes share a process, and where, instead of what the system file says.",
-)
+@deployment_option
 @click.option(
     "--endpoint",
     default="",
@@ -69,15 +64,14 @@ def deploy(
     from m2c.codegen.writer import EditedFilesError, write_files
     from m2c.deploy.files import SYSTEM_FOLDER, DeployError, deployment_files
     from m2c.model import DiagnosticLog, ModelError
-    from m2c.model.deployment import POLICY, hosts_of, read_deployment_file
+    from m2c.model.deployment import hosts_of, names_in_deployment, read_deployment_file
     from m2c.naming import naming_for
 
     naming = naming_for(transport)
     log = DiagnosticLog()
     system = read_and_check(*inputs, log, with_policy=False, naming=naming, lenient=lenient)
     if system is not None and deployment is not None:
-        policy = [] if system.policy is None else [POLICY]
-        names = [*(node.name for node in system.nodes), *policy]
+        names = names_in_deployment(system.nodes, system.policy is not None)
         plan = read_deployment_file(deployment, names, log)
         system = msgspec.structs.replace(system, deployment=plan)
     print_findings(log.diagnostics)

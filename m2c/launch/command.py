@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import ExistingPath, finite, lenient_option
+from m2c.inputs import ExistingPath, deployment_option, finite, lenient_option
 from m2c.launch.restarts import MOST_RESTARTS
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
 from m2c.launch.simulation_options import Simulation, simulation_options
@@ -127,12 +127,7 @@ class _Run(click.Command):
     help="How many processes the nodes are dealt out to; each: one for each node.  "
     "[default: as many as there are processors]",
 )
-@click.option(
-    "--deployment",
-    type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
-    metavar="FILE",
-    help="Which nodes share a process, and where, instead of what the system file says.",
-)
+@deployment_option
 @click.option("--host", metavar="HOST", help="Run only what the deployment gives to this host.")
 @click.option(
     "--restart",
@@ -228,7 +223,7 @@ def run(
             "--zenoh-config": zenoh_config,
             "--secure": secure,
             "--namespace": namespace,
-            "--processes": processes,
+            "--processes": processes is not None,
             "--deployment": deployment,
             "--host": host,
             "--restart": restart == ON_FAILURE,
@@ -357,8 +352,8 @@ def _count(processes: int | None, secure: Path | None, transport: str) -> int | 
 
 def _policy_apart(description: LaunchDescription, restart: str) -> list[str]:
     """With --restart the policy has a process of its own: without it, nothing goes on."""
-    is_apart = restart == ON_FAILURE and description.policy is not None
-    return [description.policy.name] if is_apart and description.policy else []
+    policy = description.policy
+    return [policy.name] if restart == ON_FAILURE and policy is not None else []
 
 
 _NODE_OPTIONS = {

@@ -21,10 +21,12 @@ from m2c.logs import LineFormatter
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
 from m2c.policy.ticking import PolicyError
 from m2c.runtime.main import (
+    LOG_FORMAT,
     add_transport_options,
     connect_or_exit,
     node_settings,
     positive,
+    set_up_logging,
     split_ros_arguments,
 )
 from m2c.terminal import fail, say
@@ -39,7 +41,7 @@ class _OfNode(LineFormatter):
     """Begins with the node's name what one of ``names`` logs."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        super().__init__("%(levelname)s %(name)s: %(message)s")
+        super().__init__(LOG_FORMAT)
         self._names = frozenset(names)
 
     def format(self, record: logging.LogRecord) -> str:
@@ -185,9 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     parts = [*parsed.nodes, *filter(None, [parsed.policy])]
     if not parts:
         parser.error("there is nothing to run: give --node or --policy")
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(_OfNode([name for name, _ in parts]))
-    logging.basicConfig(level=parsed.log_level.upper(), handlers=[handler])
+    set_up_logging(parsed.log_level, _OfNode([name for name, _ in parts]))
     signals = StopSignals()
     parsed.node_name = parts[0][0]
     owner = connect_or_exit(parsed, ros_arguments)

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 import msgspec
 
 from m2c.launch.description import LaunchDescription, Package
-from m2c.model.deployment import POLICY, Process
+from m2c.model.deployment import POLICY, Process, names_in_deployment
 
 
 class Group(msgspec.Struct, frozen=True):
@@ -45,25 +45,18 @@ def grouped(
         processes: how many at most, not counting those of ``apart``; None: each node has its own.
         apart: names of nodes (or of the policy) that have a process of their own.
     """
-    policy = description.policy
     if processes is None:
-        apart = [*(node.name for node in description.nodes), *([policy.name] if policy else [])]
-    alone = tuple(Group(node.name, (node,)) for node in description.nodes if node.name in apart)
-    together = [node for node in description.nodes if node.name not in apart]
-    if policy is not None and policy.name in apart:
-        alone, policy = (*alone, Group(policy.name, (), policy)), None
-    called = [node for node in together if node.name in description.called and policy is not None]
-    others = [node for node in together if node not in called]
-    first: list[tuple[tuple[Package, ...], Package | None]] = []
+        apart = names_in_deployment(description.nodes, description.policy is not None)
+    together, alone = _split(Group("", description.nodes, description.policy), apart)
+    nodes, policy, count = together.nodes, together.policy, processes or 1
+    dealt: list[tuple[tuple[Package, ...], Package | None]] = []
     if policy is not None:
-        first = [(tuple(called), policy)]
-    room = max((processes or 1) - len(first), 0)
-    if not room and first:
-        first, others = [(tuple(together), policy)], []
-    dealt = [*first, *((part, None) for part in _parts(others, room))]
+        called = nodes if count == 1 else tuple(n for n in nodes if n.name in description.called)
+        dealt = [(called, policy)]
+        nodes, count = tuple(node for node in nodes if node not in called), count - 1
+    dealt += [(part, None) for part in _parts(nodes, count)]
     groups = [
-        Group(f"process {number}", nodes, ticking)
-        for number, (nodes, ticking) in enumerate(dealt, 1)
+        Group(f"process {number}", part, ticking) for number, (part, ticking) in enumerate(dealt, 1)
     ]
     return (*(_named(group) for group in groups), *alone)
 
@@ -83,22 +76,30 @@ def deployed(
         apart: names of nodes that have a process of their own.
     """
     nodes = {node.name: node for node in description.nodes}
-    groups = []
+    groups: list[Group] = []
     for process in deployment:
         if host and process.host != host:
             continue
-        own = [nodes[name] for name in process.nodes if name in nodes]
+        own = tuple(nodes[name] for name in process.nodes if name in nodes)
         policy = description.policy if POLICY in process.nodes else None
-        alone = [
-            Group(node.name, (node,), None, process.priority) for node in own if node.name in apart
-        ]
-        own = [node for node in own if node.name not in apart]
-        if policy is not None and POLICY in apart:
-            policy, alone = None, [*alone, Group(POLICY, (), policy, process.priority)]
-        if own or policy is not None:
-            groups.append(Group(process.name, tuple(own), policy, process.priority))
-        groups += alone
+        together, alone = _split(Group(process.name, own, policy, process.priority), apart)
+        groups += [*([together] if together.packages else []), *alone]
     return tuple(groups)
+
+
+def _split(group: Group, apart: Collection[str]) -> tuple[Group, list[Group]]:
+    """``group`` without those of ``apart``, which may leave it empty, and a group for each of these."""
+    nodes = tuple(node for node in group.nodes if node.name not in apart)
+    policy = group.policy
+    alone = [
+        Group(node.name, (node,), None, group.priority)
+        for node in group.nodes
+        if node.name in apart
+    ]
+    if policy is not None and policy.name in apart:
+        alone.append(Group(policy.name, (), policy, group.priority))
+        policy = None
+    return msgspec.structs.replace(group, nodes=nodes, policy=policy), alone
 
 
 def _named(group: Group) -> Group:

@@ -15,7 +15,7 @@ from m2c.check import check_system
 from m2c.check.report import print_findings
 from m2c.launch.description import LaunchDescription
 from m2c.model import DiagnosticLog, load
-from m2c.model.deployment import POLICY, Process, hosts_of, read_deployment_file
+from m2c.model.deployment import Process, hosts_of, names_in_deployment, read_deployment_file
 from m2c.model.naming import Naming
 from m2c.model.system import System, linked, read_with_reference
 from m2c.suggestions import nearest
@@ -53,10 +53,8 @@ def planned(
     plan = description.deployment
     if file is not None:
         log = DiagnosticLog()
-        policy = [] if description.policy is None else [POLICY]
-        plan = read_deployment_file(
-            file, [*(node.name for node in description.nodes), *policy], log
-        )
+        names = names_in_deployment(description.nodes, description.policy is not None)
+        plan = read_deployment_file(file, names, log)
         print_findings(log.diagnostics)
         if log.has_errors:
             sys.exit(2)

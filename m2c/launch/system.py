@@ -337,7 +337,7 @@ class RunningSystem:
 
     def _policy_arguments(self, report_to: int) -> list[str]:
         arguments = ["--rate", str(self._rate_hz()), "--report-to", str(report_to)]
-        arguments += ["--patience", "0"]  # how long to wait is known here
+        arguments += ["--wait-timeout", "0"]  # how long to wait is known here
         if self._settings.ticks:
             arguments += ["--ticks", str(self._settings.ticks)]
         for node in self._description.nodes:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 
@@ -42,6 +43,16 @@ class Process(msgspec.Struct, frozen=True, kw_only=True):
 def hosts_of(processes: Sequence[Process]) -> list[str]:
     """The hosts that ``processes`` run on, in the order of the file."""
     return list(dict.fromkeys(process.host for process in processes if process.host))
+
+
+class _Node(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+def names_in_deployment(nodes: Iterable[_Node], has_policy: bool) -> list[str]:
+    """Who has a process: each node, and the policy if there is one."""
+    return [*(node.name for node in nodes), *([POLICY] if has_policy else [])]
 
 
 def read_deployment_file(

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from m2c.model.clock import clock_for
-from m2c.model.deployment import POLICY, Process, read_deployment
+from m2c.model.deployment import Process, names_in_deployment, read_deployment
 from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position
 from m2c.model.events import link_events
 from m2c.model.inputs import resolve
@@ -280,7 +280,7 @@ class _SystemReader:
             nodes = nodes if clock is None else (*nodes, clock)
         deployment: tuple[Process, ...] = ()
         if self._deployment is not None and not self._log.has_errors:
-            names = [*(node.name for node in nodes), *([POLICY] if self._policy else [])]
+            names = names_in_deployment(nodes, self._policy is not None)
             deployment = read_deployment(self._deployment, names, self._log)
         return System(
             name=folder if stem in ("system", "main") else stem,

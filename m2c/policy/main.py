@@ -28,7 +28,7 @@ from transports.interface import Transport, TransportError
 from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
-"""How long the next of the nodes of ``--wait-for`` may take to be up, unless ``--patience`` says it."""
+"""How long the next of the nodes of ``--wait-for`` may take to be up, unless ``--wait-timeout`` says it."""
 
 
 class PolicySettings(msgspec.Struct, frozen=True):
@@ -38,7 +38,7 @@ class PolicySettings(msgspec.Struct, frozen=True):
         rate_hz: ticks a second; by default the system's.
         ticks: after how many to stop; 0: never.
         wait_for: the nodes that must be up before the first tick.
-        patience_s: how long the next of them may take to be up; 0: as long as it takes.
+        wait_timeout_s: how long the next of them may take to be up; 0: as long as it takes.
         tick_timeout_s: how long one leaf may take.
         report_to: an open file, to which a line of JSON is written for each tick.
     """
@@ -46,9 +46,13 @@ class PolicySettings(msgspec.Struct, frozen=True):
     rate_hz: float | None = None
     ticks: int = 0
     wait_for: tuple[str, ...] = ()
-    patience_s: float = START_TIMEOUT_S
+    wait_timeout_s: float = START_TIMEOUT_S
     tick_timeout_s: float = 5.0
     report_to: int | None = None
+
+
+def _positive_or_zero(text: str) -> float:
+    return 0.0 if text == "0" else positive(text)
 
 
 def add_policy_options(parser: argparse.ArgumentParser) -> None:
@@ -59,8 +63,8 @@ def add_policy_options(parser: argparse.ArgumentParser) -> None:
         "--wait-for", action="append", default=[], metavar="NODE", help="tick once this node is up"
     )
     parser.add_argument(
-        "--patience",
-        type=float,
+        "--wait-timeout",
+        type=_positive_or_zero,
         default=START_TIMEOUT_S,
         help="seconds within which the next of them must be up (default: 30; 0: no limit)",
     )
@@ -79,7 +83,7 @@ def policy_settings(parsed: argparse.Namespace) -> PolicySettings:
         parsed.rate,
         parsed.ticks,
         tuple(parsed.wait_for),
-        parsed.patience,
+        parsed.wait_timeout,
         parsed.tick_timeout,
         parsed.report_to,
     )
@@ -143,9 +147,9 @@ class RunningPolicy:
 
     def _run(self) -> None:
         try:
-            if missing := self._awaited.wait(self._settings.patience_s or None):
-                patience_s = self._settings.patience_s
-                say(f"error: not up after {patience_s:g} s: {', '.join(missing)}")
+            timeout_s = self._settings.wait_timeout_s
+            if missing := self._awaited.wait(timeout_s or None):
+                say(f"error: not up after {timeout_s:g} s: {', '.join(missing)}")
                 self.code = 2
             elif not self._stopped:
                 self.code = 1  # unless it ends as it should
@@ -224,27 +228,27 @@ class _Awaited:
         self._names = names
         self._missing = set(names)
         self._given_up = False
-        self._heard = threading.Condition()
+        self._changed = threading.Condition()
 
     def changed(self, name: str, up: bool) -> None:
         """A node is up, or no longer."""
-        with self._heard:
+        with self._changed:
             if up:
                 self._missing.discard(name)
             elif name in self._names:
                 self._missing.add(name)
-            self._heard.notify_all()
+            self._changed.notify_all()
 
     def give_up(self) -> None:
         """End the waiting."""
-        with self._heard:
+        with self._changed:
             self._given_up = True
-            self._heard.notify_all()
+            self._changed.notify_all()
 
     def wait(self, timeout_s: float | None) -> list[str]:
         """Wait until all are up, or until ``give_up``; who is missing if none has come for ``timeout_s``."""
-        with self._heard:
+        with self._changed:
             while self._missing and not self._given_up:
-                if not self._heard.wait(timeout_s):
+                if not self._changed.wait(timeout_s):
                     return sorted(self._missing)
             return []

@@ -103,10 +103,14 @@ def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], str]:
     return own, shlex.join(theirs)
 
 
-def set_up_logging(level: str) -> None:
-    """One line per record on standard error, flushed at once."""
+LOG_FORMAT = "%(levelname)s %(name)s: %(message)s"
+"""Of what a process logs on standard error."""
+
+
+def set_up_logging(level: str, formatter: logging.Formatter | None = None) -> None:
+    """One line per record on standard error, flushed at once; by default in ``LOG_FORMAT``."""
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(LineFormatter("%(levelname)s %(name)s: %(message)s"))
+    handler.setFormatter(formatter or LineFormatter(LOG_FORMAT))
     logging.basicConfig(level=level.upper(), handlers=[handler])
 
 

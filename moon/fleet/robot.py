@@ -49,19 +49,8 @@ class FleetModels:
         say: Callable[[str], None],
     ) -> SystemWatch:
         """Fresh judges of one robot; see :class:`SystemWatch`."""
-        monitored = self.monitored
-        return SystemWatch(
-            connection,
-            monitored.system,
-            monitored.machines,
-            monitored.bounds,
-            sinks,
-            say,
-            monitored.property_watch(),
-            policy=monitored.policy,
-            monotonic_ns=self._monotonic_ns,
-            screens=screens,
-            compiled=self.compiled,
+        return self.monitored.watch(
+            connection, sinks, say, screens, self._monotonic_ns, self.compiled
         )
 
 

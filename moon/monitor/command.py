@@ -160,7 +160,6 @@ def _monitor(
 
     from moon.monitor.joining import Joining
     from moon.monitor.screen import screen_for
-    from moon.monitor.watch import SystemWatch
     from moon.ordering.event_time_clock import NS, clock_nobody_sets
     from moon.recording.recorded import RecordedConnection, RecordedRun
     from moon.sinks.file import VerdictFile
@@ -184,18 +183,7 @@ def _monitor(
         run = RecordedRun(recorded, recorder)
         sinks.insert(0, run)
         connection.every(FLUSH_S, run.flush)
-    watch = SystemWatch(
-        source,
-        monitored.system,
-        monitored.machines,
-        monitored.bounds,
-        sinks,
-        say,
-        monitored.property_watch(),
-        policy=monitored.policy,
-        monotonic_ns=clock,
-        screens=() if as_json else (screen,),
-    )
+    watch = monitored.watch(source, sinks, say, () if as_json else (screen,), clock)
     notices = Notices(say)
     try:
 

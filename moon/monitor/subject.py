@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -10,6 +11,8 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog, Severity
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from moon.monitor.compiled import CompiledSystem
+from moon.monitor.connection import Connection, Sink
 from moon.monitor.departures import Departures
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import (
@@ -20,6 +23,7 @@ from moon.monitor.reading import (
     read_checked,
     select,
 )
+from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.properties.property import Property
@@ -74,6 +78,30 @@ class Monitored(msgspec.Struct, frozen=True):
         departures = Departures(self.properties, self.system.nodes)
         wording = Wording(self.system.library)
         return PropertyWatch(self.properties, self.bounds.latency, departures, wording)
+
+    def watch(
+        self,
+        connection: Connection,
+        sinks: Sequence[Sink],
+        say: Callable[[str], None],
+        screens: Sequence[Sink] = (),
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        compiled: CompiledSystem | None = None,
+    ) -> SystemWatch:
+        """Fresh judges of all that was read; for the arguments see :class:`SystemWatch`."""
+        return SystemWatch(
+            connection,
+            self.system,
+            self.machines,
+            self.bounds,
+            sinks,
+            say,
+            self.property_watch(),
+            policy=self.policy,
+            monotonic_ns=monotonic_ns,
+            screens=screens,
+            compiled=compiled,
+        )
 
 
 class NothingLeftError(ValueError):

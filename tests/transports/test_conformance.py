@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import socket
-import threading
 from collections.abc import Sequence
 
 import pytest
 
 from transports.conformance import CHECKS, Check
 from transports.interface import Transport
-from transports.networks import SimulatedNetwork, ThreadedNetwork
+from transports.networks import SimulatedNetwork, ThreadedNetwork, nodes_beside
 from transports.simulated import Conditions
 from transports.zenoh import connect
 
@@ -42,16 +41,8 @@ def test_zenoh(check: Check) -> None:
 @pytest.mark.zenoh
 @every_check
 def test_zenoh_on_one_session(check: Check) -> None:
-    owner = connect("owner", {})
-    network = ThreadedNetwork(lambda name, _: owner.beside(name))
-    spinning = threading.Thread(target=owner.spin)
-    spinning.start()
-    try:
+    with nodes_beside(connect("owner", {})) as network:
         check(network)
-    finally:
-        network.close()
-        owner.close()
-        spinning.join()
 
 
 @every_check

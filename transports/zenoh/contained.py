@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 from transports.timers import Timer
-from transports.zenoh.executor import Executor, Work
+from transports.zenoh.executor import Executor, Work, call
 
 
 class Runner(Protocol):
@@ -43,15 +43,15 @@ class Contained:
 
     def post(self, handler: Callable[[], None]) -> None:
         """See ``Executor.post``."""
-        self._executor.put((self._run, (_call, handler)))
+        self._executor.put((self._run, (call, handler)))
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """See ``Executor.after``."""
-        return self._executor.after(delay_s, partial(self._run, (_call, handler)))
+        return self._executor.after(delay_s, partial(self._run, (call, handler)))
 
     def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
         """See ``Executor.every``."""
-        timer = self._executor.every(period_s, partial(self._run, (_call, handler)))
+        timer = self._executor.every(period_s, partial(self._run, (call, handler)))
         self._repeated.append(timer)
         return timer
 
@@ -72,7 +72,3 @@ class Contained:
         except Exception as error:
             self.close()
             self._failed(error)
-
-
-def _call(handler: Any) -> None:
-    handler()

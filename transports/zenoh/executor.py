@@ -39,7 +39,8 @@ _SIGNALS = 64
 _LOG = logging.getLogger("transports.zenoh")
 
 
-def _call(handler: Callable[[], None]) -> None:
+def call(handler: Callable[[], None]) -> None:
+    """A handler as a piece of work."""
     handler()
 
 
@@ -134,7 +135,7 @@ class Executor:
 
     def post(self, handler: Callable[[], None]) -> None:
         """Run ``handler`` on the executor's thread; callable from any thread."""
-        self.put((_call, handler))
+        self.put((call, handler))
 
     def inbox(self, channel: str, receive: Callable[[Any], None]) -> Inbox:
         """Where a subscription of ``channel`` puts its messages, for ``receive``."""

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import threading
-from collections.abc import Sequence
 
 import pytest
 
 from transports.conformance import CHECKS, Check
 from transports.interface import Transport
-from transports.networks import ThreadedNetwork
+from transports.networks import ThreadedNetwork, nodes_beside
 
 pytestmark = pytest.mark.ros2
 
@@ -31,19 +29,12 @@ def test_ros2_in_one_context(check: Check) -> None:
 
     owner = connect("owner", {})
 
-    def join(name: str, others: Sequence[Transport]) -> Transport:
+    def join(name: str) -> Transport:
         is_beside = name != "misled"  # it has a topic as another type; DDS allows a participant one
         return owner.beside(name) if is_beside else connect(name, {})
 
-    network = ThreadedNetwork(join)
-    spinning = threading.Thread(target=owner.spin)
-    spinning.start()
-    try:
+    with nodes_beside(owner, join) as network:
         check(network)
-    finally:
-        network.close()
-        owner.close()
-        spinning.join()
 
 
 def test_without_rclpy_the_transport_says_what_to_install() -> None:
