@@ -23,7 +23,11 @@ _WHICH = f"RUST_LOG={_MESSAGES}=trace"
 _VARIABLE = "RUST_LOG"
 _PERIOD_S = 1.0
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-_SAID = re.compile(r"\S+Z +[A-Z]+ .*?(zenoh[\w:]*): (.*)")
+_SAID = re.compile(r"\S+Z +[A-Z]+ (.*?)(zenoh[\w:]*): (.*)")
+"""Its thread, what of Zenoh says it, and what."""
+_RECEIVING = "rx-"
+"""How Zenoh names the threads on which it receives. A message kept back on another one was not refused: it
+is our own, for a new peer of which Zenoh does not yet know what it has declared."""
 _HINT = re.compile(r"\. Hint: .*")
 """What Zenoh advises whatever the reason is."""
 
@@ -75,16 +79,18 @@ class Refusals:
         """
         is_zenoh = self._is_asked and "zenoh" in line
         said = _SAID.fullmatch(_COLOURS.sub("", line)) if is_zenoh else None
-        if said is None or said[1] not in self._next_s:
+        if said is None or said[2] not in self._next_s:
             return line
-        kind, now_s = said[1], time.monotonic()
+        kind, now_s = said[2], time.monotonic()
+        if kind == _MESSAGES and not said[1].startswith(_RECEIVING):
+            return None
         self._unsaid[kind] += 1
         if now_s < self._next_s[kind]:
             return None
         self._next_s[kind] = now_s + _PERIOD_S
         count, self._unsaid[kind] = self._unsaid[kind], 0
         if kind == _LINKS:
-            return f"refused {_several(count, 'link')}: {_HINT.sub('', said[2])}"
+            return f"refused {_several(count, 'link')}: {_HINT.sub('', said[3])}"
         return (
             f"refused {_several(count, 'message')} that the sender's certificate does not allow; "
             f"{_WHICH} says which"
