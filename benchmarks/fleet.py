@@ -36,7 +36,6 @@ from moon.fleet.choice import Shard, read_shard
 from moon.fleet.fleet import Fleet
 from moon.fleet.robot import FleetModels
 from moon.monitor.subject import monitored_of
-from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.verdict import Outcome, Verdict
 from transports.interface import Answer, Observation, ObservationKind
@@ -469,16 +468,11 @@ def measured_without(count: int) -> None:
     watches = []
     for connection in connections:
         connection.now = connection.since_ns = began_ns + connection.shift_ns
-        clock = connection.now_ns
-        watch = SystemWatch(
+        watch = monitored.watch(
             connection,
-            monitored.system,
-            monitored.machines,
-            monitored.bounds,
             (),
             lambda sentence: None,
-            policy=monitored.policy,
-            monotonic_ns=clock,
+            monotonic_ns=connection.now_ns,
             compiled=models.compiled,
         )
         watch.start()

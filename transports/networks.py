@@ -82,11 +82,27 @@ class ThreadedNetwork:
 
     def close(self) -> None:
         """Close all nodes, the last to come first; every spin must end."""
-        for transport in reversed(self._nodes):
-            transport.close()
-        for thread in self._threads:
-            thread.join(PATIENCE_S)
-            assert not thread.is_alive(), f"{thread.name} still spins after close()"
+        _end(self._nodes, self._threads)
+
+
+def _end(nodes: Sequence[Transport], threads: Sequence[threading.Thread]) -> None:
+    for node in reversed(nodes):
+        node.close()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive(), f"{thread.name} still spins after close()"
+
+
+@contextlib.contextmanager
+def spinning(*nodes: Transport) -> Iterator[None]:
+    """Each of ``nodes`` spins on a thread of its own; at the end they are closed, the last of them first."""
+    threads = [threading.Thread(target=node.spin, name=node.node) for node in nodes]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        _end(nodes, threads)
 
 
 @contextlib.contextmanager
@@ -100,14 +116,8 @@ def nodes_beside(
         connect: how a node is connected, if not by ``owner.beside``.
     """
     network = ThreadedNetwork(lambda name, _: (connect or owner.beside)(name))
-    spinning = threading.Thread(target=owner.spin)
-    spinning.start()
-    try:
+    with spinning(owner), contextlib.closing(network):
         yield network
-    finally:
-        network.close()
-        owner.close()
-        spinning.join()
 
 
 class SimulatedNetwork:

@@ -23,8 +23,7 @@ _WHICH = f"RUST_LOG={_MESSAGES}=trace"
 _VARIABLE = "RUST_LOG"
 _PERIOD_S = 1.0
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-_SAID = re.compile(r"\S+Z +[A-Z]+ (.*?)(zenoh[\w:]*): (.*)")
-"""Its thread, what of Zenoh says it, and what."""
+_SAID = re.compile(r"\S+Z +[A-Z]+ (?P<thread>.*?)(?P<source>zenoh[\w:]*): (?P<text>.*)")
 _RECEIVING = "rx-"
 """How Zenoh names the threads on which it receives. A message kept back on another one was not refused: it
 is our own, for a new peer of which Zenoh does not yet know what it has declared."""
@@ -79,10 +78,10 @@ class Refusals:
         """
         is_zenoh = self._is_asked and "zenoh" in line
         said = _SAID.fullmatch(_COLOURS.sub("", line)) if is_zenoh else None
-        if said is None or said[2] not in self._next_s:
+        if said is None or said["source"] not in self._next_s:
             return line
-        kind, now_s = said[2], time.monotonic()
-        if kind == _MESSAGES and not said[1].startswith(_RECEIVING):
+        kind, now_s = said["source"], time.monotonic()
+        if kind == _MESSAGES and not said["thread"].startswith(_RECEIVING):
             return None
         self._unsaid[kind] += 1
         if now_s < self._next_s[kind]:
@@ -90,7 +89,7 @@ class Refusals:
         self._next_s[kind] = now_s + _PERIOD_S
         count, self._unsaid[kind] = self._unsaid[kind], 0
         if kind == _LINKS:
-            return f"refused {_several(count, 'link')}: {_HINT.sub('', said[3])}"
+            return f"refused {_several(count, 'link')}: {_HINT.sub('', said['text'])}"
         return (
             f"refused {_several(count, 'message')} that the sender's certificate does not allow; "
             f"{_WHICH} says which"

@@ -6,7 +6,6 @@ import logging
 import os
 import shutil
 import stat
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from tests.launch.system import System
 from tests.monitor.processes import free_endpoint
 from tests.transports.zenoh_network import Inbox, peer
 from transports.interface import TransportError
+from transports.networks import spinning
 from transports.zenoh import connect
 from transports.zenoh.credentials import check, configuration_file
 
@@ -165,10 +165,7 @@ def test_a_folder_may_be_moved_and_is_for_one_namespace(tmp_path: Path) -> None:
     with pytest.raises(TransportError, match=r"certificates in .* are for another one"):
         connect("Skill", {**options, "namespace": "robot2"})
     skill, sensor = (connect(name, options) for name in ("Skill", "Sensor"))
-    threads = [threading.Thread(target=node.spin) for node in (skill, sensor)]
-    try:
-        for thread in threads:
-            thread.start()
+    with spinning(skill, sensor):
         heard = Inbox()
         skill.subscribe(number("/level"), heard)
         skill.announce()
@@ -176,8 +173,3 @@ def test_a_folder_may_be_moved_and_is_for_one_namespace(tmp_path: Path) -> None:
         level = sensor.publisher(number("/level"))
         sensor.every(0.05, lambda: level.publish(peer.Number(3)))
         assert heard.wait()[0] == peer.Number(3)
-    finally:
-        for node in (sensor, skill):
-            node.close()
-        for thread in threads:
-            thread.join()

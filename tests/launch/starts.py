@@ -29,6 +29,7 @@ from m2c.rosidl.build import build_interfaces
 from tests.monitor.processes import free_endpoint
 from tests.transports import ros2_network, shared_memory
 from transports.interface import Transport
+from transports.networks import spinning
 from transports.registry import connect
 
 ROOT = Path(__file__).parents[2]
@@ -131,13 +132,8 @@ def middleware(transport: str) -> Iterator[tuple[Transport, list[str]]]:
             install = build_interfaces([LAB_TOUR / "interfaces"], BUILT)
             os.environ.update(install.environment(os.environ))
         connection = connect(transport, "observer", options)
-        spinning = threading.Thread(target=connection.spin)
-        spinning.start()
-        try:
+        with spinning(connection):
             yield connection, arguments
-        finally:
-            connection.close()
-            spinning.join()
 
 
 def run(transport: str, nodes: int, processes: int, seed: int) -> list[str]:

@@ -12,6 +12,7 @@ import pytest
 
 from moon.sinks.topic import VERDICTS
 from tests.monitor.processes import BIN, WAIT_S, Monitor, Process, free_endpoint, router
+from transports.networks import spinning
 from transports.zenoh import connect
 
 pytestmark = [pytest.mark.zenoh, pytest.mark.slow]
@@ -170,10 +171,8 @@ def test_two_monitors_agree_and_killing_one_harms_nobody(start, wrong, tmp_path)
         told = []
         heard = threading.Event()
         listener = connect("listener", {"endpoint": endpoint})
-        spinning = threading.Thread(target=listener.spin)
-        try:
-            listener.subscribe(VERDICTS, lambda message: (told.append(message), heard.set()))
-            spinning.start()
+        listener.subscribe(VERDICTS, lambda message: (told.append(message), heard.set()))
+        with spinning(listener):
             for monitor in (first, second):
                 monitor.until_listening()
             run = start(
@@ -191,9 +190,6 @@ def test_two_monitors_agree_and_killing_one_harms_nobody(start, wrong, tmp_path)
             at_kill = len(run.out)
             assert run.end() == 0, run.said
             assert len(run.out) > at_kill
-        finally:
-            listener.close()
-            spinning.join(WAIT_S)
         assert second.end(signal.SIGINT) == 1
     assert first.violated == second.violated == {"BatteryLevelSkill"}
     logged = [json.loads(text) for text in log.read_text().splitlines()]

@@ -23,6 +23,7 @@ from moon.replay.script import Selected, script_of
 from tests.monitor.processes import WAIT_S, Process, free_endpoint, router
 from tests.replay.worlds import LAB_TOUR, Received, lab_tour, of, tour
 from transports.interface import CallOutcome, Observation
+from transports.networks import spinning
 from transports.zenoh import connect
 
 pytestmark = [pytest.mark.zenoh, pytest.mark.slow]
@@ -53,10 +54,7 @@ def test_a_request_that_had_no_answer_then_is_not_answered_or_ended_now() -> Non
     player.serve(channel, [unanswered])
     service = types.service(recording, channel)
     asking = client.client(service)
-    threads = [threading.Thread(target=side.spin) for side in (server, client)]
-    for thread in threads:
-        thread.start()
-    try:
+    with spinning(server, client):
         server.announce()
         client.announce()
         request = msgspec.convert(then.request, service.request)
@@ -65,11 +63,6 @@ def test_a_request_that_had_no_answer_then_is_not_answered_or_ended_now() -> Non
             result = asking.call_and_wait(request, 1.0)
         assert result.outcome is CallOutcome.TIMEOUT
         assert counts.unanswered == 1
-    finally:
-        client.close()
-        server.close()
-        for thread in threads:
-            thread.join(WAIT_S)
 
 
 class Skill(Process):

@@ -27,7 +27,7 @@ from transports.interface import (
     Transport,
     TransportError,
 )
-from transports.networks import PATIENCE_S, ThreadedNetwork
+from transports.networks import PATIENCE_S, ThreadedNetwork, spinning
 
 pytestmark = pytest.mark.ros2
 
@@ -37,7 +37,7 @@ LEASES = 3
 KINDS = ObservationKind
 
 
-def spinning(owner: Transport, name: str) -> Any:
+def spinning_beside(owner: Transport, name: str) -> Any:
     """A node beside ``owner``, on a thread of its name; it ends with its owner."""
     node = owner.beside(name)
     threading.Thread(target=node.spin, name=name).start()
@@ -50,13 +50,8 @@ def owner_with(arguments: str) -> Iterator[Any]:
     from transports.ros2 import connect
 
     owner = connect("owner", {"args": arguments})
-    thread = threading.Thread(target=owner.spin)
-    thread.start()
-    try:
+    with spinning(owner):
         yield owner
-    finally:
-        owner.close()
-        thread.join(PATIENCE_S)
 
 
 @contextmanager
@@ -193,7 +188,7 @@ def test_a_topic_has_one_type_in_a_process(network: ThreadedNetwork) -> None:
 
 def test_a_failed_call_ends_for_the_client_that_made_it(network: ThreadedNetwork) -> None:
     owner = network.node("owner")
-    server, first, second = (spinning(owner, name) for name in ("server", "first", "second"))
+    server, first, second = (spinning_beside(owner, name) for name in ("server", "first", "second"))
     requests: list[Request] = []
     server.serve(DOUBLE, requests.append)
     results = [calls(network, node, range(1, 2)) for node in (first, second)]
@@ -213,7 +208,7 @@ def test_what_each_node_logs_is_its_own_on_rosout(network: ThreadedNetwork) -> N
     from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
     owner = network.node("owner")
-    first, second = spinning(owner, "first"), spinning(owner, "second")
+    first, second = spinning_beside(owner, "first"), spinning_beside(owner, "second")
     said: set[tuple[str, str]] = set()
     heard: list[Observation] = []
     profile = QoSProfile(depth=100, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -261,7 +256,7 @@ def test_each_node_has_parameters_and_the_simulations_time(
     fired: list[str] = []
     publisher = bare.node.create_publisher(Clock, "/clock", 10)
     with owner_with("-p rate_hz.x:=3.0 -p first:rate_hz.y:=4.0 -p use_sim_time:=true") as owner:
-        nodes = [owner, spinning(owner, "first"), spinning(owner, "second")]
+        nodes = [owner, spinning_beside(owner, "first"), spinning_beside(owner, "second")]
         rates = [tuple(node.parameter(f"rate_hz.{n}", 1.0, "") for n in "xy") for node in nodes]
         assert rates == [(3.0, 1.0), (3.0, 4.0), (3.0, 1.0)]
 
@@ -297,7 +292,7 @@ def test_an_argument_may_rename_one_node() -> None:
 def test_a_name_is_free_again_once_its_node_is_closed(network: ThreadedNetwork) -> None:
     owner = network.node("owner")
     for _ in range(3):
-        again = spinning(owner, "again")
+        again = spinning_beside(owner, "again")
         again.announce()
         assert owner.wait_for_nodes(["again"], PATIENCE_S) == []
         again.close()
@@ -305,7 +300,7 @@ def test_a_name_is_free_again_once_its_node_is_closed(network: ThreadedNetwork) 
 
 def test_who_is_closed_by_several_at_once_ends(network: ThreadedNetwork) -> None:
     owner = network.node("owner")
-    first, second = spinning(owner, "first"), spinning(owner, "second")
+    first, second = spinning_beside(owner, "first"), spinning_beside(owner, "second")
     begun = threading.Event()
 
     def close_too(node: Transport) -> None:
@@ -349,7 +344,7 @@ def test_what_a_node_declares_once_it_is_up_is_known_to_be_its_own(
     from transports.ros2.graph import Graph
 
     owner = network.node("owner")
-    first = spinning(owner, "first")
+    first = spinning_beside(owner, "first")
     for node in (owner, first):
         node.announce()
     listener = network.node("listener")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import pytest
@@ -20,7 +19,7 @@ from transports.interface import (
     CallResult,
     Observation,
 )
-from transports.networks import PATIENCE_S, ThreadedNetwork
+from transports.networks import ThreadedNetwork, spinning
 
 pytestmark = pytest.mark.ros2
 
@@ -30,10 +29,7 @@ def test_a_namespace_keeps_systems_apart(network: ThreadedNetwork) -> None:
 
     inside = [connect(name, {"namespace": "cell"}) for name in ("one", "two")]
     outside = network.node("outside")
-    threads = [threading.Thread(target=node.spin) for node in inside]
-    for thread in threads:
-        thread.start()
-    try:
+    with spinning(*inside):
         heard: list[int] = []
         taps: list[Observation] = []
         foreign: list[Any] = []
@@ -51,11 +47,6 @@ def test_a_namespace_keeps_systems_apart(network: ThreadedNetwork) -> None:
         assert heard == [5]
         assert taps[0].channel == NUMBERS.name
         assert not foreign
-    finally:
-        for node in inside:
-            node.close()
-        for thread in threads:
-            thread.join(PATIENCE_S)
 
 
 def test_timers_follow_a_simulation_and_calls_do_not(network: ThreadedNetwork, bare: Bare) -> None:
@@ -66,9 +57,7 @@ def test_timers_follow_a_simulation_and_calls_do_not(network: ThreadedNetwork, b
 
     clock = bare.node.create_publisher(Clock, "/clock", 10)
     node = connect("simulated", {"use_sim_time": "true"})
-    thread = threading.Thread(target=node.spin)
-    thread.start()
-    try:
+    with spinning(node):
         assert network.until(lambda: clock.get_subscription_count() == 1)
 
         def tell(seconds: float) -> None:
@@ -94,6 +83,3 @@ def test_timers_follow_a_simulation_and_calls_do_not(network: ThreadedNetwork, b
         client = on(network, node, lambda: node.client(DOUBLE))
         on(network, node, lambda: client.call(Ask(1), results.append, 0.1))
         assert network.until(lambda: bool(results))
-    finally:
-        node.close()
-        thread.join(PATIENCE_S)
