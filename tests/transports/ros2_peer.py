@@ -4,6 +4,7 @@ HOW: ``serve`` answers until a signal comes, ``silent`` never answers, ``leave``
 ``publish`` sends a row of numbers to the node called ``node`` and ends at once.
 """
 
+import os
 import signal
 import sys
 import threading
@@ -15,6 +16,9 @@ from transports.ros2 import connect, transport
 MESSAGES = 500
 ARRIVED_S = 20.0
 """Where what is published comes before its reader is matched, DDS sends it again up to 3 s later."""
+
+words = os.fdopen(os.dup(1), "w", buffering=1)
+os.dup2(2, 1)  # Fast DDS prints what it complains of on stdout
 
 name, how = sys.argv[1:]
 ros2_network.load(ros2_network.built())
@@ -34,7 +38,7 @@ node.announce()
 if how == "leave":
     threading.Thread(target=node.spin, daemon=True).start()
     assert not node.wait_for_nodes([name], 20)
-    print("left", flush=True)
+    print("left", file=words)
     sys.exit(0)
 if how == "publish":
     threading.Thread(target=node.spin, daemon=True).start()
@@ -44,7 +48,7 @@ if how == "publish":
         publisher.publish(Number(value))
     node.close()
     sys.exit(0)
-node.post(lambda: print("spins", flush=True))
+node.post(lambda: print("spins", file=words))
 node.spin()
 node.close()
-print("closed", flush=True)
+print("closed", file=words)

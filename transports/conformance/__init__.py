@@ -31,6 +31,7 @@ from transports.conformance.life import (
     timers_fire_no_earlier_than_asked_and_stop_when_cancelled,
 )
 from transports.conformance.observation import (
+    a_call_that_nobody_serves_is_stamped_when_it_was_made,
     a_tap_knows_in_what_order_a_source_did_things,
     a_tap_receives_every_message_once_and_in_order,
     a_tap_receives_how_a_call_failed,
@@ -108,6 +109,7 @@ __all__ = [
     "Number",
     "Text",
     "a_call_gets_its_own_answer_even_when_answers_are_deferred",
+    "a_call_that_nobody_serves_is_stamped_when_it_was_made",
     "a_call_that_nobody_serves_is_unavailable_or_times_out",
     "a_call_without_an_answer_times_out_once",
     "a_caller_may_wait_on_a_thread_of_its_own",

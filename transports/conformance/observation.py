@@ -13,12 +13,14 @@ from transports.conformance.stage import (
     DOUBLE,
     NUMBERS,
     Answer,
+    Ask,
     Number,
     calls,
     on,
     ready,
 )
 from transports.interface import (
+    CallResult,
     Observation,
     ObservationKind,
     Topic,
@@ -198,6 +200,33 @@ def a_tap_receives_how_a_call_failed(network: Network) -> None:
     assert responses(), "the tap receives no response event"
     wrong = [o for o in responses() if not o.error.startswith("remote_error: ") or o.data]
     assert not wrong, f"the error is not reported: {wrong}"
+
+
+def a_call_that_nobody_serves_is_stamped_when_it_was_made(network: Network) -> None:
+    """Before what its node did next, whether the middleware waits for a server or gives up at once."""
+    client, listener = network.node("client"), network.node("listener")
+    received: list[Observation] = []
+    publisher = on(network, client, lambda: client.publisher(NUMBERS))
+    on(network, listener, lambda: listener.tap([], received.append))
+    ready(network, client, listener)
+    did = (ObservationKind.REQUEST_SENT, ObservationKind.MESSAGE)
+
+    def received_of(value: int) -> list[Observation]:
+        results: list[CallResult] = []
+
+        def act() -> None:
+            client.client(DOUBLE).call(Ask(value), results.append, 0.2)
+            publisher.publish(Number(value))
+
+        on(network, client, act)
+        assert network.until(partial(bool, results)), "the call does not end"
+        network.caller(lambda: client.wait_for_nodes(["nobody"], 0.1))()
+        return [o for o in received if o.kind in did and o.data["value"] == value]
+
+    complete = next((seen for seen in map(received_of, range(20)) if len(seen) == 2), None)
+    assert complete, "the tap does not receive the call and the message behind it"
+    complete.sort(key=lambda o: o.stamp_ns)
+    assert [o.kind for o in complete] == list(did), f"the call is stamped too late: {complete}"
 
 
 def a_tap_receives_only_what_its_globs_name(network: Network) -> None:

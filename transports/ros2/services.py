@@ -26,8 +26,25 @@ from transports.ros2.requests import RequestId, Requests
 from transports.ros_forms import CallError
 from transports.timers import Timer
 
-SETTLE_S = 2.0
-"""How long a new client looks for a server before a call of it is unavailable at once."""
+LOOK_S = 4.0
+"""How long a node looks for servers from its first call on; after that, a call is unavailable at once.
+
+Two participants that missed each other's first announcements meet by Fast DDS's next one, 3 s later.
+"""
+
+
+class Look:
+    """How long the clients of a node look for their servers."""
+
+    def __init__(self) -> None:
+        self._until_s: float | None = None
+
+    def left_s(self) -> float:
+        """What is left of it, in seconds; it begins when this is asked first."""
+        now_s = time.monotonic()
+        if self._until_s is None:
+            self._until_s = now_s + LOOK_S
+        return max(self._until_s - now_s, 0.0)
 
 
 class Server:
@@ -149,11 +166,13 @@ class Request:
 class _Call:
     """One call on its way; whoever takes it from its client's table ends it."""
 
-    __slots__ = ("done", "number", "request", "timer")
+    __slots__ = ("done", "number", "request", "stamp_ns", "timer")
 
-    def __init__(self, request: Any, done: Callable[[CallResult], None]) -> None:
+    def __init__(self, request: Any, done: Callable[[CallResult], None], stamp_ns: int) -> None:
         self.request = request
         self.done = done
+        self.stamp_ns = stamp_ns
+        """When its node made it, which may be before there is a server to send it to; 0 if nobody listens."""
         self.number = 0
         self.timer: Timer | None = None
 
@@ -169,6 +188,7 @@ class Client:
         events: ServiceEvents,
         name: str,
         service: Service,
+        look: Look,
         refusals: Refusals,
     ) -> None:
         self._refusals = refusals
@@ -191,7 +211,8 @@ class Client:
         self._handle = self.declared.handle
         self._gid = native.gid_of_client(self._handle)
         self._known_as = {gid.hex() for gid in endpoints.of_client(node, self._handle, name)}
-        self._settled = time.monotonic() + SETTLE_S
+        self._look = look
+        self._had_server = False
         self._lock = threading.Lock()
         self._sent: dict[int, _Call] = {}
         self._held: list[_Call] = []
@@ -207,10 +228,10 @@ class Client:
         """Send ``request``; ``done`` gets the result on the executor thread, exactly once."""
         if self._closed:
             raise TransportError(f"cannot call {self.name}: this node is closed")
-        call = _Call(self._request.encode(request), done)
+        call = _Call(self._request.encode(request), done, self._events.stamp())
         call.timer = self._executor.after_real(timeout_s, lambda: self._timed_out(call))
         if not self._start(call):
-            self._executor.post(lambda: self._give_up(call))
+            self._executor.post(lambda: self._end_unserved(call))
 
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and wait, on a thread that is not the executor's."""
@@ -227,9 +248,9 @@ class Client:
             results.append(result)
             ended.set()
 
-        call = _Call(self._request.encode(request), done)
+        call = _Call(self._request.encode(request), done, self._events.stamp())
         if not self._start(call):
-            self._give_up(call)
+            self._end_unserved(call)
         if timeout_s > FLUSH_DELAY_S and not ended.wait(FLUSH_DELAY_S):
             self._events.flush()  # a call that takes its time: say that it is under way
         if not ended.wait(max(deadline - time.monotonic(), 0.0)):
@@ -240,31 +261,44 @@ class Client:
     # What happens to calls.
 
     def _start(self, call: _Call) -> bool:
-        """Send ``call``, or hold it until a server is there; False if there is none."""
+        """Send ``call``, or hold it until a server is there; False if it is to be ended."""
         with self._lock:
             if self._closed:
                 return False
-            if self._handle.service_server_is_available():
+            if self._has_server():
                 self._send(call)
                 return True
-            if time.monotonic() < self._settled or self._node.count_services(self.name):
+            if (left_s := self._left_to_look_s()) or self._node.count_services(self.name):
                 self._held.append(call)
-                self._executor.after_real(
-                    max(self._settled - time.monotonic(), 0.0), self.graph_changed
-                )
+                self._executor.after_real(left_s, self.graph_changed)
                 return True
+            self._send_to_nobody(call)
         return False
 
+    def _has_server(self) -> bool:
+        is_there = bool(self._handle.service_server_is_available())
+        self._had_server |= is_there
+        return is_there
+
+    def _left_to_look_s(self) -> float:
+        return 0.0 if self._had_server else self._look.left_s()
+
     def _send(self, call: _Call) -> None:
-        stamp_ns = self._events.stamp()
         try:
             call.number = self._handle.send_request(call.request)
         except (_rclpy.RCLError, _rclpy.InvalidHandle) as error:
             raise TransportError(f"cannot call {self.name}: {error}") from error
         self._sent[call.number] = call
-        if stamp_ns:
-            self._events.record(event.REQUEST_SENT, stamp_ns, self._gid, call.number, call.request)
+        if call.stamp_ns:
+            self._events.record(
+                event.REQUEST_SENT, call.stamp_ns, self._gid, call.number, call.request
+            )
             self._events.flush_later()
+
+    def _send_to_nobody(self, call: _Call) -> None:
+        """So a tap learns of a call that nobody serves."""
+        self._send(call)
+        del self._sent[call.number]
 
     def _take(self) -> bool:
         with self._lock:
@@ -311,11 +345,13 @@ class Client:
         self._end(call, CallResult(CallOutcome.TIMEOUT, error=text))
 
     def _give_up(self, call: _Call) -> None:
-        """Nobody serves. The request is sent all the same, to nobody: so a tap learns of it."""
+        """Nobody serves, after all."""
         with self._lock:
             if not self._closed:
-                self._send(call)
-                del self._sent[call.number]
+                self._send_to_nobody(call)
+        self._end_unserved(call)
+
+    def _end_unserved(self, call: _Call) -> None:
         text = f"{self.name}: no response: no node serves it, or its server ended"
         self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
 
@@ -328,14 +364,14 @@ class Client:
         lost: list[_Call] = []
         given_up: list[_Call] = []
         with self._lock:
-            if self._handle.service_server_is_available():
+            if self._has_server():
                 for call in self._held:
                     self._send(call)
                 self._held.clear()
             else:
                 lost = list(self._sent.values())
                 self._sent.clear()
-                if time.monotonic() >= self._settled and not self._node.count_services(self.name):
+                if not (self._left_to_look_s() or self._node.count_services(self.name)):
                     given_up = list(self._held)
                     self._held.clear()
         for call in given_up:

@@ -25,7 +25,7 @@ from transports.ros2.introspection import ServiceEvents, outbox
 from transports.ros2.last_words import LastWords
 from transports.ros2.logs import RosLogHandler
 from transports.ros2.parameters import positive
-from transports.ros2.services import Client, Request, Server
+from transports.ros2.services import Client, Look, Request, Server
 from transports.ros2.session import open_node, prefix_of
 from transports.ros2.shared import Shared
 from transports.ros2.subscribing import Subscriber
@@ -92,6 +92,7 @@ class Ros2Transport(OnExecutor):
         self._errors: CallErrors | None = None
         self._outbox = outbox(self._executor)
         self._events: dict[str, ServiceEvents] = {}
+        self._look = Look()
         self._clients: dict[str, Client] = {}
         self._taps: list[Tap] = []
         self._subscriber = Subscriber(ros_node, self._executor)
@@ -171,7 +172,14 @@ class Ros2Transport(OnExecutor):
         if client is None:
             errors, events = self._call_errors(), self._events_of(name, service)
             client = Client(
-                self._ros, self._executor, errors, events, name, service, self._refusals
+                self._ros,
+                self._executor,
+                errors,
+                events,
+                name,
+                service,
+                self._look,
+                self._refusals,
             )
             self._clients[name] = client
             self._declared.calls[name] = service.type_name

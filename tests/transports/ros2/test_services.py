@@ -12,6 +12,7 @@ from transports.conformance import (
     DOUBLE,
     Answer,
     Ask,
+    a_call_that_nobody_serves_is_stamped_when_it_was_made,
     on,
 )
 from transports.interface import (
@@ -19,6 +20,7 @@ from transports.interface import (
     CallResult,
 )
 from transports.networks import PATIENCE_S, ThreadedNetwork
+from transports.ros2 import services
 
 pytestmark = pytest.mark.ros2
 
@@ -62,6 +64,31 @@ def test_an_ordinary_server_answers(network: ThreadedNetwork, bare: Bare) -> Non
     assert network.until(client.declared.service_is_ready)
     result = network.caller(lambda: client.call_and_wait(Ask(21), PATIENCE_S))()
     assert result == CallResult(CallOutcome.RESPONSE, Answer(42))
+
+
+def test_a_node_looks_for_servers_from_its_first_call_on(
+    network: ThreadedNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However old it is: a node may find a server seconds after others have, as DDS announces again."""
+    node = network.node("client")
+    with monkeypatch.context() as old:
+        old.setattr(services, "LOOK_S", 0.0)
+        client = on(network, node, lambda: node.client(DOUBLE))
+    waiting = network.caller(lambda: client.call_and_wait(Ask(21), 10 * PATIENCE_S))
+    server = network.node("server")
+    on(
+        network,
+        server,
+        lambda: server.serve(DOUBLE, lambda r: r.respond(Answer(2 * r.data.value))),
+    )
+    assert waiting() == CallResult(CallOutcome.RESPONSE, Answer(42))
+
+
+def test_a_call_that_is_given_up_at_once_is_stamped_when_it_was_made(
+    network: ThreadedNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(services, "LOOK_S", 0.0)
+    a_call_that_nobody_serves_is_stamped_when_it_was_made(network)
 
 
 def test_a_call_whose_server_goes_away_ends_as_unavailable(network: ThreadedNetwork) -> None:
