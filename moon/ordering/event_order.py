@@ -14,13 +14,14 @@ import msgspec
 from moon.ordering.counts import Counts, Rejected
 from moon.ordering.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
 from moon.ordering.judge import Gap
-from moon.ordering.numbers import Numbers
+from moon.ordering.numbers import Count, Numbers
 from moon.ordering.reception import Reception
 from moon.ordering.sources import Sources
 from transports.interface import Observation, ObservationKind, Tap
 from transports.sequences import Sequel
 
 _NEXT = Sequel.NEXT
+_TAKEN = ObservationKind.MESSAGE_TAKEN
 
 
 class Judges(Protocol):
@@ -171,6 +172,8 @@ class EventOrder:
                 self._note_gap(seen, self.since_ns, stamp)
             case Sequel.FIRST if number and seen.kind is ObservationKind.MESSAGE:
                 self._look_at_first(seen)
+            case Sequel.FIRST if seen.call > 1 and seen.order < 0 and seen.kind is not _TAKEN:
+                self._look_at_first_call(seen, count)
             case Sequel.AFTER_A_GAP | Sequel.ANEW if sequel is Sequel.AFTER_A_GAP or number:
                 # a node that has started again sends 0 first
                 self._note_gap(seen, before_ns + 1, stamp)
@@ -190,6 +193,21 @@ class EventOrder:
         if started_ns and started_ns >= self.since_ns:
             why = f"what {seen.source} sent first on {seen.channel} was missed"
             self._miss(seen, started_ns, seen.stamp_ns, why)
+
+    def _look_at_first_call(self, seen: Observation, count: Count) -> None:
+        """A client numbers its calls from 1. Nothing is reported of a call before who reports it knows of the
+        monitor, so that the first report has number 0 all the same.
+        """
+        client_ns = self.sources.up_since(seen.client)
+        if not client_ns or client_ns < self.since_ns:
+            return
+        if seen.source != seen.client:
+            client = self.numbers.counts.get((seen.client, seen.channel, False))
+            if client is not None and client.next >= 0 and not client.unknown_until:
+                return  # it was heard from its first call on: another life of this server had those
+        count.unknown_until = seen.stamp_ns
+        why = f"the first calls of {seen.client} to {seen.channel} were missed"
+        self._miss(seen, client_ns, seen.stamp_ns, why)
 
     # --- time --------------------------------------------------------------------------------------
 

@@ -143,7 +143,7 @@ def test_a_node_that_comes_back_owes_again(tmp_path):
     it.node("Level", True)
     it.node("policy", True)
     it.pass_time(500)
-    it.tick(3)
+    it.tick(1)
     it.pass_time(3000)
     assert it.of("P") == ["conforming", "violated"]
 

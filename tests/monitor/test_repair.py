@@ -93,6 +93,42 @@ def test_what_a_node_that_starts_sends_may_be_heard_seconds_later(
     assert "unresponsive" in silent.verdicts[-1].reason
 
 
+@pytest.mark.parametrize(("first", "violations"), [(1, 1), (13, 0)])
+def test_of_a_node_whose_first_calls_were_missed_the_state_is_not_known(
+    tmp_path: Path, first: int, violations: int
+) -> None:
+    """A middleware that links channel by channel may link a node to its callers before the monitor."""
+    hand = Repairing(tmp_path)
+    hand.message(90)
+    for node in ("policy", "Level"):
+        hand.node(node, True)
+    hand.pass_time(100)
+    hand.tick(first, status=1)
+    for _ in range(2):
+        hand.confirm()
+    assert hand.watch.violations == violations
+    reasons = [verdict.reason for verdict in hand.verdicts]
+    assert ("the first calls of policy to /Level/tick were missed" in reasons) == (first > 1)
+
+
+def test_a_server_that_starts_again_had_no_earlier_calls_in_this_life(tmp_path: Path) -> None:
+    hand = Repairing(tmp_path)
+    for node in ("policy", "Level"):
+        hand.node(node, True)
+    hand.message(90)
+    hand.tick(1, status=0)
+    hand.confirm()
+    hand.node("Level", False)
+    hand.pass_time(1000)
+    hand.forget_numbers("Level")
+    hand.node("Level", True)
+    hand.tick(100, status=1)
+    assert not any("were missed" in verdict.reason for verdict in hand.verdicts)
+    hand.confirm()
+    hand.confirm()
+    assert hand.watch.violations == 1
+
+
 def test_a_recording_keeps_how_long_the_middleware_repairs() -> None:
     connection = SimulatedTransport(SimulatedWorld(1), "monitor")
     connection.repair_s = 3.2
