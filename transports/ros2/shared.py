@@ -11,11 +11,13 @@ from typing import Any
 
 from transports.interface import TransportError
 from transports.open_files import FOR_A_CONNECTION, allow_open_files
+from transports.outbox import Outbox
 from transports.refusals import Refusals
 from transports.ros2 import session
 from transports.ros2.arrivals import MOST_FILES
 from transports.ros2.executor import Executor
 from transports.ros2.graph import Graph
+from transports.ros2.introspection import Recorded
 from transports.ros2.last_words import LastWords
 from transports.ros2.roster import Roster
 
@@ -33,6 +35,7 @@ class Shared:
         graph: who is in the system, by DDS.
         roster: who says so himself.
         nodes: the nodes (of rclpy) by name; replaced whole.
+        outboxes: what each node has yet to report.
         last_words: set once they all close: they wait together for what they sent last.
     """
 
@@ -43,6 +46,7 @@ class Shared:
         self._types: dict[str, tuple[str, str]] = {}
         """Of topics: the type, and the node that had it first."""
         self.nodes: Mapping[str, Any] = {node.get_name(): node}
+        self.outboxes: list[Outbox[Recorded]] = []
         self.last_words: LastWords | None = None
         self.graph = Graph(node)
         self.roster = Roster(node, executor, self.graph, prefix, refusals)

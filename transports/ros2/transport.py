@@ -91,6 +91,7 @@ class Ros2Transport(OnExecutor):
         self._faults_timer: Timer | None = None
         self._errors: CallErrors | None = None
         self._outbox = outbox(self._executor)
+        self._shared.outboxes.append(self._outbox)
         self._events: dict[str, ServiceEvents] = {}
         self._look = Look()
         self._clients: dict[str, Client] = {}
@@ -228,6 +229,8 @@ class Ros2Transport(OnExecutor):
         """Stop and release everything; idempotent, from any thread."""
         if self._owns_context and self._shared.last_words is None:
             self._shared.last_words = LastWords(_LAST_WORDS_S)
+            for outbox in self._shared.outboxes:  # the nodes are closed one after the other
+                outbox.flush()
         super().close()
 
     def _beside(self, node: str) -> Ros2Transport:
