@@ -14,6 +14,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -52,12 +53,11 @@ class Cost(msgspec.Struct, frozen=True):
     links: float
 
 
-def run(generated: Path, seconds: float, options: list[str], topology: str) -> Cost | None:
+def run(generated: Path, seconds: float, options: Sequence[str]) -> Cost | None:
     """Start a system, let it tick for so long, and end it; None, and why, if it does not come up."""
-    where = ["--endpoint", free_endpoint(), *(["--router"] if topology == STAR else [])]
-    arguments = [str(BIN / "m2c"), "run", str(generated), *where, *options]
+    arguments = ["run", str(generated), "--endpoint", free_endpoint(), *options]
     began = time.perf_counter()
-    with Child(f"m2c run, {topology}", arguments) as process:
+    with Child(" ".join(["m2c run", *options]), [str(BIN / "m2c"), *arguments]) as process:
         try:
             process.wait_for(lambda line: line.endswith(" up"), START_S)
         except ChildError as error:
@@ -73,8 +73,10 @@ def run(generated: Path, seconds: float, options: list[str], topology: str) -> C
         return Cost(up_s, starting_s, ticking_s, memory_mib(pids), links(pids))
 
 
-def systems(nodes: int, seconds: float, count: int, options: list[str]) -> list[Row]:
-    """Rows of one system."""
+def systems(
+    nodes: int, seconds: float, count: int, options: Sequence[str], peer: str, theirs: Sequence[str]
+) -> list[Row]:
+    """Rows of one system, run with ``options`` and, as ``peer``, with ``theirs``, in turns."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         system, generated = copies.write(nodes, folder / "models"), folder / "generated"
@@ -83,24 +85,23 @@ def systems(nodes: int, seconds: float, count: int, options: list[str]) -> list[
             check=True,
             stdout=subprocess.DEVNULL,
         )
+        sides = {"": options, peer: theirs}
         turns = {
-            topology: functools.partial(run, generated, seconds, options, topology)
-            for topology in (STAR, MESH)
+            side: functools.partial(run, generated, seconds, given) for side, given in sides.items()
         }
         found = measured(turns, count)
 
     def row(what: str, unit: str, name: str) -> Row:
-        star, mesh = (
-            [[getattr(cost, name)] for cost in found[topology] if cost is not None]
-            for topology in (STAR, MESH)
+        own, other = (
+            [[getattr(cost, name)] for cost in found[side] if cost is not None] for side in sides
         )
         what = f"{nodes} nodes, {what}"
-        if len(star) == len(mesh) == count:
-            return beside(what, unit, star, MESH, mesh)
-        if not star:
-            sys.exit(f"{nodes} nodes around a router do not come up")
+        if len(own) == len(other) == count:
+            return beside(what, unit, own, peer, other)
+        if not own:
+            sys.exit(f"{nodes} nodes do not come up with {' '.join(options)}")
         return Row(
-            what, distribution(star).p50.value, unit, f"{MESH}: {len(mesh)} of {count} came up"
+            what, distribution(own).p50.value, unit, f"{peer}: {len(other)} of {count} came up"
         )
 
     return [
@@ -155,8 +156,12 @@ def rows(
     nodes: str = "4 17 47", seconds: float = 10.0, rounds: int = 1, run: str = "--processes each"
 ) -> list[Row]:
     """What is shown of systems of so many ``nodes``; each ticks for ``seconds``."""
-    shown = [] if not nodes else [int(number) for number in nodes.split()]
-    found = [row for n in shown for row in systems(n, seconds, rounds, shlex.split(run))]
+    options = shlex.split(run)
+    found = [
+        row
+        for number in nodes.split()
+        for row in systems(int(number), seconds, rounds, ["--router", *options], MESH, options)
+    ]
     return [*found, *call_rows(max(rounds, 5))]
 
 
