@@ -10,6 +10,7 @@ import contextlib
 import functools
 import itertools
 import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -23,7 +24,9 @@ from benchmarks.sampling import Block, measured
 from benchmarks.ticking import at_rate
 from m2c.launch.description import read_description, read_policy_of
 from m2c.launch.grouping import Group, grouped
+from transports.options import LAUNCHER
 
+BIN = Path(sys.executable).parent
 SYSTEM = ROOT / "examples/lab_tour/system.xml"
 RATES = {10.0: 100, 0.0: 1000}
 """Ticks that are made at each rate (a second; 0: saturated)."""
@@ -66,14 +69,22 @@ def started(stack: contextlib.ExitStack, folder: Path, group: Group, words: list
     )
 
 
-def ticks(folder: Path, processes: int | None, rate_hz: float, is_monitored: bool) -> list[float]:
-    """How long each tick took, in ms."""
+def ticks(
+    folder: Path,
+    processes: int | None,
+    rate_hz: float,
+    is_monitored: bool = False,
+    keys: Path | None = None,
+) -> list[float]:
+    """How long each tick took, in ms; with the certificates in ``keys`` if they are given."""
     from transports.registry import connect
 
-    endpoint = free_endpoint()
+    endpoint, secure = free_endpoint(), {}
+    if keys is not None:
+        endpoint, secure = endpoint.replace("tcp/", "tls/"), {"secure": str(keys)}
     description = read_description(folder)
     with contextlib.ExitStack() as stack:
-        meeting = connect("zenoh", "meeting", {"listen": endpoint})
+        meeting = connect("zenoh", LAUNCHER, {"listen": endpoint, **secure})
         stack.enter_context(contextlib.closing(meeting))
         meeting.announce()
         if is_monitored:
@@ -83,6 +94,7 @@ def ticks(folder: Path, processes: int | None, rate_hz: float, is_monitored: boo
         policy = None
         for group in grouped(description, processes):
             words = ["--endpoint", endpoint]
+            words += ["--secure", str(keys)] if keys is not None else []
             if group.policy is not None:
                 words += ["--rate", str(rate_hz or _AT_ONCE_HZ)]
                 words += ["--ticks", str(RATES[rate_hz] + WARM_UP)]
@@ -127,6 +139,7 @@ def floor(folder: Path) -> list[float]:
     return took[WARM_UP:]
 
 
+SECURED = "with --secure"
 NAMES = {1: "one process", 2: "two processes", None: "one for each node"}
 
 
@@ -146,11 +159,17 @@ def generated() -> Iterator[Path]:
 
 def rows(rounds: int = 1) -> list[Row]:
     """What is shown, of so many rounds."""
-    with generated() as folder:
+    with generated() as folder, tempfile.TemporaryDirectory() as keys:
+        secured = Path(keys) / "keys"
+        subprocess.run(
+            [BIN / "moon", "keys", "init", secured, SYSTEM], check=True, stdout=sys.stderr
+        )
         turns: dict[Any, Any] = {"floor": functools.partial(floor, folder)}
         for rate_hz, processes, is_monitored in itertools.product(RATES, NAMES, (False, True)):
             turn = functools.partial(ticks, folder, processes, rate_hz, is_monitored)
             turns[rate_hz, processes, is_monitored] = turn
+        for rate_hz in RATES:
+            turns[rate_hz, SECURED] = functools.partial(ticks, folder, None, rate_hz, keys=secured)
         found: dict[Any, list[Block]] = measured(turns, rounds)
     shown = []
     for rate_hz, processes in itertools.product(RATES, NAMES):
@@ -161,6 +180,9 @@ def rows(rounds: int = 1) -> list[Row]:
         shown.append(beside(what, "ms", plain, tree, found["floor"], most, is_of_value=True))
         most = MOST_MONITORED if processes else None
         shown.append(beside("the same monitored", "ms", watched, "unmonitored", plain, most))
+        if processes is None:
+            ours = found[rate_hz, SECURED]
+            shown.append(beside("the same with --secure", "ms", ours, "without", plain))
     return shown
 
 
