@@ -340,7 +340,9 @@ def _when_reachable(
 
 
 def _count(processes: int | None, secure: Path | None, transport: str) -> int | None:
-    """How many processes there are to be; None: one for each node, as there is a certificate for each."""
+    """How many processes there are to be; None: one for each node, as there is a certificate for each, and
+    as it is on ROS 2 unless a number is given.
+    """
     if secure is not None:
         if processes:
             fail("--processes: each node has a certificate of its own; --secure takes only `each`")

@@ -24,6 +24,7 @@ from m2c.runtime.main import (
     LOG_FORMAT,
     add_transport_options,
     connect_or_exit,
+    log_on,
     node_settings,
     positive,
     set_up_logging,
@@ -35,6 +36,8 @@ from transports.stop_signals import StopSignals
 
 SEPARATOR = " | "
 """Behind the name of the node that logs a line."""
+DIED = "it died"
+"""The line of a node that ends its process: what the launcher reads, wherever the middleware logs."""
 
 
 class _OfNode(LineFormatter):
@@ -93,9 +96,11 @@ class _Composition:
         for connection, node in reversed(self._nodes):
             connection.post(node.start)
             connection.post(connection.announce)
-        for name, connection in self._connections.items():
+        for connection in self._connections.values():
             if connection is not self._owner:
-                thread = threading.Thread(target=self._spin, args=[connection], name=name)
+                thread = threading.Thread(
+                    target=self._spin, args=[connection], name=connection.node
+                )
                 self._threads.append(thread)
                 thread.start()
         if self.policy is not None:
@@ -121,7 +126,8 @@ class _Composition:
         """A handler of ``dead`` raised; nobody serves what it served, so the tree is not halted."""
         if not self.died:
             self.died = dead.node
-            logging.getLogger(dead.node).critical("it died", exc_info=True)
+            logging.getLogger(dead.node).critical("a handler raised", exc_info=True)
+            say(f"{dead.node}{SEPARATOR}{DIED}")
         if self.policy is not None:
             self.policy.stop()
         if dead is self._owner:
@@ -191,6 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     signals = StopSignals()
     parsed.node_name = parts[0][0]
     owner = connect_or_exit(parsed, ros_arguments)
+    log_on(owner)
     composition = _Composition(owner)
     _log_what_raised(composition)
     try:

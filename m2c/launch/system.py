@@ -30,8 +30,6 @@ START_TIMEOUT_S = 30.0
 STARTING = 2 * (os.cpu_count() or 1)
 """So many processes come up at a time. More would not be faster, and what listens to them from the start (a
 monitor, say) would not get its turn beside them."""
-_DIED = "CRITICAL "
-"""How the line begins by which a node that shares a process says that it has died (``composed``)."""
 WATCHER = "moon"
 """The process that watches, and its package."""
 FOUND_VIOLATIONS = 1
@@ -366,7 +364,7 @@ class RunningSystem:
     def _line(self, name: str, text: str) -> None:
         node, separator, said = text.partition(composed.SEPARATOR)
         if separator and node != name and self._is_in(node, name):
-            if said.startswith(_DIED):
+            if said == composed.DIED:
                 self._dead_node.setdefault(name, node)
         else:
             node, said = name, text

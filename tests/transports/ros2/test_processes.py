@@ -247,11 +247,14 @@ def test_the_lab_tour_runs_and_is_heard(lab_tour: dict[str, str]) -> None:
     assert run.out[-1].strip() == f"stopped after {ticks}; all nodes have ended", run.said
 
 
-def test_every_tick_is_shown_and_counted(lab_tour: dict[str, str]) -> None:
-    only = [word for name in ("BatteryLevelSkill", "policy") for word in ("--only", name)]
+ONLY = [word for name in ("BatteryLevelSkill", "policy") for word in ("--only", name)]
+
+
+@pytest.mark.parametrize("processes", ["1", "each"])
+def test_every_tick_is_shown_and_counted(lab_tour: dict[str, str], processes: str) -> None:
     run = Process(
-        *("m2c", "run", LAB_TOUR / "system.xml", "--transport", "ros2", *only),
-        *("--rate", 50, "--ticks", 5),
+        *("m2c", "run", LAB_TOUR / "system.xml", "--transport", "ros2", *ONLY),
+        *("--processes", processes, "--rate", 50, "--ticks", 5),
         env=lab_tour,
     )
     with contextlib.closing(run):
@@ -259,3 +262,24 @@ def test_every_tick_is_shown_and_counted(lab_tour: dict[str, str]) -> None:
     shown = [int(line.split()[1]) for line in run.out if line.startswith("tick ")]
     assert shown == [1, 2, 3, 4, 5], run.said
     assert run.out[-1].strip() == "stopped after 5 ticks; all nodes have ended", run.said
+
+
+@pytest.mark.timeout(400)
+def test_a_node_that_dies_in_a_shared_process_is_named_and_logs_where_ros_does(
+    lab_tour: dict[str, str], tmp_path: Path
+) -> None:
+    folder = tmp_path / "system"
+    command = [sys.executable, "-m", "m2c.cli", "generate", str(LAB_TOUR / "system.xml")]
+    command += ["--transport", "ros2", "-o", str(folder)]
+    subprocess.run(command, check=True, capture_output=True)
+    node = folder / "battery_level_skill" / "battery_level_skill" / "machine.py"
+    text = node.read_text()
+    assert "status=self.SUCCESS" in text
+    node.write_text(text.replace("status=self.SUCCESS", "status=1 // 0"))
+    run = Process(
+        *("m2c", "run", folder, "--transport", "ros2", *ONLY, "--processes", 1), env=lab_tour
+    )
+    with contextlib.closing(run):
+        assert run.end() == 1, run.said
+    assert re.search(r"\[FATAL\] \[[\d.]+\] \[BatteryLevelSkill\]: a handler raised", run.said)
+    assert "BatteryLevelSkill (in process 1, with policy) exited with code 1" in run.said, run.said
