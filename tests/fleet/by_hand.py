@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -90,7 +91,8 @@ class RobotByHand(HandDriven):
         self.now = until
 
     def start(self) -> None:
-        """Its nodes come up."""
+        """Its nodes come up; the policy numbers its calls from 1."""
+        self._later = itertools.count(1)
         self.fleet.changed(self.name, True)
         for name in ("Level", "policy", "Battery"):
             self.node(name, True)
