@@ -13,13 +13,12 @@ from pathlib import Path
 
 from benchmarks import copies
 from benchmarks.page import Row, beside, command
-from benchmarks.processes import ROOT
+from benchmarks.processes import BIN, ROOT
 from benchmarks.sampling import measured
 
 SYSTEM = ROOT / "examples/lab_tour/system.xml"
 MANY = 47
 """Nodes of the larger system: the published one of a museum guide has as many."""
-BIN = Path(sys.executable).parent
 BARE = "import click"
 TARGETS = {
     "m2c generate system.xml": 1.5,

@@ -19,14 +19,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.page import Row, beside, command
-from benchmarks.processes import ROOT, Child, free_endpoint, say
+from benchmarks.processes import BIN, ROOT, Child, free_endpoint, say
 from benchmarks.sampling import Block, measured
 from benchmarks.ticking import at_rate
 from m2c.launch.description import read_description, read_policy_of
 from m2c.launch.grouping import Group, grouped
 from transports.options import LAUNCHER
 
-BIN = Path(sys.executable).parent
 SYSTEM = ROOT / "examples/lab_tour/system.xml"
 RATES = {10.0: 100, 0.0: 1000}
 """Ticks that are made at each rate (a second; 0: saturated)."""

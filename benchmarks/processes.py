@@ -25,6 +25,7 @@ import msgspec
 from transports.interface import Transport
 
 ROOT = Path(__file__).parents[1]
+BIN = Path(sys.executable).parent
 READY_S = 60.0
 """A machine under load starts a dozen interpreters in it."""
 STOP_S = 10.0

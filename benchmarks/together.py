@@ -15,9 +15,9 @@ import msgspec
 
 from benchmarks import copies
 from benchmarks.page import Row, command
-from benchmarks.processes import Child, free_endpoint
+from benchmarks.processes import BIN, Child, free_endpoint
 from benchmarks.sampling import distribution
-from benchmarks.topologies import BIN, START_S
+from benchmarks.topologies import START_S
 from moon.verdict import Outcome, Verdict
 
 BY_S = 5.0
@@ -43,16 +43,9 @@ def held(system: Path, machines: int, folder: Path) -> Round:
     """One round; its verdicts are logged in ``folder``."""
     log = folder / "verdicts.jsonl"
     log.unlink(missing_ok=True)
-    arguments = [
-        "run",
-        str(system),
-        "--endpoint",
-        free_endpoint(),
-        "--ticks",
-        str(TICKS),
-        "--quiet",
-    ]
-    with Child("m2c run", [str(BIN / "m2c"), *arguments, f"--monitor=--log {log}"]) as process:
+    arguments = ["run", str(system), "--endpoint", free_endpoint(), "--quiet"]
+    arguments += ["--ticks", str(TICKS), f"--monitor=--log {log}"]
+    with Child("m2c run", [str(BIN / "m2c"), *arguments]) as process:
         process.wait_for(lambda line: line.endswith(" up"), START_S)
         up_ns = time.time_ns()
         end = process.wait_for(lambda line: line.startswith("stopped after "), END_S)

@@ -22,12 +22,11 @@ import msgspec
 from benchmarks import copies
 from benchmarks.family import family, links, memory_mib, used_s
 from benchmarks.page import Row, beside, command
-from benchmarks.processes import Child, ChildError, free_endpoint
+from benchmarks.processes import BIN, Child, ChildError, free_endpoint
 from benchmarks.sampling import Block, distribution, measured
 from benchmarks.tick import call, serve
 from benchmarks.ticking import WHOLE, Order, ordered
 
-BIN = Path(sys.executable).parent
 START_S = 900.0
 """So long a large system may take to come up."""
 STAR, MESH = "star", "mesh"

@@ -126,14 +126,19 @@ class _Composition:
         """A handler of ``dead`` raised; nobody serves what it served, so the tree is not halted."""
         if not self.died:
             self.died = dead.node
-            logging.getLogger(dead.node).critical("a handler raised", exc_info=True)
-            say(f"{dead.node}{SEPARATOR}{DIED}")
+            _say_died(dead.node, sys.exception())
         if self.policy is not None:
             self.policy.stop()
         if dead is self._owner:
             dead.close()
         else:
             self.close()
+
+
+def _say_died(name: str, exception: BaseException | None) -> None:
+    """``name`` dies of what was raised: logged wherever the middleware logs, and said to the launcher."""
+    logging.getLogger(name).critical(DIED, exc_info=exception)
+    say(f"{name}{SEPARATOR}{DIED}")
 
 
 def _log_what_raised(composition: _Composition) -> None:
@@ -143,8 +148,7 @@ def _log_what_raised(composition: _Composition) -> None:
         kind: type[BaseException], exception: BaseException | None, trace: TracebackType | None
     ) -> None:
         if exception is not None and not composition.died:
-            name = threading.current_thread().name
-            logging.getLogger(name).critical("it died", exc_info=(kind, exception, trace))
+            _say_died(threading.current_thread().name, exception)
 
     threading.excepthook = lambda args: log(args.exc_type, args.exc_value, args.exc_traceback)
     sys.excepthook = log

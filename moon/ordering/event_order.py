@@ -189,8 +189,7 @@ class EventOrder:
 
     def _look_at_first(self, seen: Observation) -> None:
         """The first message of a node that came up while the monitor listened has number 0."""
-        started_ns = self.sources.up_since(seen.source)
-        if started_ns and started_ns >= self.since_ns:
+        if started_ns := self._began_heard(seen.source):
             why = f"what {seen.source} sent first on {seen.channel} was missed"
             self._miss(seen, started_ns, seen.stamp_ns, why)
 
@@ -198,8 +197,8 @@ class EventOrder:
         """A client numbers its calls from 1. Nothing is reported of a call before who reports it knows of the
         monitor, so that the first report has number 0 all the same.
         """
-        client_ns = self.sources.up_since(seen.client)
-        if not client_ns or client_ns < self.since_ns:
+        client_ns = self._began_heard(seen.client)
+        if not client_ns:
             return
         if seen.source != seen.client:
             client = self.numbers.counts.get((seen.client, seen.channel, False))
@@ -208,6 +207,11 @@ class EventOrder:
         count.unknown_until = seen.stamp_ns
         why = f"the first calls of {seen.client} to {seen.channel} were missed"
         self._miss(seen, client_ns, seen.stamp_ns, why)
+
+    def _began_heard(self, name: str) -> int:
+        """When ``name`` began to connect (ns), if the monitor listened by then; else 0."""
+        began_ns = self.sources.up_since(name)
+        return began_ns if began_ns >= self.since_ns else 0
 
     # --- time --------------------------------------------------------------------------------------
 

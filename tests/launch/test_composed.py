@@ -101,7 +101,7 @@ def test_a_node_that_dies_of_an_error_is_named_whoever_it_shares_a_process_with(
         for line in run.lines
     ), run.output
     assert "ZeroDivisionError" in run.output
-    assert " MoveSkill | CRITICAL MoveSkill: a handler raised" in run.output
+    assert " MoveSkill | CRITICAL MoveSkill: it died" in run.output
 
 
 @pytest.mark.zenoh

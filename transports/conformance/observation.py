@@ -23,19 +23,26 @@ from transports.interface import (
     CallResult,
     Observation,
     ObservationKind,
+    Publisher,
     Topic,
     Transport,
 )
 from transports.networks import Network
 
 
-def a_tap_receives_every_message_once_and_in_order(network: Network) -> None:
-    """With its source, its type, its data as plain values, and gapless numbers."""
+def _tapped_publisher(network: Network) -> tuple[Transport, Publisher, list[Observation]]:
+    """The node ``source``, its publisher of ``NUMBERS``, and what another node learns of it."""
     source, listener = network.node("source"), network.node("listener")
     received: list[Observation] = []
     publisher = on(network, source, lambda: source.publisher(NUMBERS))
     on(network, listener, lambda: listener.tap([], received.append))
     ready(network, source, listener)
+    return source, publisher, received
+
+
+def a_tap_receives_every_message_once_and_in_order(network: Network) -> None:
+    """With its source, its type, its data as plain values, and gapless numbers."""
+    source, publisher, received = _tapped_publisher(network)
     before = source.now_ns()
     for value in range(COUNT):
         source.post(partial(publisher.publish, Number(value, "x")))
@@ -204,11 +211,7 @@ def a_tap_receives_how_a_call_failed(network: Network) -> None:
 
 def a_call_that_nobody_serves_is_stamped_when_it_was_made(network: Network) -> None:
     """Before what its node did next, whether the middleware waits for a server or gives up at once."""
-    client, listener = network.node("client"), network.node("listener")
-    received: list[Observation] = []
-    publisher = on(network, client, lambda: client.publisher(NUMBERS))
-    on(network, listener, lambda: listener.tap([], received.append))
-    ready(network, client, listener)
+    client, publisher, received = _tapped_publisher(network)
     did = (ObservationKind.REQUEST_SENT, ObservationKind.MESSAGE)
 
     def received_of(value: int) -> list[Observation]:

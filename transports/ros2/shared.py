@@ -35,7 +35,7 @@ class Shared:
         graph: who is in the system, by DDS.
         roster: who says so himself.
         nodes: the nodes (of rclpy) by name; replaced whole.
-        outboxes: what each node has yet to report.
+        outboxes: what each node that is not closed has yet to report.
         last_words: set once they all close: they wait together for what they sent last.
     """
 

@@ -229,8 +229,8 @@ class Ros2Transport(OnExecutor):
         """Stop and release everything; idempotent, from any thread."""
         if self._owns_context and self._shared.last_words is None:
             self._shared.last_words = LastWords(_LAST_WORDS_S)
-            for outbox in self._shared.outboxes:  # the nodes are closed one after the other
-                outbox.flush()
+            for kept in tuple(self._shared.outboxes):  # the nodes are closed one after the other
+                kept.flush()
         super().close()
 
     def _beside(self, node: str) -> Ros2Transport:
@@ -245,6 +245,7 @@ class Ros2Transport(OnExecutor):
         for events in self._events.values():
             events.close()
         self._outbox.close()
+        self._shared.outboxes.remove(self._outbox)
         last_words = self._shared.last_words or LastWords(_LAST_WORDS_S)
         last_words.wait(self._ros.publishers)
         self._graph.no_longer(self._graph_changed)
