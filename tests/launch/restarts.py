@@ -77,8 +77,9 @@ class Tour:
     """A lab tour that is run and monitored."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        system = str(LAB_TOUR / "system.xml")
-        self.run = Process("m2c", "run", system, "--restart", "on-failure", "--monitor", *arguments)
+        of_its_own = ("--processes", "each")  # one is killed at a time
+        watched = ("--restart", "on-failure", "--monitor")
+        self.run = Process("m2c", "run", LAB_TOUR / "system.xml", *of_its_own, *watched, *arguments)
         self.run.until(lambda: self.ticks > TICKS)
 
     @property
@@ -129,6 +130,7 @@ def tour(
     with contextlib.closing(it.run):
         nodes = sorted(set(children(it.run.process.pid)) - {"moon", "policy"})
         nodes = [name for name in nodes if of_all or name.endswith("Skill")]
+        assert nodes, "the nodes have no processes of their own"
         random.Random(seed).shuffle(nodes)
         began_s = time.monotonic()
         before: dict[str, Size] | None = None
