@@ -189,7 +189,7 @@ class Search:
         found: list[Hypothesis] = []
         todo = list(hypotheses)
         while todo:
-            hypothesis = _news(known, self._without_expired(todo.pop(), now))
+            hypothesis = _news(known, todo.pop())
             if hypothesis is None:
                 continue
             if len(known) > self.bounds.hypotheses:
@@ -222,7 +222,12 @@ class Search:
         return list(left.values())
 
     def _without_expired(self, hypothesis: Hypothesis, due: int) -> Hypothesis:
-        """Messages that were perhaps taken, once they certainly are."""
+        """Messages that may be lost, once they were taken by then or never: both have been followed.
+
+        Not while an output is owed: nothing is taken before that.
+        """
+        if hypothesis.owed:
+            return hypothesis
         limit = due - self.bounds.latency - self.bounds.skew
         pending = hypothesis.pending
         for fact in pending:

@@ -1,0 +1,134 @@
+"""What is published before its subscriber is linked may reach it or not: a machine is accused of neither."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from msgspec.structs import replace
+
+from moon.oracle.bounds import Bounds
+from moon.oracle.confirmation import Losses
+from moon.oracle.oracle import Oracle
+from moon.verdict import Outcome
+from tests.oracle.agreement import CLOCK_ALLOWANCE_NS
+from tests.oracle.machines import NAME, library, read
+from tests.oracle.strategies import Case, case
+from transports.interface import Observation, ObservationKind
+
+MS = 1_000_000
+CASES = 1200
+BLOCKS = 4
+LINKED_NS = 5_000 * MS
+
+
+def _missed(found: Case, draw: Random) -> list[Observation]:
+    """Messages that the machine did not get, before the first that it got of the same source and channel."""
+    firsts: dict[tuple[str, str], Observation] = {}
+    for seen in found.trace.observations:
+        if seen.kind is ObservationKind.MESSAGE and seen.source != NAME:
+            firsts.setdefault((seen.source, seen.channel), seen)
+    return [
+        replace(first, stamp_ns=draw.randint(0, first.stamp_ns - 1), data={"data": draw.randint(0, 3)})
+        for first in firsts.values()
+        for _ in range(draw.choice((0, 1, 1, 2)))
+    ]  # fmt: skip
+
+
+def _accused(seed: int) -> str:
+    draw = Random(seed)
+    found = case(draw, perturb=False)
+    bounds = Bounds(
+        latency=found.latency_ns,
+        deadline=found.deadline_ns,
+        tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
+    )
+    oracle = Oracle(found.machine, library(), bounds=bounds, losses=Losses(possible=False))
+    oracle.start(0, whole=True)
+    oracle.listen(LINKED_NS)
+    seen = [*found.trace.observations, *_missed(found, draw)]
+    step_ns = draw.choice((3, 20, 90)) * MS
+    now_ns = 0
+    verdicts = []
+    for item in sorted(seen, key=lambda item: item.stamp_ns):
+        for at_ns in range(now_ns, item.stamp_ns, step_ns):
+            verdicts += oracle.advance(at_ns)
+        now_ns = item.stamp_ns
+        verdicts += oracle.feed(replace(item, sequence=-1, received_ns=now_ns))
+    verdicts += oracle.advance(found.trace.end_ns + found.latency_ns)
+    wrong = [verdict.reason for verdict in verdicts if verdict.outcome is Outcome.VIOLATED]
+    return f"seed {seed}: {wrong[0]}\n{found}" if wrong else ""
+
+
+@pytest.mark.parametrize("block", range(BLOCKS))
+def test_messages_of_before_the_subscriber_is_linked_never_accuse_it(block: int) -> None:
+    size = CASES // BLOCKS
+    wrong = [text for seed in range(block * size, (block + 1) * size) if (text := _accused(seed))]
+    assert not wrong, f"{len(wrong)} of {size}\n{wrong[0]}"
+
+
+DOOR = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="waiting">
+  <ros_topic_subscriber topic="/open" type="std_msgs/Bool"/>
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <datamodel><data id="is_open" type="bool" expr="false"/></datamodel>
+  <state id="waiting">
+    <ros_topic_callback name="/open"><assign location="is_open" expr="_msg.data"/></ros_topic_callback>
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_response name="/Probe/ask"><field name="ok" expr="is_open"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+
+
+@pytest.mark.parametrize("linked_ns", [0, LINKED_NS])
+@pytest.mark.parametrize("answers", [[True], [False], [False, True], [True, False]])
+def test_a_machine_that_may_not_be_linked_yet_has_its_messages_or_has_none(
+    answers: list[bool], linked_ns: int
+) -> None:
+    """Messages twice a second that all say the same, each settled long before the next: until the subscriber
+    is linked for sure, any may be the first that it gets.
+    """
+    oracle = Oracle(read(DOOR), library(), bounds=Bounds(), losses=Losses(possible=False))
+    oracle.start(0)
+    oracle.listen(linked_ns)
+    seen = []
+    for number, answer in enumerate(answers):
+        at_ms, call = 1_000 * (number + 1), number + 1
+        seen += [_seen(at_ms + later, MESSAGE, "/open", {"data": True}) for later in (0, 500)]
+        seen.append(_seen(at_ms + 960, ASKED, "/Probe/ask", {"value": 0}, call))
+        response = {"value": 0, "ok": answer}
+        seen.append(_seen(at_ms + 961, ANSWERED, "/Probe/ask", response, call))
+    verdicts = []
+    for item in seen:
+        verdicts += oracle.advance(item.stamp_ns)
+        verdicts += oracle.feed(item)
+    verdicts += oracle.advance(seen[-1].stamp_ns + 450 * MS)
+    is_wrong = any(verdict.outcome is Outcome.VIOLATED for verdict in verdicts)
+    # who has it once keeps it; who is linked has all
+    assert is_wrong == (answers == [True, False] or (not linked_ns and False in answers))
+
+
+MESSAGE, ASKED, ANSWERED = (
+    ObservationKind.MESSAGE,
+    ObservationKind.REQUEST_RECEIVED,
+    ObservationKind.RESPONSE_SENT,
+)
+
+
+def _seen(
+    at_ms: int, kind: ObservationKind, channel: str, data: object, call: int = 0
+) -> Observation:
+    return Observation(
+        stamp_ns=at_ms * MS,
+        received_ns=(at_ms + 1) * MS,
+        channel=channel,
+        kind=kind,
+        type_name="",
+        data=data,
+        source="Probe" if call else "Door",
+        client="policy" if call else "",
+        call=call,
+        sequence=-1,
+    )
