@@ -1,0 +1,124 @@
+"""Behaviour trees at random, over given leaves: every leaf is ticked somewhere."""
+
+from __future__ import annotations
+
+from random import Random
+
+from tests.campaign.elements import Element, e
+from tests.campaign.skills import Leaf
+from tests.campaign.weights import CONTROLS, DECORATORS, pick
+
+DEPTH = 4
+
+
+class Tree:
+    """Draws the policy.
+
+    Args:
+        draw: where all chance comes from.
+        leaves: of skills and plugins.
+        wraps: names of plugins with a child.
+    """
+
+    def __init__(self, draw: Random, leaves: list[Leaf], wraps: list[str]) -> None:
+        self._draw = draw
+        self._leaves = leaves
+        self._wraps = wraps
+        self._trees: list[Element] = []
+
+    def root(self) -> Element:
+        """The policy: a tree of at least as many nodes as there are leaves."""
+        draw = self._draw
+        leaves = [*self._leaves]
+        draw.shuffle(leaves)
+        parts = [self._above(leaf.element, 0) for leaf in leaves]
+        start = e("Script", code="level := 2; other := 0")
+        top = pick(draw, {"Sequence": 2, "ParallelAll": 3, "Fallback": 1, "Parallel": 2})
+        if top == "ParallelAll":
+            main = e("ParallelAll", *parts, max_failures=len(parts))
+        elif top == "Parallel":
+            main = e("Parallel", *parts, success_count=len(parts), failure_count=len(parts))
+        else:
+            # one after the other, whatever it answers
+            always = "ForceSuccess" if top == "Sequence" else "ForceFailure"
+            main = e(top, *(e(always, part) for part in parts))
+        tree = e("BehaviorTree", e("Sequence", start, main), ID="Main")
+        return e("root", tree, *self._trees, BTCPP_format=4, main_tree_to_execute="Main")
+
+    def _above(self, inner: Element, depth: int) -> Element:
+        """``inner`` with something around it, or not."""
+        draw = self._draw
+        if depth >= DEPTH or draw.random() < 0.25:
+            return inner
+        if draw.random() < 0.55:
+            return self._above(self._decorated(inner, pick(draw, DECORATORS)), depth + 1)
+        return self._above(self._control(inner, pick(draw, CONTROLS)), depth + 1)
+
+    def _decorated(self, inner: Element, tag: str) -> Element:
+        draw = self._draw
+        match tag:
+            case "RetryUntilSuccessful":
+                return e(tag, inner, num_attempts=draw.randint(2, 3))
+            case "Repeat":
+                return e(tag, inner, num_cycles=draw.randint(2, 3))
+            case "Delay":
+                return e(tag, inner, delay_msec=draw.choice((50, 300)))
+            case "Timeout":
+                return e(tag, inner, msec=draw.choice((250, 900)))
+            case "RunOnce":
+                return e(tag, inner, then_skip=draw.choice(("true", "false")))
+            case "SubTree":
+                name = f"Sub{len(self._trees)}"
+                self._trees.append(e("BehaviorTree", inner, ID=name))
+                return e("SubTree", ID=name, _autoremap="true")
+            case "plugin" if self._wraps:
+                return e("Action", inner, ID=draw.choice(self._wraps))
+            case "plugin":
+                return e("Inverter", inner)
+            case _:
+                return e(tag, inner)
+
+    def _control(self, inner: Element, tag: str) -> Element:
+        """``inner`` is the one that is reached."""
+        draw = self._draw
+        other = self._filler()
+        match tag:
+            case "Parallel":
+                if draw.random() < 0.5:
+                    return e(tag, inner, other, success_count=draw.randint(1, 2))
+                return e(tag, inner, other)
+            case "ParallelAll":
+                return e(tag, inner, other, max_failures=draw.randint(1, 2))
+            case "IfThenElse" | "WhileDoElse":
+                return e(tag, self._test(), inner, other)
+            case "Fallback" | "ReactiveFallback" | "AsyncFallback":
+                return (
+                    e(tag, e("AlwaysFailure"), inner)
+                    if draw.random() < 0.3
+                    else e(tag, inner, other)
+                )
+            case _:
+                return e(tag, self._test(), inner) if draw.random() < 0.5 else e(tag, inner, other)
+
+    def _test(self) -> Element:
+        draw = self._draw
+        conditions = [leaf.element for leaf in self._leaves if not leaf.is_action]
+        if conditions and draw.random() < 0.6:
+            return draw.choice(conditions)
+        return e("ScriptCondition", code=f"level >= {draw.randint(0, 2)}")
+
+    def _filler(self) -> Element:
+        draw = self._draw
+        match draw.randint(0, 7):
+            case 0:
+                return e("Sleep", msec=draw.choice((30, 300)))
+            case 1:
+                return e("Script", code="other := other + 1")
+            case 2:
+                return e("SetBlackboard", value=draw.randint(1, 9), output_key="other")
+            case 3:
+                return e("AlwaysFailure")
+            case 4:
+                return e("AlwaysSuccess")
+            case _:
+                return self._test()

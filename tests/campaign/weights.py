@@ -1,0 +1,97 @@
+"""Every probability of the generator, in one table."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import TypeVar
+
+_T = TypeVar("_T")
+
+CHANCE = {
+    # what a machine has
+    "deferred answer": 0.3,
+    "threads": 0.5,
+    "handler missing": 0.06,
+    "handler with condition": 0.35,
+    "handler leads to a state": 0.4,
+    "content on entry": 0.4,
+    "content on exit": 0.25,
+    "eventless transition": 0.12,
+    "delayed transition": 0.25,
+    "targets by probability": 0.5,
+    "draws at random": 0.25,
+    "chain of raised events": 0.2,
+    "final state": 0.15,
+    "may fail": 0.35,
+    "handles errors": 0.5,
+    "wildcard": 0.1,
+    "declared by child elements": 0.15,
+    "named by channel": 0.3,
+    "bounds": 0.1,
+    # what a system has
+    "policy": 0.85,
+    "second main tree": 0.4,
+    "subscriber of a topic": 0.5,
+    "best effort": 0.04,
+    "ascxml": 0.4,
+    "plain": 0.6,
+    "properties": 0.95,
+}
+
+STATEMENTS = {
+    "assign": 5,
+    "element": 2,
+    "member": 2,
+    "append": 2,
+    "resize": 1,
+    "if": 3,
+    "log": 2,
+    "fail": 2,
+    "emit": 4,
+    "cancel": 1,
+}
+"""Kinds of statements."""
+
+COMPONENTS = {"service": 4, "action": 3, "topic": 4, "event": 3}
+"""What the components of a system offer."""
+
+CHAINS = {3: 4, 40: 4, 300: 3, 480: 1, 600: 2, 10**6: 1}
+"""How many events raise each other; the last is over the step limit."""
+
+CONTROLS = {
+    "Sequence": 5,
+    "Fallback": 4,
+    "SequenceWithMemory": 2,
+    "ReactiveSequence": 3,
+    "ReactiveFallback": 3,
+    "Parallel": 3,
+    "ParallelAll": 1,
+    "AsyncSequence": 1,
+    "AsyncFallback": 1,
+    "IfThenElse": 2,
+    "WhileDoElse": 2,
+}
+DECORATORS = {
+    "Inverter": 3,
+    "ForceSuccess": 3,
+    "ForceFailure": 1,
+    "RetryUntilSuccessful": 4,
+    "Repeat": 3,
+    "Delay": 2,
+    "Timeout": 3,
+    "KeepRunningUntilFailure": 1,
+    "RunOnce": 1,
+    "SubTree": 3,
+    "plugin": 3,
+}
+TREE = {"control": 5, "decorator": 5, "leaf": 7, "clock": 1, "script": 2}
+
+
+def happens(draw: Random, what: str) -> bool:
+    """Whether something of :data:`CHANCE` is so."""
+    return draw.random() < CHANCE[what]
+
+
+def pick(draw: Random, table: dict[_T, int]) -> _T:
+    """One of ``table``, by its weight."""
+    return draw.choices(list(table), list(table.values()))[0]
