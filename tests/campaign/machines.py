@@ -343,7 +343,8 @@ class Machine:
     def _body(self, number: int, trigger: Trigger, values: Values) -> list[Element]:
         duties = [item for make in self.duties.get(number, ()) for item in make(values)]
         content = self.content(values, trigger.depth)
-        return [*duties, *content] if self.draw.random() < 0.85 else [*content, *duties]
+        first = trigger.always or self.draw.random() < 0.85
+        return [*duties, *content] if first else [*content, *duties]
 
     def _maybe_leading(self, handler: Element) -> Element:
         return self._leading(handler) if happens(self.draw, "handler leads to a state") else handler

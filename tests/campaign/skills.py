@@ -120,7 +120,7 @@ class _Skill:
                 call(machine, other)
             else:
                 use(machine, other, tick)
-        steps = self.draw.randint(1, 4)
+        steps = self.draw.randint(1, 8)
 
         def set_left(value: str) -> Element:
             return e("assign", location="left", expr=value)

@@ -33,11 +33,9 @@ class Tree:
         draw.shuffle(leaves)
         parts = [self._above(leaf.element, 0) for leaf in leaves]
         start = e("Script", code="level := 2; other := 0")
-        top = pick(draw, {"Sequence": 2, "ParallelAll": 3, "Fallback": 1, "Parallel": 2})
+        top = pick(draw, {"Sequence": 2, "ParallelAll": 4, "Fallback": 1})
         if top == "ParallelAll":
             main = e("ParallelAll", *parts, max_failures=len(parts))
-        elif top == "Parallel":
-            main = e("Parallel", *parts, success_count=len(parts), failure_count=len(parts))
         else:
             # one after the other, whatever it answers
             always = "ForceSuccess" if top == "Sequence" else "ForceFailure"
@@ -115,7 +113,7 @@ class Tree:
             case 1:
                 return e("Script", code="other := other + 1")
             case 2:
-                return e("SetBlackboard", value=draw.randint(1, 9), output_key="other")
+                return e("SetBlackboard", value=draw.randint(1, 9), output_key="mark")
             case 3:
                 return e("AlwaysFailure")
             case 4:
