@@ -15,6 +15,7 @@ from m2c.model.expressions import (
     children,
 )
 from m2c.model.machine import Event, EventKind, If, Machine, State, Statement, Target, Transition
+from m2c.model.macrostep import prefix_of
 from m2c.model.typing import is_constant
 from m2c.runtime.ecmascript import ExecutionError, truthy
 
@@ -140,7 +141,7 @@ def _plain(event: Event | None) -> Event | None:
     """``event`` with its descriptor in the shortest spelling: ``e.*`` and ``e.`` are ``e``."""
     if event is None or event.kind is not EventKind.INTERNAL:
         return event
-    return Event(EventKind.INTERNAL, event.name.removesuffix("*").removesuffix("."))
+    return Event(EventKind.INTERNAL, prefix_of(event.name))
 
 
 def _covering(event: Event | None) -> Iterator[Event | None]:

@@ -11,10 +11,11 @@ from m2c.codegen.ports import Port
 from m2c.codegen.source import Source, name, quoted
 from m2c.codegen.statements import StatementLowering, call
 from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
-from m2c.model.expressions import Expression, MathCall, ObjectLiteral, PortInput, children
+from m2c.model.expressions import ObjectLiteral, PortInput, nodes
 from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
+from m2c.model.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.scopes import event_parts
-from m2c.model.walk import events_of, expressions_of, statements_of
+from m2c.model.walk import chooses, draws, events_of, expressions_of, statements_of
 
 
 def machine_program(context: MachineContext) -> program.MachineProgram:
@@ -50,13 +51,14 @@ class _MachineLowering:
         start = self._go(initial) if _enters(initial) else ()
         methods = tuple(self._methods())
         eventless = tuple(self._eventless())
-        named = any(method.name == "on_event" for method in methods)
+        named = any(method.name == _ON_EVENT for method in methods)
         variables = tuple(self._variables())
-        parts = [part for whole in expressions_of(machine) for part in _parts(whole)]
-        uses_random = any(
-            isinstance(part, MathCall) and part.function == "random" for part in parts
-        ) or any(len(item.targets) > 1 for state in machine.states for item in state.transitions)
-        uses_ports = any(isinstance(part, PortInput) for part in parts)
+        uses_random = draws(machine) or chooses(machine)
+        uses_ports = any(
+            isinstance(part, PortInput)
+            for whole in expressions_of(machine)
+            for part in nodes(whole)
+        )
         slots = {
             "thread_id": context.is_thread,
             "_random": uses_random,
@@ -78,7 +80,7 @@ class _MachineLowering:
             methods=methods,
             eventless=eventless,
             takes_internal=self._takes_internal,
-            takes_named=("send_self" in sends or self._takes_internal) and not named,
+            takes_named="send_self" in sends and not named,
             uses_random=uses_random,
             uses_ports=uses_ports,
             sends=sends,
@@ -166,6 +168,8 @@ class _MachineLowering:
             grouped.setdefault(port.method, []).append((event, port))
         for method, found in grouped.items():
             event, port = found[0]
+            if self._takes_internal and event.kind is EventKind.INTERNAL:
+                continue
             reports = event.kind in _REPORT_WHETHER_TAKEN or (
                 self._context.is_stepwise and event.kind in _WAIT_UNTIL_TAKEN
             )
@@ -180,6 +184,24 @@ class _MachineLowering:
                 reports,
                 tuple(self._branches([item for item, _ in found], port, reports)),
             )
+        if self._takes_internal:
+            yield self._named_events(grouped.get(_ON_EVENT, []))
+
+    def _named_events(self, found: Sequence[tuple[Event, Port]]) -> program.EventMethod:
+        """What takes an event by its name: within a macrostep, which who calls it completes."""
+        branches = (
+            program.StateBranch(branch.states, _within_macrostep(branch.body))
+            for branch in (
+                self._branches([event for event, _ in found], found[0][1], True) if found else ()
+            )
+        )
+        return program.EventMethod(
+            name("_take_event"),
+            ((name("name"), Source("str")), (name("data"), Source("Any"))),
+            Source("Take an event by its name, within a macrostep."),
+            True,
+            tuple(branches),
+        )
 
     def _branches(
         self, events: Sequence[Event], port: Port, reports: bool
@@ -193,12 +215,31 @@ class _MachineLowering:
         for state in self._machine.states:
             found = [item for item in state.transitions if item.event in events]
             body = tuple(self._taken_first(state, found, port, done))
+            if self._takes_internal and body and body[-1] is not done:
+                body = (*body, *self._failed_tests(found, port))
             if body:
                 branches.setdefault(body, []).append(self._context.state_text(state.name))
         if not reports:
             branches.pop((done,), None)  # what is taken and does nothing needs no code
         for body, states in branches.items():
             yield program.StateBranch(tuple(states), body if reports else _without_last_done(body))
+
+    def _failed_tests(
+        self, transitions: Sequence[Transition], port: Port
+    ) -> tuple[program.Statement, ...]:
+        """What follows where no transition is taken: a condition that failed is an internal event."""
+        if not any(self._test_may_fail(transition, port) for transition in transitions):
+            return ()
+        return (_COMPLETE_AFTER_FAILURE,)
+
+    def _test_may_fail(self, transition: Transition, port: Port) -> bool:
+        compiler = self._compiler(transition, port)
+        return transition.cond is not None and self._statements.may_fail(transition.cond, compiler)
+
+    def _compiler(self, transition: Transition, port: Port | None) -> ExpressionCompiler:
+        parts = event_parts(transition.event, self._machine, self._context.library)
+        data_name = port.data_name if port is not None and port.data is not None else "data"
+        return self._context.compiler(parts, data_name)
 
     def _eventless(self) -> Iterator[program.StateBranch]:
         for state in self._machine.states:
@@ -230,9 +271,7 @@ class _MachineLowering:
         self, state: State, transition: Transition, port: Port | None, done: program.Done
     ) -> list[program.Statement]:
         """What tests and takes ``transition``; ends in ``done`` where that is always enabled."""
-        parts = event_parts(transition.event, self._machine, self._context.library)
-        data_name = port.data_name if port is not None and port.data is not None else "data"
-        compiler = self._context.compiler(parts, data_name)
+        compiler = self._compiler(transition, port)
         tests: list[str] = []
         if transition.event is not None and transition.event.kind in _BY_NAME:
             test = _event_test(transition.event, self._sent_names())
@@ -279,10 +318,12 @@ class _MachineLowering:
     def _sent_names(self) -> Set[str]:
         """Names of the events that the machine can send to itself, errors included."""
         sent = {item.event for item in statements_of(self._machine) if isinstance(item, Raise)}
-        return sent | {"error.execution"}
+        return sent | {ERROR_EXECUTION}
 
 
 _COMPLETE = call("self._complete_macrostep")
+_COMPLETE_AFTER_FAILURE = program.If((program.Branch(Source("self._internal"), (_COMPLETE,)),))
+_ON_EVENT = "on_event"
 _BY_NAME = frozenset({EventKind.INTERNAL, EventKind.AFTER})
 """Events that one method takes, all of them; which it is, is tested."""
 
@@ -303,7 +344,7 @@ def _event_test(event: Event, names: Set[str]) -> str:
     """The condition under which one of the events ``names`` is ``event``; "" where each of them is."""
     if event.kind is EventKind.AFTER:
         return f"delay == {quoted(event.name)}"
-    prefix = event.name.removesuffix("*").removesuffix(".")
+    prefix = prefix_of(event.name)
     if not prefix:
         return ""
     longer = any(other.startswith(f"{prefix}.") for other in names)
@@ -328,21 +369,17 @@ def _without_last_done(body: tuple[program.Statement, ...]) -> tuple[program.Sta
 
 
 def _within_macrostep(body: Iterable[program.Statement]) -> tuple[program.Statement, ...]:
-    """``body`` of an eventless transition: the macrostep is being completed already."""
+    """``body`` of an eventless transition, or of an internal event: who takes it completes the macrostep."""
     kept: list[program.Statement] = []
     for item in body:
+        if item == _COMPLETE_AFTER_FAILURE:
+            continue
         if isinstance(item, program.If | program.Choice):
             inner = (program.Branch(one.test, _within_macrostep(one.body)) for one in item.branches)
             kept.append(type(item)(tuple(inner)))
         elif item != _COMPLETE:
             kept.append(item)
     return tuple(kept)
-
-
-def _parts(expression: Expression) -> Iterator[Expression]:
-    yield expression
-    for child in children(expression):
-        yield from _parts(child)
 
 
 _REPORT_WHETHER_TAKEN = frozenset(

@@ -73,16 +73,21 @@ class StatementLowering:
         self, test: Expression, compiler: ExpressionCompiler, operand_of: str = ""
     ) -> str:
         """``test`` as a condition; one that cannot be evaluated does not hold (W3C SCXML 5.9.1)."""
-        before, compiler.may_fail = compiler.may_fail, False
-        text = compiler.condition(test, operand_of)
-        if compiler.may_fail:
-            self.sends.add("fault")
-            self.tests_may_fail = True
-            text = (
-                f"self._holds({quoted(place(test.position))}, lambda: {compiler.condition(test)})"
-            )
+        if not self.may_fail(test, compiler):
+            return compiler.condition(test, operand_of)
+        self.sends.add("fault")
+        self.tests_may_fail = True
+        before = compiler.may_fail
+        text = f"self._holds({quoted(place(test.position))}, lambda: {compiler.condition(test)})"
         compiler.may_fail = before
         return text
+
+    def may_fail(self, test: Expression, compiler: ExpressionCompiler) -> bool:
+        """Whether ``test`` may turn out not to be possible."""
+        before, compiler.may_fail = compiler.may_fail, False
+        compiler.condition(test)
+        fails, compiler.may_fail = compiler.may_fail, before
+        return fails
 
     def _statement(
         self, statement: Statement, compiler: ExpressionCompiler

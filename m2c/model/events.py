@@ -32,10 +32,9 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
+from m2c.model.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.walk import changed, statements_of
 
-_FAULT = "error.execution"
-"""What the interpreter itself raises (W3C SCXML, section 5.10)."""
 _TOPIC = CHANNEL_KINDS[InterfaceKind.PUBLISHER]
 _PARAM = re.compile(r"[A-Za-z]\w*", re.ASCII)
 """What a field of a message can be called."""
@@ -106,7 +105,7 @@ class _Use:
                     self.delayed.append(item)
         for event, position in _descriptors(owner):
             self.takes.setdefault(event, position)
-        self._tokens = frozenset(map(_tokens, self.takes))
+        self._tokens = frozenset(map(prefix_of, self.takes))
 
     def does_take(self, event: str) -> bool:
         """Whether a transition is for ``event``."""
@@ -118,11 +117,6 @@ def _descriptors(owner: Machine) -> Iterator[tuple[str, Position]]:
         for item in state.transitions:
             if item.event is not None and item.event.kind is EventKind.INTERNAL:
                 yield item.event.name, item.position
-
-
-def _tokens(descriptor: str) -> str:
-    """``descriptor``, of a transition, as short as can be: ``e`` for ``e.*`` and ``e.``; "" for ``*``."""
-    return descriptor.removesuffix("*").removesuffix(".")
 
 
 def _descriptors_of(event: str) -> Iterator[str]:
@@ -173,9 +167,9 @@ def _report_threads(threads: Iterable[_Use], shared: Sequence[str], log: Diagnos
     """``unsupported-event``: an action thread has a transition for an event that only others send."""
     of_others = _by_descriptor(shared)
     for use in threads:
-        own = _by_descriptor((*use.raises, _FAULT))
+        own = _by_descriptor((*use.raises, ERROR_EXECUTION))
         for descriptor, position in use.takes.items():
-            tokens = _tokens(descriptor)
+            tokens = prefix_of(descriptor)
             if tokens in of_others and tokens not in own:
                 what = f"an action thread takes `{of_others[tokens][0]}`, which other machines send"
                 hint = "take it in the machine around the thread"
@@ -253,7 +247,7 @@ class _Linker:
         if not takes:
             return states
         lowered = msgspec.structs.replace(owner, states=states)
-        kept = _by_descriptor((_FAULT, *_Use(lowered).raises))
+        kept = _by_descriptor((ERROR_EXECUTION, *_Use(lowered).raises))
         return tuple(
             msgspec.structs.replace(state, transitions=tuple(self._transitions(state, kept)))
             for state in states
@@ -275,13 +269,13 @@ class _Linker:
             if event is None or event.kind is not EventKind.INTERNAL:
                 yield item
                 continue
-            found = self._events.get(_tokens(event.name), [])
+            found = self._events.get(prefix_of(event.name), [])
             for name in found:
                 heard = self._interface(InterfaceKind.SUBSCRIBER, name, item.position)
                 message = Event(EventKind.MESSAGE, heard)
                 if (message, item.position) not in before:
                     yield msgspec.structs.replace(item, event=message)
-            if not found or _tokens(event.name) in kept:
+            if not found or prefix_of(event.name) in kept:
                 yield item
 
     def _interface(self, kind: InterfaceKind, event: str, position: Position) -> str:

@@ -7,7 +7,16 @@ from collections.abc import Callable, Iterable, Iterator
 import msgspec
 
 from m2c.model.diagnostics import Position
-from m2c.model.expressions import Expression, Index, Member, PortInput, Variable, children
+from m2c.model.expressions import (
+    Expression,
+    Index,
+    MathCall,
+    Member,
+    PortInput,
+    Variable,
+    children,
+    nodes,
+)
 from m2c.model.machine import (
     Assign,
     Emit,
@@ -106,6 +115,20 @@ def expressions_of(machine: Machine) -> Iterator[Expression]:
                 yield from (test for test, _ in branches if test is not None)
             case Log(value=value) if value is not None:
                 yield value
+
+
+def draws(machine: Machine) -> bool:
+    """Whether ``machine`` draws values at random, without its action threads: ``Math.random()``."""
+    return any(
+        isinstance(part, MathCall) and part.function == "random"
+        for whole in expressions_of(machine)
+        for part in nodes(whole)
+    )
+
+
+def chooses(machine: Machine) -> bool:
+    """Whether a transition of ``machine`` leads to one of several states, by chance."""
+    return any(len(item.targets) > 1 for state in machine.states for item in state.transitions)
 
 
 def ports_read(machine: Machine) -> dict[str, Position]:

@@ -187,6 +187,10 @@ class Binding:
         """Run ``handler`` as the next event."""
         self._transport.post(self._offering(handler))
 
+    def take(self, handler: Callable[..., Any], *arguments: Any) -> Any:
+        """Have the machine take an event now: what ``handler`` returns, True if it ended in a fault."""
+        return self._guard(handler)(*arguments)
+
     def take_step(self, step: Callable[[], bool]) -> None:
         """Take ``step`` when it is this machine's turn, and again as long as it returns true."""
         if step in self._stepping:
@@ -261,7 +265,8 @@ class Binding:
         """Report a fault of the model (SCXML's ``error.execution``), the first time it occurs at a place.
 
         Args:
-            place: the element whose block could not be executed, as ``Model.scxml:18:5``.
+            place: the element whose block could not be executed, as ``Model.scxml:18:5``, or what else
+                says where.
             text: what could not be done.
         """
         if place in self._faults:
@@ -276,7 +281,7 @@ class Binding:
             try:
                 taken = handler(*arguments)
             except EndlessLoopError as error:
-                self.log.error("%s", error)
+                self.fault(f"state {error.state}", str(error))
                 taken = True
             if self._untaken and taken is not False:
                 self._transport.post(self._offer_again)

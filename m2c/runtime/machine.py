@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from m2c.model.durations import parse_duration
+from m2c.model.macrostep import ERROR_EXECUTION, MAX_STEPS, matches
 from m2c.runtime.conversion import ExecutionError, to_double, to_string
 
 MAX_DELAY_S = 2**63 // 10**9
@@ -12,17 +13,14 @@ MAX_DELAY_S = 2**63 // 10**9
 
 
 class EndlessLoopError(Exception):
-    """Eventless transitions follow each other without end."""
+    """Eventless transitions and internal events follow each other without end."""
 
     def __init__(self, state: str) -> None:
         super().__init__(
-            f"endless eventless transitions, last in state `{state}`; the machine was left there"
+            f"an endless loop: more than {MAX_STEPS} eventless transitions and internal events follow each "
+            f"other, last in state `{state}`; the machine was left there"
         )
-
-
-def matches(name: str, descriptor: str) -> bool:
-    """Whether event ``name`` is ``descriptor`` or begins with its tokens (W3C SCXML 3.12.1)."""
-    return name == descriptor or name.startswith(f"{descriptor}.") or not descriptor
+        self.state = state
 
 
 def seconds(value: Any) -> float:
@@ -41,4 +39,11 @@ def seconds(value: Any) -> float:
     return parsed
 
 
-__all__ = ["EndlessLoopError", "ExecutionError", "matches", "seconds"]
+__all__ = [
+    "ERROR_EXECUTION",
+    "MAX_STEPS",
+    "EndlessLoopError",
+    "ExecutionError",
+    "matches",
+    "seconds",
+]

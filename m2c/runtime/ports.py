@@ -70,14 +70,18 @@ class ServerPort:
         self._current: Request | None = None
 
     def handle(self, request: Request, handler: Callable[[Any], bool] | None) -> bool:
-        """Process ``request``; whether a transition takes it."""
+        """Process ``request``; whether a transition takes it.
+
+        What handles ``error.execution`` may have answered one of which a condition failed: it is taken then.
+        """
         self._waiting.append(request)
         self._current = request
         taken = handler(request.data) if handler is not None else False
         self._current = None
-        if not taken:
-            self._waiting.remove(request)
-        return taken
+        if taken or request not in self._waiting:
+            return True
+        self._waiting.remove(request)
+        return False
 
     def discard(self) -> None:
         """A request that no transition takes is never answered."""
@@ -152,6 +156,7 @@ class ActionServerPort:
         self._state = state
         self._goals: dict[int, GoalHandle] = {}
         self._numbers: dict[str, int] = {}
+        self._unanswered: set[int] = set()
         self._last = 0
 
     def handle_goal(self, handle: GoalHandle, handler: Callable[[Any, int], bool] | None) -> None:
@@ -160,8 +165,10 @@ class ActionServerPort:
         number = self._last
         self._goals[number] = handle
         self._numbers[handle.goal_id] = number
+        self._unanswered.add(number)
         state = self._state()
-        if handler is None or not handler(handle.goal, number):
+        taken = handler is not None and handler(handle.goal, number)
+        if not taken and number in self._unanswered:
             self._log.warning("state %s discards a goal of %s; rejected", state, self._channel)
             self.reject(number)
 
@@ -175,13 +182,14 @@ class ActionServerPort:
 
     def accept(self, goal_id: int) -> None:
         """Accept a goal."""
-        if (handle := self._goal(goal_id)) is not None:
-            self._tell(handle.accept)
+        if (handle := self._goal(goal_id)) is not None and self._tell(handle.accept):
+            self._unanswered.discard(goal_id)
 
     def reject(self, goal_id: int) -> None:
         """Reject a goal."""
-        if (handle := self._end(goal_id)) is not None:
-            self._tell(handle.reject)
+        if (handle := self._goal(goal_id)) is not None and self._tell(handle.reject):
+            self._unanswered.discard(goal_id)
+            self._forget(goal_id, handle)
 
     def feedback(self, goal_id: int, feedback: Message) -> None:
         """Send feedback."""
@@ -190,25 +198,29 @@ class ActionServerPort:
 
     def succeed(self, goal_id: int, result: Message) -> None:
         """End a goal: succeeded."""
-        if (handle := self._end(goal_id)) is not None:
-            self._tell(handle.succeed, result)
+        if (handle := self._goal(goal_id)) is not None and self._tell(handle.succeed, result):
+            self._forget(goal_id, handle)
 
     def abort(self, goal_id: int, result: Message) -> None:
         """End a goal: aborted."""
-        if (handle := self._end(goal_id)) is not None:
-            self._tell(handle.abort, result)
+        if (handle := self._goal(goal_id)) is not None and self._tell(handle.abort, result):
+            self._forget(goal_id, handle)
 
     def canceled(self, goal_id: int, result: Message) -> None:
         """End a goal: canceled."""
-        if (handle := self._end(goal_id)) is not None:
-            self._tell(handle.canceled, result)
+        if (handle := self._goal(goal_id)) is not None and self._tell(handle.canceled, result):
+            self._forget(goal_id, handle)
 
-    def _tell(self, what: Callable[..., None], *arguments: Message) -> None:
-        """What a goal's state does not allow is the model's fault: reported, and the node lives."""
+    def _tell(self, what: Callable[..., None], *arguments: Message) -> bool:
+        """Whether ``what`` was done. What a goal's state does not allow is the model's fault: it is reported,
+        the goal stays as it was, and the node lives.
+        """
         try:
             what(*arguments)
         except TransportError as error:
             self._log.error("state %s: %s", self._state(), error)
+            return False
+        return True
 
     def _goal(self, goal_id: int) -> GoalHandle | None:
         handle = self._goals.get(goal_id)
@@ -216,12 +228,9 @@ class ActionServerPort:
             self._log.warning("%s has no goal %s", self._channel, goal_id)
         return handle
 
-    def _end(self, goal_id: int) -> GoalHandle | None:
-        handle = self._goal(goal_id)
-        if handle is not None:
-            del self._goals[goal_id]
-            del self._numbers[handle.goal_id]
-        return handle
+    def _forget(self, goal_id: int, handle: GoalHandle) -> None:
+        del self._goals[goal_id]
+        del self._numbers[handle.goal_id]
 
 
 class GoalHandlers(msgspec.Struct, frozen=True):

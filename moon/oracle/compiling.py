@@ -30,6 +30,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
+from m2c.model.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
 from m2c.model.typing import Scope, type_of
 from m2c.model.values import zero
@@ -116,6 +117,7 @@ class Step:
         """In order: what is started, and the ids of what is cancelled."""
         self.internal: deque[tuple[str, Any]] = deque()
         self.transition: Position | None = None
+        """The last transition taken, of those on internal events too; None: nothing has changed."""
         self.effect: Any = None
         """Kept by who takes this step again and again; see ``moon.oracle.search.Effect``."""
 
@@ -202,7 +204,7 @@ def holds(step: Step, condition: Callable[[Step], bool]) -> bool:
     try:
         return condition(step)
     except ecmascript.ExecutionError:
-        step.internal.append(("error.execution", None))
+        step.internal.append((ERROR_EXECUTION, None))
         return False
 
 
@@ -253,7 +255,7 @@ class Compiler:
             if event is None:
                 program.eventless.append(made)
             elif event.kind is EventKind.INTERNAL:
-                program.internal.append((event.name, made))
+                program.internal.append((prefix_of(event.name), made))
             else:
                 program.by_event.setdefault((event.kind, event.name), []).append(made)
                 if event.kind is EventKind.TIMER:
@@ -301,7 +303,7 @@ class Compiler:
                 for action in actions:
                     action(step)
             except ecmascript.ExecutionError:
-                step.internal.append(("error.execution", None))
+                step.internal.append((ERROR_EXECUTION, None))
 
         return run
 

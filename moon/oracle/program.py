@@ -14,10 +14,11 @@ from m2c.model.datatypes import BOOL, STRING, DataType, Structure, is_integer
 from m2c.model.expressions import ObjectLiteral
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import ActionThread, Assign, EventKind, InterfaceKind, Machine, OutputKind
+from m2c.model.macrostep import MAX_STEPS, matches
 from m2c.model.scopes import event_parts, interface_kind_of, readable_ports
 from m2c.model.typing import Scope
 from m2c.model.values import zero
-from m2c.model.walk import root_of, statements_of
+from m2c.model.walk import chooses, draws, root_of, statements_of
 from moon.oracle.compiling import (
     Compiler,
     Delayed,
@@ -30,10 +31,6 @@ from moon.oracle.compiling import (
 from moon.oracle.expressions import Closures
 from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import anything
-
-MAX_STEPS = 1000
-"""Eventless transitions and internal events in one macrostep; more is an endless loop, which ends
-the macrostep (as in generated code)."""
 
 MAX_OUTCOMES = 64
 """So many outcomes of one step are followed; a step with more is too open to be checked."""
@@ -71,16 +68,12 @@ class MachineProgram:
         self._exact = self._compiled(symbolic=False)
         self.states = self._exact
         self._made_symbolic: list[StateProgram] | None = None
-        self.draws = "function='random'" in repr(machine)
+        self.draws = draws(machine)
         """Whether values are drawn at random."""
         self._repeatable = self._events_of_plain_values()
         self._steps: dict[Any, tuple[tuple[bool, Step]]] = {}
         """Outcomes of steps taken before; nobody changes a step that was taken."""
-        self.chooses = any(
-            len(transition.targets) > 1
-            for state in machine.states
-            for transition in state.transitions
-        )
+        self.chooses = chooses(machine)
         """Whether a transition leads to one of several states."""
         self.assigned = frozenset(
             root_of(item.location) for item in statements_of(machine) if isinstance(item, Assign)
@@ -162,7 +155,7 @@ class MachineProgram:
             return True
         if event[0] is not EventKind.INTERNAL:
             return False
-        return any(_matches(event[1], descriptor) for descriptor, _ in program.internal)
+        return any(matches(event[1], prefix) for prefix, _ in program.internal)
 
     def _outcomes(
         self,
@@ -197,7 +190,7 @@ class MachineProgram:
     def _deliver(self, step: Step, states: list[StateProgram], event: EventKey) -> bool:
         program = states[step.state]
         if event[0] is EventKind.INTERNAL:
-            found = [t for descriptor, t in program.internal if _matches(event[1], descriptor)]
+            found = [t for prefix, t in program.internal if matches(event[1], prefix)]
         else:
             found = program.by_event.get(event, [])
         for transition in found:
@@ -249,8 +242,8 @@ class MachineProgram:
                     return
                 name, data = step.internal.popleft()
                 step.message, step.parts = data, {"name": name}
-                for descriptor, transition in states[step.state].internal:
-                    if _matches(name, descriptor) and (
+                for prefix, transition in states[step.state].internal:
+                    if matches(name, prefix) and (
                         transition.condition is None or holds(step, transition.condition)
                     ):
                         self._follow(step, states, transition)
@@ -278,14 +271,6 @@ class MachineProgram:
 
 def _is_plain(kind: DataType) -> bool:
     return kind in (BOOL, STRING) or is_integer(kind)
-
-
-def _matches(name: str, descriptor: str) -> bool:
-    """W3C SCXML 3.12.1."""
-    if descriptor == "*":
-        return True
-    prefix = descriptor.removesuffix("*").removesuffix(".")
-    return name == prefix or name.startswith(f"{prefix}.") or not prefix
 
 
 _MACHINE_ALONE = (0,)

@@ -575,8 +575,10 @@ class DeterministicSuccessor:
         state, data = hypothesis.instances[0]
         ((taken, step),) = self._main.take(state, data, event, fact.data, {}, False)
         asked = event[0] is _REQUEST
-        if not taken and (asked or not (step.outputs or step.scheduled)):
+        if not taken and step.transition is None:
             return hypothesis  # a request that the state discards is never answered
+        if not taken and asked:
+            return None
         return self._affected(hypothesis, step, fact, fact.call if asked else None)
 
     def _affected(

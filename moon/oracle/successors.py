@@ -261,14 +261,14 @@ class Successors:
     ) -> Iterator[Hypothesis]:
         """Process ``event`` between ``low`` and ``high``: every outcome."""
         for taken, step in self.take(hypothesis, instance, event, message, parts):
+            made = hypothesis
+            if taken or step.transition is not None:
+                made = self.absorb(hypothesis, instance, step, low, high, timer, call)
             if not taken and call is not None:
                 # a request that the state discards is never answered
-                waiting = tuple(item for item in hypothesis.waiting if item[1] != call)
-                yield hypothesis.but(waiting=waiting)
-            elif not taken and not step.outputs and not step.scheduled:
-                yield hypothesis
-            else:
-                yield self.absorb(hypothesis, instance, step, low, high, timer, call)
+                waiting = tuple(item for item in made.waiting if item[1] != call)
+                made = made.but(waiting=waiting)
+            yield made
 
     def run_everywhere(
         self,

@@ -46,6 +46,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.values import convert
+from m2c.model.walk import draws
 from m2c.runtime import ecmascript
 
 MAX_STEPS = 1000
@@ -159,7 +160,7 @@ def random_values(machine: Machine) -> tuple[float, ...]:
     That is every outcome, where the drawn number is only compared with numbers, or multiplied by a
     whole one and rounded.
     """
-    if "function='random'" not in repr(machine):
+    if not draws(machine):
         return ()
     marks = {0.0, 1.0}
     for number in _numbers(machine):

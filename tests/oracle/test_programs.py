@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from moon.oracle.program import MachineProgram
+from tests.oracle.machines import library, read
 from tests.oracle.tour import lab_tour
 
 ROOT = Path(__file__).parents[2]
@@ -34,3 +35,32 @@ def test_nothing_that_is_compiled_needs_a_property_that_keeps_its_value(
 def without_comments(name: str) -> str:
     lines = (ROOT / name).read_text(encoding="utf-8").splitlines()
     return "\n".join(line.partition("  # ")[0] for line in lines)
+
+
+HEAD = """<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Probe" initial="s">
+<ros_topic_publisher topic="/out" type="std_msgs/Int32" name="out"/>
+<datamodel><data id="n" type="int32" expr="{}"/><data id="a" expr="[1, 2]"/></datamodel><state id="s">"""
+
+
+@pytest.mark.parametrize(
+    ("initial", "content", "draws"),
+    [
+        ("0", """<onentry><log label="function='random'" expr="n"/></onentry>""", False),
+        ("0", """<onentry><log expr="'Math.random()'"/></onentry>""", False),
+        ("0", """<onentry><log expr='"function=&apos;random&apos;"'/></onentry>""", False),
+        ("0", '<onentry><assign location="n" expr="Math.floor(Math.max(1, 2))"/></onentry>', False),
+        ("Math.floor(Math.random() * 3)", "", True),
+        ("0", '<transition cond="n &gt; 0 &amp;&amp; Math.random() &lt; 0.5" target="s"/>', True),
+        ("0", '<onentry><assign location="a[Math.floor(Math.random() * 2)]" expr="1"/></onentry>', True),
+        ("0", '<onentry><if cond="!(Math.random() &gt; 0.5)"><log expr="1"/></if></onentry>', True),
+        ("0", '<onentry><send event="x" delayexpr="n ? 1 : Math.random()"/></onentry>', True),
+        ("0", '<onexit><raise event="x"/><log expr="[Math.random()]"/></onexit>', True),
+    ],
+)  # fmt: skip
+def test_whether_a_machine_draws_is_seen_in_its_expressions_not_in_its_texts(
+    initial: str, content: str, draws: bool
+) -> None:
+    assert (
+        MachineProgram(read(f"{HEAD.format(initial)}{content}</state></scxml>"), library()).draws
+        is draws
+    )
