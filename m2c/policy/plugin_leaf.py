@@ -16,6 +16,7 @@ import msgspec
 
 from m2c.policy.program import Leaf
 from m2c.policy.ticking import Children, PortError, TreeNode, read_port, write_port
+from m2c.policy.ticks import LeafTick, PortOutput
 from m2c.runtime.binding import NodeSettings
 from transports.interface import Completion, Transport
 
@@ -78,9 +79,9 @@ class PluginLeaf:
         if not any(port.entry for port in leaf.inputs):
             self._first.start()  # it hears topics from now on, not from its first tick
 
-    def tick(self, node: TreeNode) -> str:
+    def tick(self, node: TreeNode, record: LeafTick) -> str:
         """SUCCESS, FAILURE or RUNNING."""
-        return self._place_of(node).tick()
+        return self._place_of(node).tick(record)
 
     def _place_of(self, node: TreeNode) -> _Place:
         place = self._places.get(id(node))
@@ -92,11 +93,11 @@ class PluginLeaf:
             place.children = Children(self._factory, self._leaf.id, self._leaf.children, node)
         return place
 
-    def halt(self, node: TreeNode) -> None:
+    def halt(self, node: TreeNode, record: LeafTick) -> None:
         """Stop what is RUNNING."""
         place = self._places.get(id(node))
         if place is not None:
-            place.halt()
+            place.halt(record)
 
 
 class _Place:
@@ -130,13 +131,13 @@ class _Place:
         self._machine = self._node_class(self._transport, self._talk, self._settings, self._inputs)
         self._transport.post(self._machine.start)
 
-    def tick(self) -> str:
+    def tick(self, record: LeafTick) -> str:
         leaf = self._leaf
         try:
             self._read_inputs()
             if self._machine is None:
                 self.start()
-            status = self._ask(self._machine.tick)
+            status = self._ask(self._machine.tick, record)
         except (PortError, _PluginError) as error:
             self._log.error("leaf %s: %s; taken as FAILURE", leaf.name, error)
             self._give_up()
@@ -155,10 +156,10 @@ class _Place:
             self.children.halt_all()
         return status
 
-    def halt(self) -> None:
+    def halt(self, record: LeafTick) -> None:
         if self._machine is not None:
             try:
-                answer = self._ask(self._machine.halt)
+                answer = self._ask(self._machine.halt, record)
             except (PortError, _PluginError) as error:
                 self._log.error("leaf %s: %s", self._leaf.name, error)
                 answer = "HALTED"
@@ -178,8 +179,11 @@ class _Place:
             if port.key not in newer:
                 self._inputs[port.key] = read_port(port, self.node)
 
-    def _ask(self, event: Callable[[], object]) -> str | None:
-        """Send ``event`` and do what the machine says until it answers; None if it does not."""
+    def _ask(self, event: Callable[[], object], record: LeafTick) -> str | None:
+        """Send ``event`` and do what the machine says until it answers; None if it does not.
+
+        What it writes is noted in ``record``.
+        """
         said = self._talk.send(event).wait(self._timeout_s)
         ticks = 0
         while said is not None:
@@ -189,7 +193,8 @@ class _Place:
                     case _Answer(status=status):
                         answer = answer or status  # the first one counts
                     case _Output(key=key, value=value):
-                        write_port(self._outputs[key], value, self.node)
+                        text = write_port(self._outputs[key], value, self.node)
+                        record.outputs.append(PortOutput(key, text))
                     case _TickChild(child=child):
                         ticks += 1
                         if ticks > MAX_CHILD_TICKS:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import logging
 import weakref
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
-
-import msgspec
+from typing import Any
 
 from m2c.policy.plugin_leaf import PluginLeaf
 from m2c.policy.program import Leaf, Policy
@@ -21,33 +19,12 @@ from m2c.policy.ticking import (
     may_wake,
     tick_tree,
 )
+from m2c.policy.ticks import HALTED, TICKS, LeafTick, TreeTick
 from m2c.policy.timed import TimedLeaf
 from m2c.runtime.binding import NodeSettings
-from m2c.runtime.messages import TypedMessage
-from transports.interface import Completion, Topic, Transport, TransportError
+from transports.interface import Completion, Transport, TransportError
 
-TICKS_CHANNEL = "/policy/ticks"
-
-
-class LeafTick(TypedMessage):
-    """One leaf in one tick of the tree: its status, and how long its skill took to answer."""
-
-    __type_name__: ClassVar[str] = "m2c/msg/LeafTick"
-    name: str = ""
-    status: str = ""
-    duration_us: float = 0.0
-
-
-class TreeTick(TypedMessage):
-    """One tick of the tree; ``leaves`` are those that were ticked, in order."""
-
-    __type_name__: ClassVar[str] = "m2c/msg/TreeTick"
-    tick: int = 0
-    status: str = ""
-    leaves: list[LeafTick] = msgspec.field(default_factory=list)
-
-
-TICKS = Topic(TICKS_CHANNEL, TreeTick.__type_name__, TreeTick)
+__all__ = ["TICKS", "LeafTick", "PolicyRunner", "TreeTick"]
 
 
 class PolicyRunner:
@@ -139,12 +116,14 @@ class PolicyRunner:
     def _tick_leaf(self, leaf: Leaf, run: RunsLeaf, node: TreeNode) -> Any:
         began_ns = self._transport.now_ns()
         place = len(self._ticked)
-        status = self._guarded(leaf, lambda: run.tick(node)) or "FAILURE"
+        record = LeafTick(leaf.name)
+        status = self._guarded(leaf, lambda: run.tick(node, record)) or "FAILURE"
         if status == "RUNNING" and not leaf.action:
             self._log.error("condition %s answers RUNNING; taken as FAILURE", leaf.name)
             status = "FAILURE"
-        micros = max(self._transport.now_ns() - began_ns, 0) / 1e3
-        self._ticked.insert(place, LeafTick(leaf.name, status, micros))
+        record.status = status
+        record.duration_us = max(self._transport.now_ns() - began_ns, 0) / 1e3
+        self._ticked.insert(place, record)
         return self._statuses[status]
 
     def _halt_of(self, leaf: Leaf, run: RunsLeaf) -> Callable[..., None]:
@@ -153,8 +132,9 @@ class PolicyRunner:
         def halt(node: TreeNode) -> None:
             runner = known()
             if runner is not None:  # a tree that is thrown away halts itself
-                runner._guarded(leaf, lambda: run.halt(node))
-                runner._ticked.append(LeafTick(leaf.name, "HALTED"))
+                record = LeafTick(leaf.name, HALTED)
+                runner._guarded(leaf, lambda: run.halt(node, record))
+                runner._ticked.append(record)
 
         return halt
 

@@ -6,6 +6,7 @@ import logging
 
 from m2c.policy.program import Leaf
 from m2c.policy.ticking import STATUS_CODES, TreeNode
+from m2c.policy.ticks import LeafTick
 from m2c.runtime.messages import message_class
 from transports.interface import CallOutcome, CallResult, Client, Service, Transport
 
@@ -41,7 +42,7 @@ class SkillLeaf:
                 Service(leaf.halt, leaf.halt_type, type(self._halt_request), halt_response)
             )
 
-    def tick(self, _: TreeNode) -> str:
+    def tick(self, _: TreeNode, record: LeafTick) -> str:
         """SUCCESS, FAILURE or RUNNING."""
         leaf = self._leaf
         result = self._client.call_and_wait(self._request, self._timeout_s)
@@ -56,7 +57,7 @@ class SkillLeaf:
             return "FAILURE"
         return status
 
-    def halt(self, _: TreeNode) -> None:
+    def halt(self, _: TreeNode, record: LeafTick) -> None:
         """Stop what is RUNNING."""
         if self._halt is None:
             return

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from m2c.model.xml_writing import read_back
 from m2c.policy.normalise import child_tree
 from m2c.policy.plugins import PortValue
+from m2c.policy.ticks import LeafTick
 
 if TYPE_CHECKING:
     from m2c.policy.program import Policy
@@ -24,13 +25,16 @@ TreeNode = Any
 
 
 class RunsLeaf(Protocol):
-    """What ticks one leaf (all places where it stands), on the thread that ticks the tree."""
+    """What ticks one leaf (all places where it stands), on the thread that ticks the tree.
 
-    def tick(self, node: TreeNode) -> str:
+    It notes in ``record`` what no call shows.
+    """
+
+    def tick(self, node: TreeNode, record: LeafTick) -> str:
         """SUCCESS, FAILURE or RUNNING."""
         ...
 
-    def halt(self, node: TreeNode) -> None:
+    def halt(self, node: TreeNode, record: LeafTick) -> None:
         """Stop what is RUNNING."""
         ...
 
@@ -108,24 +112,47 @@ def read_port(port: PortValue, node: TreeNode) -> bool | int | float | str:
     return value
 
 
-def write_port(port: PortValue, value: object, node: TreeNode) -> None:
+_CONVERT: dict[str, Callable[[Any], Any]] = {
+    "int": int,
+    "double": float,
+    "bool": bool,
+    "string": str,
+}
+
+
+def write_port(port: PortValue, value: object, node: TreeNode) -> str:
     """Write an output port to the blackboard that ``node`` sees.
+
+    Returns:
+        What was written, as text (see :func:`written_value`).
 
     Raises:
         PortError: the value does not fit the entry.
     """
     board = node.config().blackboard
-    convert: Callable[[Any], Any] = {"int": int, "double": float, "bool": bool, "string": str}[
-        port.kind
-    ]
     try:
-        getattr(board, f"set_{port.kind}")(port.entry, convert(value))
+        converted = _CONVERT[port.kind](value)
+        getattr(board, f"set_{port.kind}")(port.entry, converted)
     except (RuntimeError, TypeError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise PortError(
             f"its port `{port.key}` cannot write {value!r} to the blackboard entry "
             f"`{port.entry}` as {port.kind}: {reason}"
         ) from error
+    return str(converted).lower() if port.kind == "bool" else str(converted)
+
+
+def written_value(port: PortValue, text: str) -> object:
+    """The value that :func:`write_port` wrote to ``port``, from its text.
+
+    Raises:
+        ValueError: no value of the port's kind has this text.
+    """
+    if port.kind != "bool":
+        return _CONVERT[port.kind](text)
+    if text not in ("true", "false"):
+        raise ValueError(f"{text!r} is no bool")
+    return text == "true"
 
 
 class Children:

@@ -11,6 +11,7 @@ from typing import Any
 
 from m2c.policy.program import Leaf
 from m2c.policy.ticking import Children, TreeNode, read_port
+from m2c.policy.ticks import LeafTick
 from transports.interface import Timer, Transport
 
 
@@ -27,7 +28,7 @@ class TimedLeaf:
         self._factory = factory
         self._places: dict[int, _Place] = {}
 
-    def tick(self, node: TreeNode) -> str:
+    def tick(self, node: TreeNode, record: LeafTick) -> str:
         """SUCCESS, FAILURE or RUNNING."""
         place = self._places.get(id(node))
         if place is None:
@@ -36,7 +37,8 @@ class TimedLeaf:
         if place.waiting is None:
             waits_ms = int(read_port(self._leaf.inputs[0], node))
             place.waiting = _Waiting(self._transport, waits_ms / 1e3)
-        status = self._status(place, place.waiting.is_over)
+        record.elapsed = place.waiting.is_over
+        status = self._status(place, record.elapsed)
         if status != "RUNNING":
             place.end()
         return status
@@ -50,7 +52,7 @@ class TimedLeaf:
             case _:
                 return "FAILURE" if elapsed else place.children.tick(0)
 
-    def halt(self, node: TreeNode) -> None:
+    def halt(self, node: TreeNode, record: LeafTick) -> None:
         """Stop what is RUNNING."""
         place = self._places.get(id(node))
         if place is not None:

@@ -50,9 +50,11 @@ def explain(
     from m2c.model import ModelError
     from m2c.suggestions import nearest
     from moon.explain.observables import observables
-    from moon.explain.report import ASSUMED, report
+    from moon.explain.policy import policy_observables
+    from moon.explain.report import ASSUMED, policy_report, report
     from moon.json_lines import versioned_line
     from moon.monitor.reading import read_checked, say_why
+    from moon.monitor.status import POLICY
 
     try:
         system = read_checked(models, interfaces, lenient=lenient)
@@ -60,6 +62,7 @@ def explain(
         say_why(error)
         sys.exit(2)
     known = [machine.name for machine in (*system.nodes, *system.plugins)]
+    known += [POLICY] if system.policy is not None else []
     for name in only:
         if name not in known:
             fail(f"{system.name} has no machine {name}; {nearest(name, known)}")
@@ -71,12 +74,15 @@ def explain(
         for machine in (*system.nodes, *system.plugins)
         if not only or machine.name in only
     ]
+    policy = policy_observables(system) if not only or POLICY in only else None
     if as_json:
-        for item in found:
+        for item in (*found, *filter(None, [policy])):
             show(versioned_line(item).decode())
         return
     for item in found:
         show(*report(item), "")
+    if policy is not None:
+        show(*policy_report(policy), "")
     show(ASSUMED)
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 
 from moon.explain.observables import Input, Observables, Output, Timer, Unchecked
+from moon.explain.policy import PolicyObservables
 
 ASSUMED = (
     "A monitor subscribes to every channel, so anything that a node sends where its model has no output is "
@@ -23,6 +24,13 @@ def report(found: Observables) -> list[str]:
     lines += _block("timers", _columns([_timer(item) for item in found.timers]))
     hidden = f"not checked, or only by what comes after ({found.transitions} transitions in all)"
     return lines + _block(hidden, _columns([_unchecked(item) for item in found.unchecked]))
+
+
+def policy_report(found: PolicyObservables) -> list[str]:
+    """The lines on the policy."""
+    lines = [f"policy {found.policy}  {near(found.file)}"]
+    lines += _block("judged by", [found.judged_by])
+    return lines + _block("not checked", _columns([_unchecked(item) for item in found.unchecked]))
 
 
 def near(place: str) -> str:

@@ -1,15 +1,19 @@
-"""Following a policy's calls with all runs of its tree that they may come from."""
+"""Following a policy's calls with all runs of its tree that they may come from.
+
+The tree is a plain one (``moon.policy.shape``): there are few memories, and runs that go on alike are one.
+"""
 
 from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterable
 from enum import Enum
+from typing import Protocol
 
 from m2c.policy.program import Leaf, Policy
 from moon.policy.memories import Memories, memories_of
 from moon.policy.remembered import RememberedRun, RememberedTree
-from moon.policy.run import BEGIN, Ask, AskKind, TreeRun, Trees
+from moon.policy.run import BEGIN, Ask, AskKind, Place, Trees
 from moon.policy.shape import Shape
 
 MAX_RUNS = 64
@@ -18,14 +22,22 @@ MAX_RUNS = 64
 MAX_SILENT = 128
 """Steps looked at between two calls: what plugins and the clock may have answered meanwhile."""
 
-MAX_TAKEN = 1024
-"""Steps that a run can be led along again to fork it."""
-
 _DRIFT = 0.001
 """Clocks may run apart by this part; no computer's does by as much (NTP slews by 0.05 %)."""
 
 
-Run = TreeRun | RememberedRun
+class Run(Protocol):
+    """A run of a policy's tree, as far as it is looked at from outside."""
+
+    @property
+    def ask(self) -> Ask:
+        """What it waits for."""
+        ...
+
+    @property
+    def running(self) -> dict[Place, Leaf]:
+        """The leaves that are RUNNING, and how each is called."""
+        ...
 
 
 class TooManyError(Exception):
@@ -46,11 +58,11 @@ Stop = tuple[Leaf, ...]
 
 
 class Follower:
-    """The runs of a policy's tree that explain what was observed.
+    """The runs of a plain tree that explain what was observed.
 
     Args:
         policy: the tree.
-        shape: what it is like.
+        shape: what it is like: plain.
         rate_hz: at which it is ticked; 0 if that is not known.
         tolerance_ns: a tick may come by this too early.
 
@@ -63,9 +75,8 @@ class Follower:
 
     def __init__(self, policy: Policy, shape: Shape, rate_hz: float, tolerance_ns: int) -> None:
         self._shape = shape
-        self._trees = Trees(policy, shape.hidden, records=shape.is_open and not shape.plain)
-        self._remembered = RememberedTree(self._trees) if shape.plain else None
-        self._period_ns = round(1e9 / rate_hz * (1 - _DRIFT)) if rate_hz > 0 else 0
+        self._remembered = RememberedTree(Trees(policy, shape.hidden, records=False))
+        self._period_ns = period_of(rate_hz)
         self._tolerance_ns = tolerance_ns
         self._memories: Memories | None = None
         self._explored = False
@@ -73,7 +84,7 @@ class Follower:
         """Ticks of each channel since nothing was known."""
         self._stops: list[Stop] = []
         self._last_ns = 0
-        self.runs: list[Run] = []
+        self.runs: list[RememberedRun] = []
         self.certain = False
         self.wanted: list[Ask] = []
         self.early_ns = 0
@@ -81,15 +92,11 @@ class Follower:
     def start(self) -> None:
         """The policy starts: its tree is fresh."""
         self.forget()
-        self.runs = [self._fresh_run()]
+        self.runs = [self._remembered.start()]
         self.certain = True
-
-    def _fresh_run(self) -> Run:
-        return TreeRun(self._trees) if self._remembered is None else self._remembered.start()
 
     def forget(self) -> None:
         """Nothing is known any more."""
-        _close(self.runs)
         self.runs = []
         self._stops = []
         self._ticked.clear()
@@ -98,8 +105,7 @@ class Follower:
     def close(self) -> None:
         """End the threads of all trees."""
         self.forget()
-        if self._remembered is not None:
-            self._remembered.close()
+        self._remembered.close()
 
     # --- what is observed --------------------------------------------------------------------------
 
@@ -117,15 +123,10 @@ class Follower:
         if not self.certain:
             self._assume_a_tick(channel)
         before = self.runs
-        stops = [_without(stop, channel) for stop in self._stops]
-        stops += [_without(_halts(run), channel) for run in before if run.ask.kind is AskKind.END]
+        at_end = [halts_of(run) for run in before if run.ask.kind is AskKind.END]
+        self._stops = after_a_halt([*self._stops, *at_end], channel)
         self.runs = []
-        self._stops = [stop for stop in stops if stop is not None]
-        try:
-            self.runs = self._doing(before, channel, stamp_ns)
-        finally:
-            kept = {id(run) for run in self.runs}
-            _close(run for run in before if id(run) not in kept)
+        self.runs = self._doing(before, channel, stamp_ns)
         if self.runs or self._stops:
             self._last_ns = stamp_ns
         if not self.certain:
@@ -152,83 +153,64 @@ class Follower:
 
     # --- following ---------------------------------------------------------------------------------
 
-    def _doing(self, runs: list[Run], channel: str, stamp_ns: int) -> list[Run]:
+    def _doing(self, runs: list[RememberedRun], channel: str, stamp_ns: int) -> list[RememberedRun]:
         """The runs that call ``channel`` at ``stamp_ns``, after what may happen unobserved before it."""
-        found: dict[object, Run] = {}
+        found: dict[object, RememberedRun] = {}
         seen: dict[object, int] = {}
-        made: list[Run] = []
         waiting = deque((run, 0) for run in runs)  # and how many ticks have begun meanwhile
         silent = 0
-        try:
-            while waiting:
-                run, begun = waiting.popleft()
-                ask = run.ask
-                if ask.channel:
-                    if ask.channel != channel:
-                        self._want(ask)
-                    elif begun and run.due_ns > stamp_ns + self._tolerance_ns:
-                        self.early_ns = max(self.early_ns, run.due_ns - stamp_ns)
-                        self._want(ask)
-                    else:
-                        key = run.key if self._shape.plain else id(run)
-                        other = found.setdefault(key, run)
-                        other.due_ns = min(other.due_ns, run.due_ns)
-                    continue
-                silent += 1
-                if silent > MAX_SILENT:
-                    raise TooManyError("too much can have happened between two calls, unobserved")
-                if self._shape.plain:
-                    key = (run.key, begun > 0)
-                    if key in seen and seen[key] <= run.due_ns:
-                        continue
-                    seen[key] = run.due_ns
-                if ask.kind is AskKind.END:
-                    if begun and run.due_ns > stamp_ns + self._tolerance_ns:
-                        continue  # after a tick that was not observed, there is no time for another
-                    self._step(run, BEGIN)
-                    waiting.append((run, begun + 1))
-                    continue
-                for choice in ask.choices[1:]:
-                    if len(run.taken) > MAX_TAKEN:
-                        raise TooManyError("the tree remembers more than can be followed")
-                    other = run.fork()
-                    made.append(other)
-                    self._step(other, choice)
-                    waiting.append((other, begun))
-                self._step(run, ask.choices[0])
-                waiting.append((run, begun))
-            if len(found) > MAX_RUNS:
-                raise TooManyError("too many possibilities to follow")
-        except TooManyError:
-            found = {}
-            raise
-        finally:
-            kept = {id(run) for run in found.values()}
-            _close(run for run in made if id(run) not in kept)
+        while waiting:
+            run, begun = waiting.popleft()
+            ask = run.ask
+            if ask.channel:
+                if ask.channel != channel:
+                    self._want(ask)
+                elif begun and run.due_ns > stamp_ns + self._tolerance_ns:
+                    self.early_ns = max(self.early_ns, run.due_ns - stamp_ns)
+                    self._want(ask)
+                else:
+                    other = found.setdefault(run.key, run)
+                    other.due_ns = min(other.due_ns, run.due_ns)
+                continue
+            silent += 1
+            if silent > MAX_SILENT:
+                raise TooManyError("too much can have happened between two calls, unobserved")
+            key = (run.key, begun > 0)
+            if key in seen and seen[key] <= run.due_ns:
+                continue
+            seen[key] = run.due_ns
+            if ask.kind is AskKind.END:
+                if begun and run.due_ns > stamp_ns + self._tolerance_ns:
+                    continue  # after a tick that was not observed, there is no time for another
+                self._step(run, BEGIN)
+                waiting.append((run, begun + 1))
+                continue
+            for choice in ask.choices[1:]:
+                other = run.fork()
+                self._step(other, choice)
+                waiting.append((other, begun))
+            self._step(run, ask.choices[0])
+            waiting.append((run, begun))
+        if len(found) > MAX_RUNS:
+            raise TooManyError("too many possibilities to follow")
         return list(found.values())
 
-    def _step(self, run: Run, answer: str) -> None:
+    def _step(self, run: RememberedRun, answer: str) -> None:
         run.step(answer)
-        if run.ask.kind is not AskKind.END:
-            return
-        # the next tick is due a period after this one was, or now if that is past
-        run.due_ns = max(run.due_ns + self._period_ns, self._last_ns) if self._period_ns else 0
-        if not self._shape.is_open:
-            run.taken.clear()  # it is never forked
+        if run.ask.kind is AskKind.END:
+            run.due_ns = next_due_ns(run.due_ns, self._period_ns, self._last_ns)
 
     def _want(self, ask: Ask) -> None:
         if ask not in self.wanted:
             self.wanted.append(ask)
 
     def _merge(self) -> None:
-        if not self._shape.plain or len(self.runs) < 2:
+        if len(self.runs) < 2:
             return
-        found: dict[object, Run] = {}
+        found: dict[object, RememberedRun] = {}
         for run in self.runs:
             other = found.setdefault(run.key, run)
             other.due_ns = min(other.due_ns, run.due_ns)
-        kept = {id(run) for run in found.values()}
-        _close(run for run in self.runs if id(run) not in kept)
         self.runs = list(found.values())
 
     # --- resynchronisation -------------------------------------------------------------------------
@@ -236,8 +218,7 @@ class Follower:
     def _explore(self) -> Memories | None:
         if not self._explored:
             self._explored = True
-            if self._remembered is not None:
-                self._memories = memories_of(self._remembered)
+            self._memories = memories_of(self._remembered)
         return self._memories
 
     def _assume_a_tick(self, channel: str) -> None:
@@ -249,7 +230,7 @@ class Follower:
             first = memories.first.get(memory)
             if first is not None and first.channel != channel:
                 continue
-            run = self._fresh_run()
+            run = self._remembered.start()
             run.follow(steps)
             self.runs.append(run)
 
@@ -272,8 +253,24 @@ class Follower:
         return Fit.EXPECTED if self.runs or self._stops else Fit.WRONG
 
 
-def _halts(run: Run) -> Stop:
+def period_of(rate_hz: float) -> int:
+    """The time that is certainly between two ticks that are due (ns); 0 if it is not known."""
+    return round(1e9 / rate_hz * (1 - _DRIFT)) if rate_hz > 0 else 0
+
+
+def next_due_ns(due_ns: int, period_ns: int, over_ns: int) -> int:
+    """The next tick is due a period after this one was, or when this one was over if that is later."""
+    return max(due_ns + period_ns, over_ns) if period_ns else 0
+
+
+def halts_of(run: Run) -> Stop:
+    """What is halted if the policy ends now."""
     return tuple(leaf for leaf in run.running.values() if leaf.halt)
+
+
+def after_a_halt(stops: Iterable[Stop], channel: str) -> list[Stop]:
+    """Those of ``stops`` that halt on ``channel`` next, after they did."""
+    return [after for stop in stops if (after := _without(stop, channel)) is not None]
 
 
 def _without(stop: Stop, channel: str) -> Stop | None:
@@ -282,8 +279,3 @@ def _without(stop: Stop, channel: str) -> Stop | None:
         if leaf.halt == channel:
             return (*stop[:place], *stop[place + 1 :])
     return None
-
-
-def _close(runs: Iterable[Run]) -> None:
-    for run in runs:
-        run.close()

@@ -9,6 +9,9 @@ over; that no call is made before the last one is answered; that no tick begins 
 allows. The policy waits from when a tick was due, so a late tick may be followed by an early one: the
 tick after the next comes no sooner than a period after this one was over.
 
+A tree that remembers more than what is RUNNING is followed by the ticks that the policy reports, too
+(``moon.policy.reported``): which leaves they have and how they end is checked.
+
 What is not: what plugins do inside the policy, and when the clock ends a ``Sleep``, ``Delay`` or
 ``Timeout`` (either is accepted); that a tick begins at all.
 """
@@ -20,13 +23,15 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
+from m2c.policy.ticks import HALTED, TICKS_CHANNEL
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.confirmation import UNCONFIRMED, Unconfirmed, Waiting
 from moon.ordering.judge import Gap
 from moon.ordering.progress import Progress
 from moon.policy.calls import Call, SeenByServer, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
-from moon.policy.run import Ask, Life
+from moon.policy.reported import ReportedFollower, report_of
+from moon.policy.run import Ask, AskKind, Life
 from moon.policy.shape import shape_of
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from transports.interface import Observation, ObservationKind
@@ -36,6 +41,15 @@ EVIDENCE = 12
 
 KEPT_CALLS = 256
 """Calls that were reported by their other end only, or that were not seen to end."""
+
+
+MAX_DEFERRED = 4096
+"""So much of one tick is kept until its report is received."""
+
+_UNHEARD = (
+    f"what plugins and the clock answer is in its ticks ({TICKS_CHANNEL}), and none was received"
+)
+_UNREADABLE = f"its ticks ({TICKS_CHANNEL}) do not say what plugins wrote and which times were over"
 
 
 class PolicyJudge:
@@ -72,7 +86,16 @@ class PolicyJudge:
         self.outputs = 0
         self._shape = shape_of(policy, plugins)
         self._places = places
-        self._follower = Follower(policy, self._shape, rate_hz, bounds.tolerance)
+        kind = Follower if self._shape.plain else ReportedFollower
+        self._follower: Follower | ReportedFollower = kind(
+            policy, self._shape, rate_hz, bounds.tolerance
+        )
+        self._reported = self._follower if isinstance(self._follower, ReportedFollower) else None
+        """Follows the policy by its reports, if it is such a tree."""
+        self._deferred: list[Observation] = []
+        """What the policy did in a tick of which the report decides whether it was right."""
+        self._is_heard = False
+        """Whether any report was received."""
         self.leaves: dict[str, str] = {}
         """What a call of a channel does."""
         for leaf in policy.leaves:
@@ -102,7 +125,9 @@ class PolicyJudge:
         self._history: deque[Evidence] = deque(maxlen=EVIDENCE)
         self._reason = ""
         if self._shape.unchecked:
-            self.outcome, self._reason = Outcome.INCONCLUSIVE, self._shape.unchecked
+            where = "".join(f"{place}: " for place in places.get(self._shape.unchecked_at, ())[:1])
+            self.outcome = Outcome.INCONCLUSIVE
+            self._reason = f"{where}{self._shape.unchecked}"
 
     # --- what it is handed -------------------------------------------------------------------------
 
@@ -115,6 +140,7 @@ class PolicyJudge:
         self._unanswered.clear()
         self._own.clear()
         self._pending = None
+        self._deferred = []
         self._owed = False
         if self.is_judging:
             self._follower.start()
@@ -125,6 +151,11 @@ class PolicyJudge:
         self._unanswered.clear()
         self._own.clear()
         self.unconfirmed.restart()
+
+    @property
+    def reads_reports(self) -> bool:
+        """Whether it wants the ticks that the policy publishes."""
+        return self._reported is not None
 
     @property
     def is_judging(self) -> bool:
@@ -148,9 +179,11 @@ class PolicyJudge:
 
     def observe(self, event: Observation) -> list[Verdict]:
         """Take the next thing that the policy did."""
-        if event.kind is ObservationKind.REQUEST_SENT:
-            return self._judge_call(event)
-        return self._judge_answer(event)
+        if event.kind is ObservationKind.MESSAGE:
+            return self._judge_report(event)
+        if self._deferred or self._has_to_wait(event):
+            return self._defer(event)
+        return self._judge(event)
 
     def note_elsewhere(self, event: Observation) -> None:
         """The other end of a call of the policy reported it: the policy's own end must, too."""
@@ -163,18 +196,25 @@ class PolicyJudge:
     def gap(self, gap: Gap) -> list[Verdict]:
         """Something is missing: nothing of before is judged any more."""
         self._pending = None
+        self._deferred = []
         return self._doubt(gap.until_ns, gap.why)
 
     def advance(self, until_ns: int) -> list[Verdict]:
         """All that happened until ``until_ns`` was handed over."""
         if self._owed and until_ns - self._last_ns > self.bounds.deadline:
             return self._overdue(until_ns)
+        if self._is_unheard and until_ns - self._deferred[0].stamp_ns > self.bounds.deadline:
+            return self._suspend(until_ns, _UNHEARD)
         return []
 
     @property
     def due_ns(self) -> int:
         """From then on (ns) the next call is missing; FOREVER: none is expected."""
-        return self._last_ns + self.bounds.deadline + 1 if self._owed else FOREVER
+        if self._owed:
+            return self._last_ns + self.bounds.deadline + 1
+        if self._is_unheard and self.outcome is not Outcome.INCONCLUSIVE:
+            return self._deferred[0].stamp_ns + self.bounds.deadline + 1
+        return FOREVER
 
     # --- what it says ------------------------------------------------------------------------------
 
@@ -193,10 +233,71 @@ class PolicyJudge:
 
     # --- judging -----------------------------------------------------------------------------------
 
+    def _judge(self, event: Observation) -> list[Verdict]:
+        if event.kind is ObservationKind.REQUEST_SENT:
+            return self._judge_call(event)
+        return self._judge_answer(event)
+
+    def _is_plugins(self, channel: str) -> bool:
+        """Whether a call of ``channel`` may be a plugin's."""
+        return channel in self._shape.hidden or (
+            channel not in self.leaves and self._shape.strangers
+        )
+
+    def _has_to_wait(self, event: Observation) -> bool:
+        """Whether only the report of the tick can say if ``event`` is right."""
+        if self._reported is None or event.kind is not ObservationKind.REQUEST_SENT:
+            return False
+        if self._pending is not None or self._is_plugins(event.channel):
+            return False
+        self._begin()
+        return self._reported.waits()
+
+    def _defer(self, event: Observation) -> list[Verdict]:
+        self._deferred.append(event)
+        if len(self._deferred) <= MAX_DEFERRED:
+            return []
+        return self._doubt(event.stamp_ns, _UNHEARD)
+
+    @property
+    def _is_unheard(self) -> bool:
+        """Whether a report is waited for, and none was ever received."""
+        return bool(self._deferred) and not self._is_heard
+
+    def _judge_report(self, event: Observation) -> list[Verdict]:
+        """The policy reports a tick: what was deferred can be judged, and how the tick ended."""
+        follower, report = self._reported, report_of(event)
+        if follower is None:
+            return []
+        if report is None:
+            return self._doubt(event.stamp_ns, _UNREADABLE) if self._shape.is_open else []
+        self._is_heard = True
+        self._begin()
+        deferred, self._deferred = self._deferred, []
+        verdicts: list[Verdict] = []
+        try:
+            follower.reported(report)
+            for earlier in deferred:
+                if self._has_to_wait(earlier):
+                    break  # the tree asks for a leaf that was not ticked
+                verdicts += self._judge(earlier)
+        except ValueError as error:
+            return [*verdicts, *self._doubt(event.stamp_ns, f"{_UNREADABLE}: {error}")]
+        self._owed = False
+        if self._pending is not None and follower.certain:
+            text = f"no answer to {self._call_text(self._pending)} was received"
+            return [*verdicts, *self._doubt(event.stamp_ns, text)]
+        observed = follower.over(event.stamp_ns)
+        if observed:
+            verdicts += self._violated(event.stamp_ns, follower.wanted, observed)
+        elif follower.certain and not verdicts and not self.unconfirmed.kept:
+            self.outcome, self._reason = Outcome.CONFORMING, ""
+        return verdicts
+
     def _judge_call(self, observation: Observation) -> list[Verdict]:
         channel, stamp = observation.channel, observation.stamp_ns
-        if channel in self._shape.hidden or (channel not in self.leaves and self._shape.strangers):
-            return []  # a plugin's
+        if self._is_plugins(channel):
+            return []
         self._begin()
         self._keep_own(call_of(observation))
         verdicts: list[Verdict] = []
@@ -227,6 +328,8 @@ class PolicyJudge:
         return verdicts
 
     def _judge_answer(self, observation: Observation) -> list[Verdict]:
+        if self._is_plugins(observation.channel):
+            return []
         stamp, call = observation.stamp_ns, call_of(observation)
         self._keep_own(call)
         later = self._unanswered.pop(call, None)
@@ -258,8 +361,16 @@ class PolicyJudge:
             self._follower.start()
         elif self.outcome is Outcome.CONFORMING:
             self.outcome = Outcome.INCONCLUSIVE
-            self._reason = "started in the middle of a run: waiting until its state is certain"
+            self._reason = self._waits_for()
         self._synchronised = False
+
+    def _waits_for(self) -> str:
+        text = "started in the middle of a run: waiting until its state is certain"
+        if self._reported is None:
+            return text
+        if self._shape.forgets:
+            return f"{text}, once a tick ends with SUCCESS or FAILURE"
+        return f"{text}; its tree remembers what cannot be observed, until the policy starts anew"
 
     def _keep_unanswered(self, call: Call, later: Observation) -> None:
         kept = self._unanswered
@@ -316,8 +427,10 @@ class PolicyJudge:
         expected: list[str] = []
         places: list[str] = []
         for ask in wanted:
+            if ask.kind is AskKind.END:
+                expected.append(f"a tick that ends with {ask.status}")
             if ask.leaf is not None:
-                expected.append(f"{ask.kind.value} {ask.leaf.name} ({ask.channel})")
+                expected.append(_text_of(ask))
                 places += self._places.get(ask.leaf.id, ())
         why = Explanation(
             tuple(dict.fromkeys(expected)),
@@ -367,6 +480,10 @@ class PolicyJudge:
     def _doubt(self, stamp: int, text: str) -> list[Verdict]:
         """Something is missing: nothing is reported until the policy's doing is certain again."""
         self._forget(stamp)
+        return self._suspend(stamp, text)
+
+    def _suspend(self, stamp: int, text: str) -> list[Verdict]:
+        """Nothing is certain until more is received."""
         if self.outcome is Outcome.INCONCLUSIVE:
             return []
         self.outcome = Outcome.INCONCLUSIVE
@@ -376,4 +493,12 @@ class PolicyJudge:
     def _forget(self, stamp: int) -> None:
         self._since = max(self._since, stamp)
         self._synchronised = self.is_fresh = self._owed = False
+        self._deferred = []
         self._follower.forget()
+
+
+def _text_of(ask: Ask) -> str:
+    name = "" if ask.leaf is None else ask.leaf.name
+    if ask.kind is AskKind.OPEN:
+        return f"{'halt' if ask.choices == (HALTED,) else 'tick'} {name}"
+    return f"{ask.kind.value} {name} ({ask.channel})"

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
+from m2c.policy.ticks import TICKS_CHANNEL
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.ordering.held import Held
 from moon.ordering.judge import Gap
@@ -159,7 +160,9 @@ class PolicyOracle:
                 watermark = max(watermark, min(self._progress.reported_ns, observation.received_ns))
             if judge.unconfirmed.kept:
                 verdicts = judge.look_at_reports()
-            if kind in _OWN and _PARTS not in channel:
+            if (kind in _OWN and _PARTS not in channel) or (
+                channel == TICKS_CHANNEL and judge.reads_reports
+            ):
                 verdicts += self._take(observation, sequel)
         elif self.concerns(channel, observation.source, kind):
             judge.note_elsewhere(observation)
@@ -185,7 +188,7 @@ class PolicyOracle:
             verdicts += judge.look_at_reports()
         while held.stamps and held.stamps[0] <= watermark:
             self._judged_ns = held.stamps[0]
-            together = held.take(held.count(self._judged_ns))
+            together = _in_order(held.take(held.count(self._judged_ns)))
             while together:
                 verdicts += judge.observe(together.pop(judge.choose(together)))
         return verdicts + judge.advance(watermark)
@@ -255,3 +258,14 @@ class PolicyOracle:
         self._unclear_until = stamp
         self._held.take(self._held.count(stamp))
         return self._judge.gap(Gap("", self.node, 0, stamp, text))
+
+
+def _in_order(together: list[Observation]) -> list[Observation]:
+    """What happened at one stamp, in the order in which its node reports it, where that is known."""
+    if len(together) > 1 and all(event.order >= 0 for event in together):
+        together.sort(key=_order)
+    return together
+
+
+def _order(event: Observation) -> int:
+    return event.order

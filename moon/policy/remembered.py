@@ -130,16 +130,14 @@ class RememberedRun:
 
     Attributes:
         due_ns: the tree is not ticked again before.
-        taken: nothing: a fork needs not be led to where this stands.
     """
 
-    __slots__ = ("_moment", "_of", "due_ns", "taken")
+    __slots__ = ("_moment", "_of", "due_ns")
 
     def __init__(self, of: RememberedTree, moment: Moment) -> None:
         self._of = of
         self._moment = moment
         self.due_ns = 0
-        self.taken: list[str] = []
 
     @property
     def ask(self) -> Ask:

@@ -15,11 +15,24 @@ from typing import Any
 
 import msgspec
 
+from m2c.policy.plugins import PortValue
 from m2c.policy.program import Leaf, Policy
-from m2c.policy.ticking import STATUS_CODES, Children, PolicyError, TreeNode, tick_tree
+from m2c.policy.ticking import (
+    STATUS_CODES,
+    Children,
+    PolicyError,
+    PortError,
+    TreeNode,
+    tick_tree,
+    write_port,
+)
+from m2c.policy.ticks import HALTED
 
 Place = tuple[int, ...]
 """A node of the tree: its number in its tree, after those of the timed nodes that it stands under."""
+
+Written = tuple[PortValue, object]
+"""A port that a plugin wrote, and the value."""
 
 BEGIN = ""
 """The answer to the end of a tick: the next one begins."""
@@ -68,7 +81,8 @@ class Trees:
     Args:
         policy: the tree and its leaves.
         hidden: channels that plugins of the policy call too: observations there say nothing of a leaf.
-        records: whether runs keep their answers, so that they can be forked.
+        records: whether the policy's records of its ticks answer what no call shows. Then a run asks at each
+            tick of a timed node, and what a halted plugin wrote.
     """
 
     def __init__(self, policy: Policy, hidden: frozenset[str], records: bool) -> None:
@@ -136,7 +150,6 @@ class TreeRun:
         ask: what it waits for.
         memory: the leaves that were RUNNING when the tick began.
         running: those that are now, and how each is called.
-        taken: the steps that lead here from a fresh tree.
         due_ns: the tree is not ticked again before.
     """
 
@@ -146,6 +159,7 @@ class TreeRun:
         self._tree: Any = trees.factory.create_tree(trees.policy.main)
         self._above: Place = ()
         self._answer = BEGIN
+        self._written: Sequence[Written] = ()
         self._abandoned = False
         self._error: BaseException | None = None
         # locks as semaphores of one: the two sides take turns, thirty times a second of a tour
@@ -157,18 +171,20 @@ class TreeRun:
         self.ask = Ask(AskKind.END)
         self.memory: frozenset[Place] = frozenset()
         self.running: dict[Place, Leaf] = {}
-        self.taken: list[str] = []
         self.due_ns = 0
 
     # --- the watcher's side ------------------------------------------------------------------------
 
-    def step(self, answer: str) -> Ask:
-        """Answer ``ask`` and go on to the next one."""
+    def step(self, answer: str, written: Sequence[Written] = ()) -> Ask:
+        """Answer ``ask`` and go on to the next one.
+
+        Args:
+            answer: the status that was asked for, or what the clock said.
+            written: what the plugin that is asked wrote to the blackboard, in order.
+        """
         if self.ask.kind is AskKind.END:
             self.memory = frozenset(self.running)
-        if self._trees.records:
-            self.taken.append(answer)
-        self._answer = answer
+        self._answer, self._written = answer, written
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name="policy run", daemon=True)
             self._thread.start()
@@ -178,13 +194,6 @@ class TreeRun:
             error, self._error = self._error, None
             raise error
         return self.ask
-
-    def fork(self) -> TreeRun:
-        """Another run that stands where this one stands."""
-        other = TreeRun(self._trees)
-        other.follow(self.taken)
-        other.due_ns = self.due_ns
-        return other
 
     def follow(self, steps: Sequence[str]) -> None:
         """Take ``steps``, from a fresh tree."""
@@ -249,6 +258,7 @@ class TreeRun:
         elif leaf.plugin or leaf.tick in self._trees.hidden:
             choices = _OUTCOMES if leaf.action else _OUTCOMES[:2]
             status = self._wait(Ask(AskKind.OPEN, leaf, place, choices))
+            self._write(node)
         else:
             status = self._wait(Ask(AskKind.TICK, leaf, place, channel=leaf.tick))
         if status not in _OUTCOMES or (status == "RUNNING" and not leaf.action):
@@ -264,9 +274,21 @@ class TreeRun:
         place = (*self._above, node.uid())
         if leaf.timed:
             self._end(place)
+        elif leaf.outputs and self._trees.records:
+            self._wait(Ask(AskKind.OPEN, leaf, place, (HALTED,)))
+            self._write(node)
         elif leaf.halt and not leaf.plugin and leaf.halt not in self._trees.hidden:
             self._wait(Ask(AskKind.HALT, leaf, place, channel=leaf.halt))
         self.running.pop(place, None)
+
+    def _write(self, node: TreeNode) -> None:
+        """Write to the blackboard what the plugin that was asked wrote."""
+        written, self._written = self._written, ()
+        try:
+            for port, value in written:
+                write_port(port, value, node)
+        except PortError:
+            return  # the policy could not either, and says FAILURE
 
     def _tick_timed(self, leaf: Leaf, node: TreeNode, place: Place) -> str:
         """As ``m2c.policy.timed`` does it, with the clock's word for an answer."""
@@ -274,7 +296,7 @@ class TreeRun:
         if timed is None:
             children = Children(self._trees.factory, leaf.id, leaf.children, node)
             timed = self._timed[place] = _Timed(children)
-        if not timed.elapsed:
+        if not timed.elapsed or self._trees.records:
             ask = Ask(AskKind.OPEN, leaf, place, (ELAPSED, WAITING))
             timed.elapsed = self._wait(ask) == ELAPSED
         match leaf.timed:

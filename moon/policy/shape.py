@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Set as AbstractSet
 
 import msgspec
 
@@ -23,6 +24,13 @@ failed, which then fails again and again without being ticked.
 """
 
 
+_FORGETS = {
+    *("Parallel", "ParallelAll", "WhileDoElse", "AsyncSequence", "AsyncFallback"),
+    *("Repeat", "RetryUntilSuccessful", "KeepRunningUntilFailure"),
+}
+"""Nodes that remember more while they are RUNNING, and nothing once they have ended."""
+
+
 class Shape(msgspec.Struct, frozen=True):
     """What kind of tree it is.
 
@@ -30,17 +38,21 @@ class Shape(msgspec.Struct, frozen=True):
         plain: all that it remembers is which leaf is RUNNING (with the timed nodes above it): its
             nodes keep the place of a RUNNING child and nothing else, and at most one child of each
             runs. So there are few memories, and each can be reached in one tick of a fresh tree.
-        is_open: some leaf's status cannot be observed.
+        is_open: some leaf's status cannot be observed: a plugin or the clock answers.
+        forgets: once its tick has ended with SUCCESS or FAILURE, it remembers nothing.
         hidden: channels that plugins call from inside the policy.
         strangers: whether plugins may call channels that are not known.
         unchecked: why the policy cannot be checked; "" if it can.
+        unchecked_at: the leaf for which it cannot, by its id.
     """
 
     plain: bool
     is_open: bool
     hidden: frozenset[str]
     strangers: bool
+    forgets: bool
     unchecked: str = ""
+    unchecked_at: str = ""
 
 
 def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
@@ -48,8 +60,8 @@ def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
     machines = {plugin.name: plugin for plugin in plugins}
     hidden: set[str] = set()
     strangers = False
-    unchecked = ""
-    plain = _is_plain(policy)
+    unchecked = unchecked_at = ""
+    plain = _has_only(policy, _PLAIN)
     for leaf in policy.leaves:
         if not leaf.plugin:
             continue
@@ -61,23 +73,23 @@ def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
             if interface.kind in (InterfaceKind.CLIENT, InterfaceKind.ACTION_CLIENT):
                 hidden.add(interface.channel or values.get(interface.port or "", ""))
         if leaf.children:
+            unchecked_at = leaf.id
             unchecked = (
                 f"the plugin {leaf.plugin} decides, unobserved, which of its children it ticks"
             )
-        elif leaf.outputs and not plain:
-            unchecked = (
-                f"the tree may depend on values that the plugin {leaf.plugin} writes, unobserved"
-            )
     hidden.discard("")
     is_open = any(leaf.plugin or leaf.timed or leaf.tick in hidden for leaf in policy.leaves)
-    return Shape(plain, is_open, frozenset(hidden), strangers, unchecked)
+    forgets = _has_only(policy, _PLAIN | _FORGETS)
+    return Shape(plain, is_open, frozenset(hidden), strangers, forgets, unchecked, unchecked_at)
 
 
-def _is_plain(policy: Policy) -> bool:
-    known = _PLAIN | {leaf.id for leaf in policy.leaves}
+def _has_only(policy: Policy, nodes: AbstractSet[str]) -> bool:
+    """Whether ``policy`` has no other nodes than ``nodes``, and none that reads the blackboard."""
+    known = nodes | {leaf.id for leaf in policy.leaves}
     return all(
         element.tag in known
         and not any(key in CONDITIONS for key in element.attrib)
         and (element.tag != "IfThenElse" or len(element) == 3)
+        and not (element.tag in _FORGETS and any("{" in value for value in element.attrib.values()))
         for element in read_back(policy.xml).iter()
     )
