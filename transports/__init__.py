@@ -46,7 +46,8 @@ if TYPE_CHECKING:
         TransportFactory,
     )
     from transports.registry import available, connect
-    from transports.simulated.world import Conditions, SimulatedWorld
+    from transports.simulated.conditions import Conditions
+    from transports.simulated.world import SimulatedWorld
 
 __all__ = [
     "Action",
@@ -79,7 +80,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Conditions": "transports.simulated.world",
+    "Conditions": "transports.simulated.conditions",
     "SimulatedWorld": "transports.simulated.world",
     "available": "transports.registry",
     "connect": "transports.registry",

@@ -6,6 +6,7 @@ pure function of the world's seed and conditions.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import linecache
 import random
@@ -173,16 +174,10 @@ class SimulatedRun:
         # generated machines draw from the process's source of randomness
         random.seed(world.seed)
         self.nodes: dict[str, Any] = {}
+        self._settings = settings or NodeSettings()
         for name, node_class in program.nodes.items():
-            transport = self._connect(name)
-            try:
-                node = node_class(transport, settings or NodeSettings())
-            except Exception:
-                world.failed = name
-                raise
-            self.nodes[name] = node
-            transport.post(node.start)
-            transport.post(transport.announce)
+            self._start(name, node_class)
+            world.starters[name] = functools.partial(self._start, name, node_class)
         self.policy: PolicyRunner | None = None
         if program.policy is not None:
             transport = self._connect(POLICY_NODE)
@@ -193,6 +188,17 @@ class SimulatedRun:
             transport.announce()
         if not self._is_stepwise:  # there, a chain of steps may need no time and have no end
             world.run(is_over, world.now_ns)
+
+    def _start(self, name: str, node_class: NodeClass) -> None:
+        transport = self._connect(name)
+        try:
+            node = node_class(transport, self._settings)
+        except Exception:
+            self.world.failed = name
+            raise
+        self.nodes[name] = node
+        transport.post(node.start)
+        transport.post(transport.announce)
 
     def _connect(self, name: str) -> SimulatedTransport:
         transport = SimulatedTransport(self.world, name)

@@ -14,20 +14,20 @@ FAR = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.02))
 
 
 class LosesMessages(SimulatedWorld):
-    def send(self, link: Any, event: Any, argument: Any) -> None:
+    def send(self, link: Any, *what: Any, **how: Any) -> None:
         if self.random.random() < 0.99:
-            super().send(link, event, argument)
+            super().send(link, *what, **how)
 
 
 class KeepsNoOrder(SimulatedWorld):
-    def send(self, link: Any, event: Any, argument: Any) -> None:
-        super().send(object(), event, argument)
+    def send(self, link: Any, *what: Any, **how: Any) -> None:
+        super().send(link._replace(tap=object()), *what, **how)
 
 
 class DoublesMessages(SimulatedWorld):
-    def send(self, link: Any, event: Any, argument: Any) -> None:
+    def send(self, link: Any, *what: Any, **how: Any) -> None:
         for _ in range(1 + (self.random.random() < 0.1)):
-            super().send(link, event, argument)
+            super().send(link, *what, **how)
 
 
 class HidesObservations(SimulatedWorld):

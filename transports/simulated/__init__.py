@@ -1,6 +1,28 @@
 """A middleware in one process on virtual time: delays, reordering, loss and crashes from a seed."""
 
+from transports.simulated.conditions import (
+    Conditions,
+    Cut,
+    HostClock,
+    Kill,
+    Lost,
+    Pause,
+    Reordered,
+    Rules,
+)
 from transports.simulated.transport import SimulatedTransport, connect
-from transports.simulated.world import Conditions, SimulatedWorld
+from transports.simulated.world import SimulatedWorld
 
-__all__ = ["Conditions", "SimulatedTransport", "SimulatedWorld", "connect"]
+__all__ = [
+    "Conditions",
+    "Cut",
+    "HostClock",
+    "Kill",
+    "Lost",
+    "Pause",
+    "Reordered",
+    "Rules",
+    "SimulatedTransport",
+    "SimulatedWorld",
+    "connect",
+]

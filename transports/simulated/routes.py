@@ -6,14 +6,16 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from transports.channel_filter import channel_filter
-from transports.interface import Answer, Observation, ObservationKind, Service
+from transports.interface import NAMELESS, Answer, Observation, ObservationKind, Service
 from transports.losses import Losses
 from transports.payloads import PayloadError, plain
 from transports.service_events import EVENT_SUFFIX, TAKEN_SUFFIX
+from transports.simulated.conditions import Rules
+from transports.simulated.network import Link
 
 if TYPE_CHECKING:
     from transports.simulated.services import Server
-    from transports.simulated.transport import SimulatedTransport, Subscription
+    from transports.simulated.transport import Publisher, SimulatedTransport, Subscription
     from transports.simulated.world import SimulatedWorld
 
 _REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
@@ -30,6 +32,29 @@ class Sent(NamedTuple):
     number: int
     type_name: str
     payload: bytes
+    stamp_ns: int
+
+
+class Numbers:
+    """What the nodes of a world count, each from 0 in each of its lives."""
+
+    def __init__(self) -> None:
+        self._next: dict[str, dict[str, int]] = {}
+
+    def begin(self, source: str) -> None:
+        """``source`` begins, perhaps once more."""
+        self._next[source] = {}
+
+    def next(self, source: str, what: str) -> int:
+        """The number that will be given next."""
+        return self._next.get(source, {}).get(what, 0)
+
+    def take(self, source: str, what: str) -> int:
+        """The next number of ``what``, which is empty for all that ``source`` does."""
+        counts = self._next.setdefault(source, {})
+        number = counts.get(what, 0)
+        counts[what] = number + 1
+        return number
 
 
 class Routes:
@@ -37,13 +62,16 @@ class Routes:
 
     def __init__(self, world: SimulatedWorld) -> None:
         self._world = world
+        self._rules = world.conditions.rules
         self._subscriptions: dict[str, list[Subscription]] = {}
         self._servers: dict[str, list[Server]] = {}
-        self.transient_local: dict[str, dict[str, Sent]] = {}
-        """Channel → source → its last message."""
+        self.transient_local: dict[str, dict[Publisher, Sent]] = {}
+        """Channel → publisher → its last message."""
         self._taps: list[Tap] = []
-        self._sequences: dict[tuple[str, str], int] = {}
-        """Last numbers per source and channel; of all channels together under \"\"."""
+        self.numbers = Numbers()
+        self.witnesses: list[Callable[[Observation], None]] = []
+        """Who is told of all that happens (``SimulatedWorld.witness``)."""
+        self._true_numbers = Numbers()
 
     def subscriptions(self, channel: str) -> list[Subscription]:
         """Who is subscribed to ``channel``."""
@@ -62,49 +90,42 @@ class Routes:
         if tap in self._taps:
             self._taps.remove(tap)
 
+    def begin(self, node: str) -> None:
+        """A node of this name begins: it numbers anew."""
+        self.numbers.begin(node)
+        self._true_numbers.begin(node)
+
     def message(self, message: Sent, channel: str) -> None:
         """Tell taps of a message, which has its number."""
-        source = message.source
-        order = self.number(source, "")
-        if self._taps:
-            self._report(
-                channel,
-                source,
-                {
-                    "stamp_ns": self._world.stamp(),
-                    "channel": channel,
-                    "kind": ObservationKind.MESSAGE,
-                    "type_name": message.type_name,
-                    "source": source,
-                    "sequence": message.number,
-                    "order": order,
-                },
-                message.payload,
-            )
+        if self._is_unheard(message.source):
+            return
+        fields = {
+            "stamp_ns": message.stamp_ns,
+            "channel": channel,
+            "kind": ObservationKind.MESSAGE,
+            "type_name": message.type_name,
+            "source": message.source,
+        }
+        self._report(fields, message.payload, message.number)
 
     def taken(self, node: str, message: Sent, channel: str) -> None:
-        """Tell taps that ``node`` begins to handle a message; without a tap, nothing is recorded."""
-        if self._taps:
-            self._report(
-                channel,
-                node,
-                {
-                    "stamp_ns": self._world.stamp(),
-                    "channel": channel,
-                    "kind": ObservationKind.MESSAGE_TAKEN,
-                    "type_name": message.type_name,
-                    "source": node,
-                    "sequence": self.number(node, channel + TAKEN_SUFFIX),
-                    "order": self.number(node, ""),
-                    "client": message.source,
-                    "call": message.number,
-                },
-                None,
-            )
+        """Tell taps that ``node`` begins to handle a message."""
+        if self._is_unheard(node) or (self._rules is Rules.ROS2 and not self.witnesses):
+            return
+        fields = {
+            "stamp_ns": self._world.stamp_of(node),
+            "channel": channel,
+            "kind": ObservationKind.MESSAGE_TAKEN,
+            "type_name": message.type_name,
+            "source": node,
+            "client": message.source,
+            "call": message.number,
+        }
+        self._report(fields, None)
 
     def reported(self, node: str) -> Answer:
         """Up to where ``node`` has reported everything: here all is sent when it happens."""
-        return Answer(self._world.stamp(), self._sequences.get((node, ""), 0))
+        return Answer(self._world.stamp_of(node), self.numbers.next(node, ""))
 
     def service_event(
         self,
@@ -116,43 +137,72 @@ class Routes:
         call: int,
         error: str = "",
     ) -> None:
-        """Tell taps what happened in a call; without a tap, nothing is recorded."""
-        if not self._taps:
+        """Tell taps what happened in a call."""
+        if self._is_unheard(source):
             return
         suffix = "_Request" if kind in _REQUESTS else "_Response"
-        self._report(
-            service.name,
-            source,
-            {
-                "stamp_ns": self._world.stamp(),
-                "channel": service.name,
-                "kind": kind,
-                "type_name": service.type_name + suffix,
-                "source": source,
-                "sequence": self.number(source, service.name + EVENT_SUFFIX),
-                "order": self.number(source, ""),
-                "client": client,
-                "call": call,
-                "error": error,
-            },
-            payload,
-        )
+        fields = {
+            "stamp_ns": self._world.stamp_of(source),
+            "channel": service.name,
+            "kind": kind,
+            "type_name": service.type_name + suffix,
+            "source": source,
+            "client": client,
+            "call": call,
+            "error": error,
+        }
+        self._report(fields, payload)
 
-    def number(self, source: str, channel: str) -> int:
-        """The next number of ``source`` on ``channel``."""
-        place = (source, channel)
-        sequence = self._sequences.get(place, 0)
-        self._sequences[place] = sequence + 1
-        return sequence
+    def _is_unheard(self, source: str) -> bool:
+        """Whether nobody listens at all; then what ``source`` does is numbered, and no more."""
+        if self._taps or self.witnesses:
+            return False
+        self.numbers.take(source, "")
+        return True
 
     def _report(
-        self, channel: str, source: str, fields: dict[str, Any], payload: bytes | None
+        self, fields: dict[str, Any], payload: bytes | None, number: int | None = None
     ) -> None:
-        for tap in self._taps:
-            if tap.wants(channel):
-                link = (source, _SUFFIXES.get(fields["kind"], EVENT_SUFFIX), channel, tap)
-                tap.links.setdefault(source, {})[link] = None
-                self._world.send_to_tap(link, tap.arrive, (fields, payload))
+        """Tell taps; ``number`` is of what is numbered whether anybody listens or not."""
+        kind, source, channel = fields["kind"], fields["source"], fields["channel"]
+        if self.witnesses:
+            self._bear_witness(fields, payload)
+        is_ros = self._rules is Rules.ROS2
+        if is_ros and kind is ObservationKind.MESSAGE_TAKEN:
+            return
+        order = -1 if is_ros else self.numbers.take(source, "")
+        taps = [
+            tap for tap in self._taps if tap.wants(channel) and tap.hears(source, channel, kind)
+        ]
+        if not taps:
+            return
+        if number is None:
+            is_numbered = not (
+                is_ros and fields["error"]
+            )  # ROS 2 has no event of a call that failed
+            where = channel + _SUFFIXES.get(kind, EVENT_SUFFIX)
+            number = self.numbers.take(source, where) if is_numbered else -1
+        numbered = {**fields, "sequence": number, "order": order}
+        for tap in taps:
+            link = tap.link(source, channel, kind)
+            tap.links.setdefault(source, {})[link] = None
+            self._world.send_to_tap(link, tap.arrive, (numbered, payload))
+
+    def _bear_witness(self, fields: dict[str, Any], payload: bytes | None) -> None:
+        source = fields["source"]
+        where = fields["channel"] + _SUFFIXES.get(fields["kind"], EVENT_SUFFIX)
+        stamp_ns = self._world.true_stamp()
+        true = {
+            **fields,
+            "stamp_ns": stamp_ns,
+            "received_ns": stamp_ns,
+            "sequence": self._true_numbers.take(source, where),
+            "order": self._true_numbers.take(source, ""),
+            "data": None if payload is None else plain(payload),
+        }
+        seen = Observation(**true)
+        for witness in self.witnesses:
+            witness(seen)
 
 
 class Tap:
@@ -169,14 +219,44 @@ class Tap:
         self._handler = handler
         self._losses = Losses()
         self._closed = False
-        self.links: dict[str, dict[object, None]] = {}
+        self._began_ns = node.world.now_ns
+        self._found: dict[Link, tuple[int, int]] = {}
+        """Of each link, when its source connected and from when on it is heard (ns)."""
+        self._named_ns: dict[str, tuple[int, int]] = {}
+        """Of each client, when it connected and from when on its name is known (ns)."""
+        self._nameless: dict[tuple[str, str, int], str] = {}
+        """What stands for a client's name in each call that was heard before that is known."""
+        self.links: dict[str, dict[Link, None]] = {}
         """Of each source, the links on which it has reported to this tap."""
+        node.listens = True
         node.routes.add(self)
 
     @property
     def is_complete(self) -> bool:
-        """It receives everything at once."""
-        return True
+        """Whether it has found all that were there when it was opened."""
+        world = self._node.world
+        return world.now_ns >= self._began_ns + world.network.longest_discovery_ns
+
+    def link(self, source: str, channel: str, kind: ObservationKind) -> Link:
+        """On which this kind of observation comes here, in its order."""
+        suffix = TAKEN_SUFFIX if kind is ObservationKind.MESSAGE_TAKEN else ""
+        return Link(source, channel + suffix, self._node.node, self)
+
+    def hears(self, source: str, channel: str, kind: ObservationKind) -> bool:
+        """Whether ``source`` has found this tap on ``channel``."""
+        world = self._node.world
+        if world.network.finds_at_once:
+            return True
+        there = world.nodes.get(source)
+        connected_ns = 0 if there is None else there.connected_ns
+        if connected_ns >= self._began_ns and world.conditions.rules is Rules.ZENOH:
+            return True  # who connects waits for those who are there
+        link = self.link(source, channel, kind)
+        found = self._found.get(link)
+        if found is None or found[0] != connected_ns:  # it has started again
+            since_ns = max(self._began_ns, connected_ns)
+            found = self._found[link] = connected_ns, since_ns + world.network.discovery_ns()
+        return found[1] <= world.now_ns
 
     def ask(
         self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
@@ -195,21 +275,22 @@ class Tap:
                 return  # it has gone
             answer = here.routes.reported(node)
             came = self.links.get(node, ())
-            world.send((node, _ASKING, here.node), arrived, answer, behind=came)
+            world.send(Link(node, _ASKING, here.node), arrived, answer, behind=came)
 
         def arrived(answer: Answer) -> None:
             here.work(end, answer)
 
         there = world.nodes.get(node)
-        if there is None or not there.is_announced:
+        cannot = world.conditions.rules is Rules.ROS2 or here.view.is_contested(node)
+        if cannot or there is None or not there.is_announced:
             world.schedule(0, lambda _: here.work(end, None), None)
             return
         world.schedule(max(0, round(within_s * 1e9)), lambda _: here.work(end, None), None)
-        world.send((here.node, _ASKING, node), asked, None)
+        world.send(Link(here.node, _ASKING, node), asked, None)
 
     def is_contested(self, name: str) -> bool:
-        """A world has one node of each name."""
-        return False
+        """See ``transports.interface.Tap``."""
+        return self._node.view.is_contested(name)
 
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         """Nothing: a world waits for its taps."""
@@ -238,10 +319,31 @@ class Tap:
         fields, payload = sent
         channel, source = fields["channel"], fields["source"]
         events = _SUFFIXES.get(fields["kind"], EVENT_SUFFIX)
-        self._losses.number(channel + events, source, fields["sequence"], fields["stamp_ns"])
+        if fields["sequence"] >= 0:
+            self._losses.number(channel + events, source, fields["sequence"], fields["stamp_ns"])
         try:
             data = None if payload is None else plain(payload)
         except PayloadError as error:
             self._losses.undecodable(channel, source, error)
             return
-        self._handler(Observation(received_ns=self._node.world.now_ns, data=data, **fields))
+        if events == EVENT_SUFFIX and not fields["error"]:
+            fields = {**fields, "client": self._caller(channel, fields["client"], fields["call"])}
+        self._handler(Observation(received_ns=self._node.now_ns(), data=data, **fields))
+
+    def _caller(self, service: str, client: str, call: int) -> str:
+        """Who made a call, the same for all events of it: on ROS 2 a name is known some time after a node."""
+        world = self._node.world
+        if world.conditions.rules is not Rules.ROS2 or world.network.finds_at_once:
+            return client
+        place = (service, client, call)
+        there = world.nodes.get(client)
+        if there is None:
+            return self._nameless.get(place, client)
+        connected_ns = there.connected_ns
+        named = self._named_ns.get(client)
+        if named is None or named[0] != connected_ns:
+            since_ns = max(connected_ns, self._began_ns)
+            named = self._named_ns[client] = connected_ns, since_ns + world.network.discovery_ns()
+        if place not in self._nameless and world.now_ns < named[1]:
+            self._nameless[place] = f"{NAMELESS}{client.encode().hex()}{connected_ns:x}"
+        return self._nameless.get(place, client)

@@ -15,6 +15,7 @@ from transports.interface import (
     TransportError,
 )
 from transports.payloads import PayloadError, TypedCodec
+from transports.simulated.network import Link
 from transports.simulated.world import Completion
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ class Server:
     def arrive(self, call: Call) -> None:
         """A request is here."""
         if not self.node.alive:
-            call.client.lose(call)
+            call.client.lose(call, self.node_name)
             return
         self._open[call] = None
         self.node.work(self._handle, call)
@@ -126,13 +127,13 @@ class Server:
             call.number,
             error=f"{CallOutcome.REMOTE_ERROR}: {error}" if payload is None else "",
         )
-        link = (self.node_name, self.name, call.client.node_name)
+        link = Link(self.node_name, self.name, call.client.node_name)
         self.node.world.send(link, call.client.receive, (call, payload, error))
 
     def vanish(self) -> None:
         """The node is gone: callers whose requests wait here get an error."""
         for call in tuple(self._open):
-            call.client.lose(call)
+            call.client.lose(call, self.node_name)
         self._open.clear()
 
 
@@ -148,6 +149,7 @@ class Client:
         self._request = TypedCodec(f"{service.type_name}_Request", service.request)
         self._response = TypedCodec(f"{service.type_name}_Response", service.response)
         self._numbers = numbers
+        self._found: dict[Server, int] = {}
         self._waiting: dict[Completion, None] = {}
         self._unavailable = CallResult(
             CallOutcome.UNAVAILABLE,
@@ -173,11 +175,30 @@ class Client:
         )
         node.world.schedule(max(0, round(timeout_s * 1e9)), self._time_out, call)
         servers = node.routes.servers(name)
-        if servers:
-            link = (self.node_name, name, servers[0].node_name)
-            node.world.send(link, servers[0].arrive, call)
-        else:
+        if not servers:
             node.world.schedule(0, self._end_unavailable, call)
+            return
+        wait_ns = self._found_ns(servers[0]) - node.world.now_ns
+        if wait_ns > 0:
+            node.world.schedule(wait_ns, lambda _: self._send(servers[0], call), None)
+        else:
+            self._send(servers[0], call)
+
+    def _send(self, server: Server, call: Call) -> None:
+        if self.node.alive:
+            link = Link(self.node_name, self.service.name, server.node_name)
+            self.node.world.send(link, server.arrive, call)
+
+    def _found_ns(self, server: Server) -> int:
+        """When this client has found ``server``."""
+        network = self.node.world.network
+        if network.finds_at_once:
+            return 0
+        found_ns = self._found.get(server)
+        if found_ns is None:
+            since_ns = max(self.node.connected_ns, server.node.connected_ns)
+            found_ns = self._found[server] = since_ns + network.discovery_ns()
+        return found_ns
 
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and run the world until the call has ended."""
@@ -199,9 +220,9 @@ class Client:
         for waiting in self._waiting:
             waiting.set(self._unavailable)
 
-    def lose(self, call: Call) -> None:
+    def lose(self, call: Call, server: str) -> None:
         """The server of ``call`` is gone; that takes as long to receive as an answer."""
-        link = (self.service.name, self.node_name)
+        link = Link(server, f"{self.service.name}/_lost", self.node_name)
         self.node.world.send(link, self._end_unavailable, call)
 
     def receive(self, answer: tuple[Call, bytes | None, str]) -> None:

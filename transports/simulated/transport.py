@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +21,9 @@ from transports.interface import (
 )
 from transports.payloads import PayloadError, TypedCodec
 from transports.refusals import Refusals
+from transports.simulated.conditions import Rules
+from transports.simulated.network import Link
+from transports.simulated.presence import View
 from transports.simulated.routes import Sent, Tap
 from transports.simulated.services import Client, Request, Server
 from transports.simulated.world import Completion, Rank, SimulatedWorld, world_called
@@ -58,11 +60,16 @@ class Timer:
         self._handler = None
 
     def _fire(self, _: object) -> None:
-        if self._handler is None or not self._node.alive:
+        node = self._node
+        if self._handler is None or not node.alive:
             return
         if self._period_ns:
-            self._node.world.schedule(self._period_ns, self._fire, None, Rank.TIMER)
-        self._node.work(self._run, None)
+            still_ns = (
+                node.still_ns()
+            )  # ticks that are slept through are skipped, the phase is kept
+            periods = -(-still_ns // self._period_ns) or 1
+            node.world.schedule(periods * self._period_ns, self._fire, None, Rank.TIMER)
+        node.work(self._run, None)
 
     def _run(self, _: object) -> None:
         if self._handler is not None:
@@ -73,25 +80,25 @@ class Publisher:
     """Publishes one topic."""
 
     def __init__(self, node: SimulatedTransport, topic: Topic) -> None:
-        self._node = node
+        self.node = node
         self._topic = topic
         self._codec = TypedCodec(topic.type_name, topic.message)
-        self._lossy = topic.reliability is Reliability.BEST_EFFORT
+        self.is_lossy = topic.reliability is Reliability.BEST_EFFORT
+        self.declared_ns = node.world.now_ns
 
     def publish(self, message: Message) -> None:
         """Send ``message`` to every subscriber and tap."""
         payload = self._codec.encode(message)
-        node, topic = self._node, self._topic
+        node, topic = self.node, self._topic
         if not node.alive:
             raise TransportError(f"cannot publish on {topic.name}: {node.node} is closed")
-        world = node.world
-        sent = Sent(node.node, node.routes.number(node.node, topic.name), topic.type_name, payload)
-        for subscription in node.routes.subscriptions(topic.name):
-            copies = world.copies(world.conditions.loss) if self._lossy else 1
-            for _ in range(copies):
-                subscription.send(sent)
+        number = node.routes.numbers.take(node.node, topic.name)
+        stamp_ns = node.world.stamp_of(node.node)
+        sent = Sent(node.node, number, topic.type_name, payload, stamp_ns)
         if topic.transient_local:
-            node.routes.transient_local.setdefault(topic.name, {})[node.node] = sent
+            node.routes.transient_local.setdefault(topic.name, {})[self] = sent
+        for subscription in node.routes.subscriptions(topic.name):
+            subscription.take(self, sent)
         node.routes.message(sent, topic.name)
 
 
@@ -105,13 +112,55 @@ class Subscription:
         self._topic = topic
         self._codec = TypedCodec(topic.type_name, topic.message)
         self._handler = handler
+        self._declared_ns = node.world.now_ns
+        self._found: dict[Publisher, int] = {}
+        """When this and each publisher have found each other (ns)."""
+        self._last: dict[Publisher, int] = {}
+        """The number of the last message that each has sent here."""
 
-    def send(self, message: Sent) -> None:
-        """Let a message be under way to here."""
-        link = (message.source, self._topic.name, self._node.node)
-        self._node.world.send(link, self._arrive, message)
+    def take(self, publisher: Publisher, message: Sent) -> None:
+        """Let a message be under way to here, if its publisher has found this."""
+        world = self._node.world
+        if world.network.finds_at_once:
+            self._send(publisher, message)
+            return
+        if self._found_ns(publisher) <= world.now_ns:
+            self._send(publisher, message)
+        elif self._topic.transient_local:
+            self.take_last(publisher)
+
+    def take_last(self, publisher: Publisher) -> None:
+        """Let the last message of ``publisher`` be under way to here once it has found this."""
+        world = self._node.world
+        if world.network.finds_at_once:
+            self._send_last(publisher)
+        else:
+            # what is published until then asks for it, too
+            wait_ns = max(self._found_ns(publisher) - world.now_ns, 0)
+            world.schedule(wait_ns, self._send_last, publisher)
+
+    def _found_ns(self, publisher: Publisher) -> int:
+        found_ns = self._found.get(publisher)
+        if found_ns is None:
+            since_ns = max(self._declared_ns, publisher.declared_ns)
+            found_ns = since_ns + self._node.world.network.discovery_ns()
+            self._found[publisher] = found_ns
+        return found_ns
+
+    def _send_last(self, publisher: Publisher) -> None:
+        last = self._node.routes.transient_local.get(self._topic.name, {}).get(publisher)
+        if last is not None and self._last.get(publisher) != last.number:
+            self._send(publisher, last)
+
+    def _send(self, publisher: Publisher, message: Sent) -> None:
+        self._last[publisher] = message.number
+        link = Link(message.source, self._topic.name, self._node.node)
+        self._node.world.send(link, self._arrive, message, is_lossy=publisher.is_lossy)
 
     def _arrive(self, message: Sent) -> None:
+        clocks = self._node.world.clocks
+        if clocks.differ:
+            clocks.see(self._node.node, message.stamp_ns)
         self._node.work(self._receive, message)
 
     def _receive(self, message: Sent) -> None:
@@ -131,9 +180,6 @@ class SimulatedTransport:
     ``spin`` runs the whole world, so one thread drives any number of nodes.
     """
 
-    repair_s: float = 0.0
-    reports_takes: bool = True
-
     def __init__(self, world: SimulatedWorld, node: str) -> None:
         if not node:
             raise TransportError("a node needs a name")
@@ -142,7 +188,12 @@ class SimulatedTransport:
         self.world = world
         self.routes = world.routes
         self.alive = True
+        is_ros = world.conditions.rules is Rules.ROS2
+        self.repair_s = _ROS2_REPAIR_S if is_ros else 0.0
+        self.reports_takes = not is_ros
         self.refusals = Refusals(LOG)
+        self.listens = False
+        """Whether a tap is its."""
         self._node = node
         self._calls = itertools.count(1)
         self._subscriptions: list[tuple[str, Subscription]] = []
@@ -151,10 +202,15 @@ class SimulatedTransport:
         self._own_taps: list[Tap] = []
         self._beside: list[SimulatedTransport] = []
         self._announced = False
-        self._watching: list[Callable[[str, bool], None]] = []
         self._free_ns = 0
-        self._since_ns = world.now_ns
+        self.connected_ns = world.now_ns
+        """Virtual time."""
+        self.since_ns = SimulatedTransport.now_ns(self)
+        """The same by its own clock."""
+        self.view = View(self)
         world.nodes[node] = self
+        self.routes.begin(node)
+        world.presence.connected(self)
 
     @property
     def node(self) -> str:
@@ -168,13 +224,18 @@ class SimulatedTransport:
         return other
 
     def now_ns(self) -> int:
-        """The virtual clock, ns since the epoch."""
-        return self.world.now_ns
+        """The clock of this node's host, ns since the epoch."""
+        world = self.world
+        return world.now_ns + (world.clocks.ahead_ns(self._node) if world.clocks.differ else 0)
+
+    def still_ns(self) -> int:
+        """How long this node stands still from now on."""
+        return self.world.pauses.after(self._node, self.world.now_ns) - self.world.now_ns
 
     def work(self, handler: Callable[[Any], None], argument: Any) -> None:
         """Run ``handler(argument)`` as this node's next piece of work, when it has time for it."""
         world = self.world
-        start = max(world.now_ns, self._free_ns)
+        start = world.pauses.after(self._node, max(world.now_ns, self._free_ns))
         self._free_ns = start + world.busy_ns()
         if start > world.now_ns:
             world.schedule(start - world.now_ns, self._run, (handler, argument))
@@ -207,8 +268,8 @@ class SimulatedTransport:
         self._subscriptions.append((topic.name, subscription))
         self.routes.subscriptions(topic.name).append(subscription)
         if topic.transient_local:
-            for message in self.routes.transient_local.get(topic.name, {}).values():
-                subscription.send(message)
+            for publisher in self.routes.transient_local.get(topic.name, {}):
+                subscription.take_last(publisher)
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
         """Serve ``service``; a second server of it, here or in another node, is reported."""
@@ -230,7 +291,8 @@ class SimulatedTransport:
     def client(self, service: Service) -> Client:
         """A client of ``service``."""
         _check_name(service.name)
-        client = Client(self, service, self._calls)
+        is_ros = self.world.conditions.rules is Rules.ROS2
+        client = Client(self, service, itertools.count(1) if is_ros else self._calls)
         self._clients.append(client)
         return client
 
@@ -284,8 +346,8 @@ class SimulatedTransport:
         """Run the world until all ``names`` are up; returns those still missing at the end."""
 
         def missing() -> list[str]:
-            nodes = self.world.nodes
-            return [n for n in names if n not in nodes or not nodes[n].is_announced]
+            there = self.view.names()
+            return [name for name in names if name not in there]
 
         self.world.run_until(lambda: not missing(), timeout_s)
         return missing()
@@ -297,26 +359,17 @@ class SimulatedTransport:
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """``handler(name, up)`` whenever a node announces itself or goes away."""
-        self._watching.append(handler)
-        for name, node in self.world.nodes.items():
-            if node.is_announced:
-                self.post(functools.partial(handler, name, True))
+        self.view.watch(handler)
 
     def up_since(self, name: str) -> int:
-        """When ``name`` joined the world (ns); 0 if it is not up."""
-        node = self.world.nodes.get(name)
-        return node._since_ns if node is not None and node.is_announced else 0
+        """When ``name`` joined the world (ns, on its clock); 0 if it is not up, to this node."""
+        return self.view.up_since(name)
 
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
         if not self._announced:
             self._announced = True
-            self._report_to_watchers(True)
-
-    def _report_to_watchers(self, up: bool) -> None:
-        for other in tuple(self.world.nodes.values()):
-            for handler in other._watching:
-                other.post(functools.partial(handler, self._node, up))
+            self.world.presence.announced(self)
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Receive everything on channels that match one of the globs (empty: all), passively."""
@@ -340,12 +393,16 @@ class SimulatedTransport:
         """Leave the world; idempotent, from any thread."""
         self.world.enter(lambda _: self.vanish(), None)
 
-    def vanish(self) -> None:
-        """Be gone: nothing arrives here any more, and who called this node gets an error."""
+    def vanish(self, killed: bool = False) -> None:
+        """Be gone: nothing arrives here any more, and who called this node gets an error.
+
+        Args:
+            killed: without a word.
+        """
         if not self.alive:
             return
         for other in self._beside:
-            other.vanish()
+            other.vanish(killed)
         self.alive = False
         del self.world.nodes[self._node]
         for tap in self._own_taps:
@@ -358,11 +415,14 @@ class SimulatedTransport:
         for client in self._clients:
             client.close()
         for publishers in self.routes.transient_local.values():
-            publishers.pop(self._node, None)
+            for publisher in [one for one in publishers if one.node is self]:
+                del publishers[publisher]
         if self._announced:
-            self._report_to_watchers(False)
+            self.world.presence.left(self, killed)
 
 
+_ROS2_REPAIR_S = 3.2
+"""As ``transports.ros2`` says of Fast DDS."""
 _FOREVER_S = 3600.0 * 24 * 365 * 100
 
 

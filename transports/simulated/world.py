@@ -14,10 +14,12 @@ from enum import IntEnum
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
-from transports.interface import TransportError
+from transports.interface import Observation, TransportError
+from transports.simulated.clocks import Clocks
+from transports.simulated.conditions import Conditions, Kill
+from transports.simulated.network import NS, Link, Network, Pauses, Range
 from transports.simulated.pace import Pace
+from transports.simulated.presence import Presence
 from transports.simulated.routes import Routes
 from transports.simulated.tasks import Task, current_task
 
@@ -40,49 +42,6 @@ class Rank(IntEnum):
 
 _BELOW = 62
 """A rank decides before the order does, which never has so many bits."""
-
-
-class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How well the simulated network and its machines work.
-
-    Attributes:
-        delay_s: shortest and longest time a message is under way, drawn for each message. A link (a
-            channel from one node to another) keeps its order; across links, order is lost.
-        tap_delay_s: the same for what a tap receives.
-        busy_s: shortest and longest time a node takes for one piece of work; others wait meanwhile.
-        loss: probability that a message of a best-effort topic is lost on one link.
-        tap_loss: probability that an observation is lost.
-        duplication: probability that a message of a best-effort topic, or an observation, arrives
-            twice.
-    """
-
-    delay_s: tuple[float, float] = (100e-6, 100e-6)
-    tap_delay_s: tuple[float, float] = (100e-6, 100e-6)
-    busy_s: tuple[float, float] = (0.0, 0.0)
-    loss: float = 0.0
-    tap_loss: float = 0.0
-    duplication: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("delay_s", "tap_delay_s", "busy_s"):
-            least, most = getattr(self, name)
-            if not 0 <= least <= most:
-                raise ValueError(f"{name} must be (shortest, longest) ≥ 0, not {(least, most)}")
-        for name in ("loss", "tap_loss", "duplication"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} is a probability, not {getattr(self, name)}")
-
-
-class _Range:
-    """Draws durations in ns between two bounds."""
-
-    def __init__(self, bounds_s: tuple[float, float], source: random.Random) -> None:
-        self._least = round(bounds_s[0] * 1e9)
-        self._width = round(bounds_s[1] * 1e9) - self._least
-        self._random = source.random
-
-    def draw(self) -> int:
-        return self._least + int(self._random() * self._width) if self._width else self._least
 
 
 class Completion:
@@ -162,20 +121,25 @@ class SimulatedWorld:
         """The node whose handler raised what ``run`` has raised; None: something else did."""
         self.events = 0
         """How many events have happened."""
-        self.nodes: dict[str, Any] = {}
-        self.routes = Routes(self)
-        self._delay = _Range(conditions.delay_s, self.random)
-        self._tap_delay = _Range(conditions.tap_delay_s, self.random)
-        self._busy = _Range(conditions.busy_s, self.random)
+        self.nodes: dict[str, SimulatedTransport] = {}
+        self.starters: dict[str, Callable[[], object]] = {}
+        """How each node is started again that was killed (``Conditions.kills``), by its name."""
         self._queue: list[tuple[int, int, Event, Any]] = []
         self._order = 0
-        self._last_stamp_ns = 0
-        self._arrivals: dict[Any, int] = {}
+        self._last_stamp_ns = self._last_true_ns = 0
+        self.network = Network(conditions, START_NS, self.random, seed)
+        self.clocks = Clocks(conditions, START_NS, lambda: self.now_ns)
+        self.pauses = Pauses(conditions.pauses, START_NS)
+        self.routes = Routes(self)
+        self.presence = Presence(self)
+        self._busy = Range(conditions.busy_s, self.random)
         # put() may come from a signal's handler while get() waits on the same thread
         self._entered: SimpleQueue[tuple[Event, Any]] = SimpleQueue()
         self._pace: Pace | None = None
         self._thread = threading.get_ident()
         self._tasks: list[Task] = []
+        for kill in conditions.kills:
+            self.schedule(round(kill.at_s * NS), self._kill, kill)
 
     # --- time ------------------------------------------------------------------------------------
 
@@ -183,6 +147,15 @@ class SimulatedWorld:
         """Now, but later than every stamp before: a hybrid logical clock of the whole world."""
         self._last_stamp_ns = max(self.now_ns, self._last_stamp_ns + 1)
         return self._last_stamp_ns
+
+    def true_stamp(self) -> int:
+        """Now, but later than every true stamp before."""
+        self._last_true_ns = max(self.now_ns, self._last_true_ns + 1)
+        return self._last_true_ns
+
+    def stamp_of(self, node: str) -> int:
+        """The stamp of what ``node`` does now, by its host's clock."""
+        return self.clocks.stamp(node) if self.clocks.differ else self.stamp()
 
     def schedule(
         self, delay_ns: int, event: Event, argument: Any, rank: Rank = Rank.MESSAGE
@@ -211,36 +184,38 @@ class SimulatedWorld:
         """
         self._pace = None if speed is None else Pace(speed, self.now_ns)
 
-    def send(self, link: Any, event: Event, argument: Any, behind: Iterable[Any] = ()) -> None:
-        """Let ``event(argument)`` happen when a message sent now on ``link`` arrives.
+    def send(
+        self,
+        link: Link,
+        event: Event,
+        argument: Any,
+        behind: Iterable[Link] = (),
+        is_lossy: bool = False,
+    ) -> None:
+        """Let ``event(argument)`` happen when a message sent now on ``link`` arrives, as often as it does.
 
-        ``behind`` are links whose messages that are under way arrive before it.
+        Args:
+            link: on which.
+            event: what happens.
+            argument: with what.
+            behind: links whose messages that are under way arrive before it.
+            is_lossy: whether the middleware may lose it.
         """
-        arrivals = self._arrivals
-        least_ns = max((arrivals.get(other, 0) for other in behind), default=0) - self.now_ns
-        self._arrive(link, max(self._delay.draw(), least_ns), event, argument)
+        for due_ns in self.network.message(link, self.now_ns, is_lossy, behind):
+            self._plan(due_ns, event, argument)
 
-    def send_to_tap(self, link: Any, event: Event, argument: Any) -> None:
+    def send_to_tap(self, link: Link, event: Event, argument: Any) -> None:
         """The same for what a tap receives, which may be lost or doubled."""
-        for _ in range(self.copies(self.conditions.tap_loss)):
-            self._arrive(link, self._tap_delay.draw(), event, argument)
-
-    def copies(self, loss: float) -> int:
-        """How often a message arrives that is lost with probability ``loss``: 0, 1 or 2 times."""
-        if loss and self.random.random() < loss:
-            return 0
-        doubled = self.conditions.duplication
-        return 2 if doubled and self.random.random() < doubled else 1
+        for due_ns in self.network.observation(link, self.now_ns):
+            self._plan(due_ns, event, argument)
 
     def busy_ns(self) -> int:
         """How long the next piece of work keeps its node busy."""
         return self._busy.draw()
 
-    def _arrive(self, link: Any, delay_ns: int, event: Event, argument: Any) -> None:
-        due = max(self.now_ns + delay_ns, self._arrivals.get(link, 0))
-        self._arrivals[link] = due
+    def _plan(self, due_ns: int, event: Event, argument: Any) -> None:
         self._order += 1
-        heapq.heappush(self._queue, (due, self._order, event, argument))
+        heapq.heappush(self._queue, (due_ns, self._order, event, argument))
 
     # --- running ---------------------------------------------------------------------------------
 
@@ -345,7 +320,22 @@ class SimulatedWorld:
         if node not in self.nodes:
             known = ", ".join(sorted(self.nodes)) or "none"
             raise TransportError(f"no node `{node}` in this world (there are: {known})")
-        self.nodes[node].vanish()
+        self.nodes[node].vanish(killed=True)
+
+    def _kill(self, kill: Kill) -> None:
+        if kill.node in self.nodes:
+            self.crash(kill.node)
+            starter = self.starters.get(kill.node)
+            if kill.down_s is not None and starter is not None:
+                self.schedule(round(kill.down_s * NS), _start, starter)
+
+    def witness(self, handler: Callable[[Observation], None]) -> None:
+        """Have ``handler`` called with everything that nodes do, when they do it.
+
+        It is what a tap would receive that hears all from the beginning, at once, by the world's own clock
+        and from nodes that number all that they do. The nodes do not know of it.
+        """
+        self.routes.witnesses.append(handler)
 
     def close(self) -> None:
         """Close every node and end every spawned caller."""
@@ -357,6 +347,10 @@ class SimulatedWorld:
 
 def _nothing(_: object) -> None:
     """An event in which nothing happens."""
+
+
+def _start(starter: Callable[[], object]) -> None:
+    starter()
 
 
 def _bounds(text: str) -> tuple[float, float]:

@@ -1,0 +1,204 @@
+"""What becomes of a message under way in a simulated world: when it arrives, how often, or not at all."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from transports.simulated.conditions import Bounds, Conditions, Cut, Pause
+
+NS = 10**9
+
+
+class Link(NamedTuple):
+    """Where messages keep their order: one channel from one node to another, or to one of its taps."""
+
+    source: str
+    channel: str
+    node: str
+    tap: object = None
+
+
+class Range:
+    """Draws durations in ns between two bounds."""
+
+    def __init__(self, bounds_s: Bounds, source: random.Random) -> None:
+        self._least = round(bounds_s[0] * NS)
+        self._width = round(bounds_s[1] * NS) - self._least
+        self._random = source.random
+        self.most = self._least + self._width
+
+    def draw(self) -> int:
+        """One of them."""
+        return self._least + int(self._random() * self._width) if self._width else self._least
+
+
+class Network:
+    """All links of one world.
+
+    Args:
+        conditions: how well they work.
+        began_ns: virtual time as the world begins.
+        draws: the world's choices.
+        seed: of further choices, so that conditions which need none do not change the others.
+    """
+
+    def __init__(
+        self, conditions: Conditions, began_ns: int, draws: random.Random, seed: int
+    ) -> None:
+        self._conditions = conditions
+        self._random = draws
+        self._more = random.Random(f"{seed} network")
+        self._delay = Range(conditions.delay_s, draws)
+        self._tap_delay = Range(conditions.tap_delay_s, draws)
+        self._discovery = Range(conditions.discovery_s, self._more)
+        self.finds_at_once = not self._discovery.most
+        """Whether ends find each other without delay."""
+        self._cuts = [(cut, *_span(cut, began_ns)) for cut in conditions.cuts]
+        self._lease_ns = round(conditions.lease_s * NS)
+        self._lost = {(one.source, one.channel, one.node, one.number) for one in conditions.lost}
+        self._reordered = {
+            (one.source, one.channel, one.node): (
+                Range((0.0, one.by_s), self._more),
+                one.probability,
+            )
+            for one in conditions.reordered
+        }
+        self._counts: dict[Link, int] = {}
+        self._in_order: dict[Link, int] = {}
+        """When the last message arrives of those that keep the link's order."""
+        self._latest: dict[Link, int] = {}
+        """When the last message arrives."""
+
+    def discovery_ns(self) -> int:
+        """How long two ends take to find each other."""
+        return self._discovery.draw()
+
+    @property
+    def longest_discovery_ns(self) -> int:
+        """How long they take at most."""
+        return self._discovery.most
+
+    def copies(self, loss: float) -> int:
+        """How often a message arrives that is lost with probability ``loss``: 0, 1 or 2 times."""
+        if loss and self._random.random() < loss:
+            return 0
+        doubled = self._conditions.duplication
+        return 2 if doubled and self._random.random() < doubled else 1
+
+    def message(
+        self, link: Link, now_ns: int, is_lossy: bool, behind: Iterable[Link] = ()
+    ) -> list[int]:
+        """When a message arrives that is sent now (ns): never, once or twice.
+
+        Args:
+            link: on which.
+            now_ns: virtual time.
+            is_lossy: whether the middleware may lose it.
+            behind: links whose messages that are under way arrive before it.
+        """
+        loss = self._conditions.loss
+        copies = self.copies(loss) if is_lossy else 1
+        if self._is_lost(link, link.node):
+            return []
+        least_ns = max((self._latest.get(other, 0) for other in behind), default=0)
+        delay, node = self._delay, link.node
+        found = [
+            self._arrival(link, node, delay, now_ns, least_ns, is_lossy) for _ in range(copies)
+        ]
+        return [due_ns for due_ns in found if due_ns is not None]
+
+    def observation(self, link: Link, now_ns: int) -> list[int]:
+        """The same for what a tap receives; the link ends at the tap's node."""
+        copies = self.copies(self._conditions.tap_loss)
+        if self._is_lost(link, ""):
+            return []
+        found = [self._arrival(link, "", self._tap_delay, now_ns) for _ in range(copies)]
+        return [due_ns for due_ns in found if due_ns is not None]
+
+    def _is_lost(self, link: Link, node: str) -> bool:
+        if not self._lost:
+            return False
+        number = self._counts.get(link, 0)
+        self._counts[link] = number + 1
+        return (link.source, link.channel, node, number) in self._lost
+
+    def _arrival(
+        self,
+        link: Link,
+        node: str,
+        delay: Range,
+        now_ns: int,
+        least_ns: int = 0,
+        is_lossy: bool = False,
+    ) -> int | None:
+        """When one copy arrives; None: it does not, as the network is cut."""
+        uncut_ns = now_ns + delay.draw()
+        due_ns = self._after_cuts(link, uncut_ns, now_ns, is_lossy)
+        if due_ns is None:
+            return None
+        due_ns = max(due_ns, least_ns)
+        reordered = self._reordered.get((link.source, link.channel, node))
+        if reordered is not None and self._more.random() < reordered[1]:
+            due_ns += reordered[0].draw()
+        else:
+            due_ns = max(due_ns, self._in_order.get(link, 0))
+            self._in_order[link] = due_ns
+        self._latest[link] = max(self._latest.get(link, 0), due_ns)
+        return due_ns
+
+    # --- cuts --------------------------------------------------------------------------------------
+
+    def _after_cuts(self, link: Link, due_ns: int, now_ns: int, is_lossy: bool) -> int | None:
+        for cut, from_ns, until_ns in self._cuts:
+            if due_ns < from_ns or now_ns >= until_ns or not self._is_between(cut, link):
+                continue
+            if is_lossy or until_ns - from_ns > self._lease_ns:
+                return None
+            due_ns = until_ns + due_ns - max(now_ns, from_ns)
+        return due_ns
+
+    def _is_between(self, cut: Cut, link: Link) -> bool:
+        return self.separates(cut, link.source, link.node)
+
+    def separates(self, cut: Cut, one: str, other: str) -> bool:
+        """Whether ``cut`` lies between two nodes."""
+        host_of = self._conditions.host_of
+        return (host_of(one) in cut.hosts) != (host_of(other) in cut.hosts)
+
+    def healed_ns(self, one: str, other: str, now_ns: int) -> int:
+        """When two nodes reach each other (again): ``now_ns``, or when a cut between them is healed."""
+        for cut, from_ns, until_ns in self._cuts:
+            if from_ns <= now_ns < until_ns and self.separates(cut, one, other):
+                now_ns = until_ns
+        return now_ns
+
+    def long_cuts(self) -> list[tuple[Cut, int, int]]:
+        """Cuts in which each side takes the other for gone: from when until when (ns)."""
+        return [
+            (cut, from_ns + self._lease_ns, until_ns)
+            for cut, from_ns, until_ns in self._cuts
+            if until_ns - from_ns > self._lease_ns
+        ]
+
+
+class Pauses:
+    """When nodes stand still."""
+
+    def __init__(self, pauses: Iterable[Pause], began_ns: int) -> None:
+        self._of: dict[str, list[tuple[int, int]]] = {}
+        for pause in sorted(pauses, key=lambda pause: pause.at_s):
+            self._of.setdefault(pause.node, []).append(_span(pause, began_ns))
+
+    def after(self, node: str, instant_ns: int) -> int:
+        """The first instant from ``instant_ns`` on (ns) at which ``node`` does something."""
+        for from_ns, until_ns in self._of.get(node, ()):
+            if from_ns <= instant_ns < until_ns:
+                instant_ns = until_ns
+        return instant_ns
+
+
+def _span(one: Pause | Cut, began_ns: int) -> tuple[int, int]:
+    from_ns = began_ns + round(one.at_s * NS)
+    return from_ns, from_ns + round(one.for_s * NS)

@@ -1,0 +1,161 @@
+"""Who is there, as each node of a simulated world sees it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from transports.simulated.conditions import Cut, Rules
+
+if TYPE_CHECKING:
+    from transports.simulated.transport import SimulatedTransport
+    from transports.simulated.world import SimulatedWorld
+
+CONTESTED_NS = 5 * 10**9
+"""So long after one of two nodes of a name has gone, what comes may still be of either."""
+
+Watcher = Callable[[str, bool], None]
+
+
+class View:
+    """The nodes that are up, to one of them.
+
+    A node that was killed and started again is there twice until the first is missed.
+
+    Args:
+        of: whose view it is.
+    """
+
+    def __init__(self, of: SimulatedTransport) -> None:
+        self._of = of
+        self._there: dict[str, list[SimulatedTransport]] = {}
+        self._since: dict[str, int] = {}
+        self._contested_until: dict[str, float] = {}
+        self._watchers: list[Watcher] = []
+
+    def watch(self, handler: Watcher) -> None:
+        """``handler(name, up)`` as work of the node, at once for those who are up."""
+        self._watchers.append(handler)
+        for name in self._there:
+            self._of.post(functools.partial(handler, name, True))
+
+    def names(self) -> list[str]:
+        """Who is up."""
+        return list(self._there)
+
+    def up_since(self, name: str) -> int:
+        """When ``name`` began to connect, on its clock (ns); 0: it is not up, or was there twice."""
+        return self._since.get(name, 0)
+
+    def is_contested(self, name: str) -> bool:
+        """Whether ``name`` is there twice, or was of late."""
+        return self._contested_until.get(name, 0.0) >= self._of.world.now_ns
+
+    def appear(self, other: SimulatedTransport) -> None:
+        """``other`` is found."""
+        there = self._there.setdefault(other.node, [])
+        if not self._of.alive or other in there:
+            return
+        there.append(other)
+        if len(there) > 1:  # which of them something comes from is not known
+            self._since[other.node] = 0
+            self._contested_until[other.node] = math.inf
+            return
+        self._since[other.node] = other.since_ns
+        self._report(other.node, True)
+
+    def disappear(self, other: SimulatedTransport) -> None:
+        """``other`` is missed."""
+        there = self._there.get(other.node, [])
+        if other not in there:
+            return
+        there.remove(other)
+        if there:
+            self._contested_until[other.node] = self._of.world.now_ns + CONTESTED_NS
+            return
+        del self._there[other.node], self._since[other.node]
+        self._report(other.node, False)
+
+    def _report(self, name: str, up: bool) -> None:
+        for handler in self._watchers:
+            self._of.post(functools.partial(handler, name, up))
+
+
+class Presence:
+    """What all nodes of a world learn of each other: after a while, and not across a cut."""
+
+    def __init__(self, world: SimulatedWorld) -> None:
+        self._world = world
+        self._network = world.network
+        for cut, from_ns, until_ns in self._network.long_cuts():
+            world.schedule(from_ns - world.now_ns, self._part, cut)
+            world.schedule(until_ns - world.now_ns, self._join, cut)
+
+    def connected(self, node: SimulatedTransport) -> None:
+        """``node`` is new: it finds those who are up."""
+        for other in self._world.nodes.values():
+            if other.is_announced:
+                self._find(node, other)
+
+    def announced(self, node: SimulatedTransport) -> None:
+        """``node`` is up: the others find it."""
+        for viewer in tuple(self._world.nodes.values()):
+            self._find(viewer, node)
+
+    def left(self, node: SimulatedTransport, killed: bool) -> None:
+        """``node`` has gone; where ``killed``, without a word."""
+        is_missed_late = killed and self._world.conditions.rules is Rules.ROS2
+        lease_ns = round(self._world.conditions.lease_s * 1e9) if is_missed_late else 0
+        for viewer in tuple(self._world.nodes.values()):
+            self._later(lease_ns, viewer.view.disappear, node)
+
+    def _find(self, viewer: SimulatedTransport, other: SimulatedTransport) -> None:
+        world, network = self._world, self._network
+        now_ns = world.now_ns
+        found_ns = now_ns
+        if not network.finds_at_once and viewer is not other:
+            found_ns += network.discovery_ns()
+            if viewer.listens and world.conditions.rules is Rules.ROS2:
+                # it is up to a tap when that hears all its channels
+                since_ns = max(viewer.connected_ns, other.connected_ns)
+                found_ns = max(found_ns, since_ns + network.longest_discovery_ns)
+        found_ns = network.healed_ns(viewer.node, other.node, found_ns)
+        self._later(found_ns - now_ns, functools.partial(_appear, viewer), other)
+
+    def _later(
+        self,
+        delay_ns: int,
+        event: Callable[[SimulatedTransport], None],
+        node: SimulatedTransport,
+    ) -> None:
+        if delay_ns:
+            self._world.schedule(delay_ns, event, node)
+        else:
+            event(node)
+
+    # --- cuts --------------------------------------------------------------------------------------
+
+    def _part(self, cut: Cut) -> None:
+        for viewer, other in self._across(cut):
+            viewer.view.disappear(other)
+
+    def _join(self, cut: Cut) -> None:
+        for viewer, other in self._across(cut):
+            if other.is_announced:
+                self._find(viewer, other)
+
+    def _across(self, cut: Cut) -> list[tuple[SimulatedTransport, SimulatedTransport]]:
+        nodes = tuple(self._world.nodes.values())
+        return [
+            (one, other)
+            for one in nodes
+            for other in nodes
+            if self._network.separates(cut, one.node, other.node)
+        ]
+
+
+def _appear(viewer: SimulatedTransport, other: SimulatedTransport) -> None:
+    if other.alive:
+        viewer.view.appear(other)
