@@ -131,9 +131,13 @@ class Certainty:
             case Variable(name=name):
                 return name not in self._scope.variables and name not in STATUSES
             case Member(object=inner) | Index(object=inner):
-                if self.of(inner).kind in (ANY, NULL):
+                if self.may_be_undefined(inner):
                     return True
         return any(map(self.may_throw, children(node)))
+
+    def may_be_undefined(self, node: Expression) -> bool:
+        """Whether the value of ``node`` may have no parts."""
+        return self.of(node).kind in (ANY, NULL)
 
     def fit(self, node: Expression, target: DataType) -> Fit:
         """How the value of ``node`` goes to a place of type ``target``."""

@@ -14,6 +14,7 @@ from typing import Any
 from m2c.model.certainty import Certainty, Fit
 from m2c.model.datatypes import ANY, INT64, Array, DataType, Structure, part
 from m2c.model.diagnostics import Position
+from m2c.model.expression_text import expression_text
 from m2c.model.expressions import Expression, Index, Literal, Member, Variable
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -369,16 +370,26 @@ class Compiler:
             isinstance(owner, Array) and isinstance(location, Member) and location.name != "length"
         )
 
+        may_fail = not _always_has_place(location, owner)
+
+        def unknown_place(step: Step) -> None:
+            """It is not known whether there is such a place."""
+            if may_fail and not step.either():
+                raise ecmascript.ExecutionError("a place that may not be there")
+
         def assign_part(step: Step) -> None:
             made = new(step)
             if step.data[root].__class__ is Unknown:
+                unknown_place(step)
                 return  # a part of something unknown: still unknown
             # values are shared between hypotheses: change a copy
             step.data[root] = copy.deepcopy(step.data[root])
             target = holder(step)
             if target.__class__ is Unknown:
+                unknown_place(step)
                 return
             if is_column and (made.__class__ is Unknown or Unknown in map(type, target)):
+                unknown_place(step)
                 step.data[root] = anything()
                 return
             if isinstance(location, Member):
@@ -387,6 +398,7 @@ class Compiler:
             assert index is not None
             place = index(step)
             if place.__class__ is Unknown:
+                unknown_place(step)
                 step.data[root] = anything()
                 return
             ecmascript.set_element(target, place, made, fill, most)
@@ -441,6 +453,23 @@ class Compiler:
             )
 
         return send
+
+
+def _always_has_place(location: Member | Index, owner: DataType) -> bool:
+    """Whether assigning to ``location`` cannot fail, whatever the value (of type ``owner``) that has it as a part."""
+    if isinstance(owner, Structure):
+        return isinstance(location.object, Variable | Member)
+    if not isinstance(owner, Array) or isinstance(location, Member):
+        return False
+    match location.index:
+        case Member(object=inner, name="length"):
+            return owner.length is None and expression_text(inner) == expression_text(
+                location.object
+            )
+        case Literal(value=int() as place):
+            return place >= 0 and (owner.length is None or place < owner.length)
+        case _:
+            return False
 
 
 def _message_writer(

@@ -184,7 +184,7 @@ class Closures:
             case Member(object=inner, name=name):
                 return self._member(inner, name)
             case Index(object=inner, index=index):
-                holder, place_of = self._compile(inner), self._compile(index)
+                holder, place_of = self._holder(inner), self._compile(index)
                 return lambda step: _element(holder(step), place_of(step))
             case Unary(operator="!", operand=operand):
                 test = self.condition(operand)
@@ -197,7 +197,7 @@ class Closures:
                 return lambda step: unknowns.to_number(plus(step))
             case Unary(operand=operand):
                 named = self._compile(operand)
-                return lambda step: ecmascript.type_name(named(step))
+                return lambda step: unknowns.type_name(named(step))
             case Binary():
                 return self._binary(node)
             case Logical(operator=operator, left=left, right=right):
@@ -231,13 +231,27 @@ class Closures:
             for constant, _, value in kind.constants:
                 if constant == name:
                     return lambda step: value
-        holder = self._compile(inner)
+        holder = self._holder(inner)
         only = only_array(kind) if name == "length" else None
         if only is not None:
             return lambda step: _member(_member(holder(step), only), name)
         if isinstance(kind, Array) and name != "length" and part(kind, name) is not None:
             return lambda step: _column(holder(step), name)
         return lambda step: _member(holder(step), name)
+
+    def _holder(self, node: Expression) -> Evaluate:
+        """A closure for ``node``, of which a part is asked: if it may be undefined, that may fail."""
+        evaluate = self._compile(node)
+        if not self._symbolic or not self._certainty.may_be_undefined(node):
+            return evaluate
+
+        def defined(step: Step) -> Any:
+            value = evaluate(step)
+            if value.__class__ is Unknown and not step.either():
+                raise ecmascript.ExecutionError("a part of a value that may be undefined")
+            return value
+
+        return defined
 
     def _binary(self, node: Binary) -> Evaluate:
         left, right = self._compile(node.left), self._compile(node.right)

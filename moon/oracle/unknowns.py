@@ -157,6 +157,13 @@ def arithmetic(operator: str, exact: Callable[[Any, Any], Any]) -> Callable[[Any
     return operate
 
 
+def type_name(value: Any) -> Any:
+    """``typeof``: of a range it is ``number``; of what may be anything, it may be any."""
+    if value.__class__ is not Unknown:
+        return ecmascript.type_name(value)
+    return anything() if value.anything else "number"
+
+
 def negate(value: Any) -> Any:
     """Unary minus."""
     if value.__class__ is not Unknown:

@@ -1,0 +1,92 @@
+"""What a step may do when nothing is known of the data: all that generated code can have done."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from m2c.model.machine import EventKind
+from moon.oracle.program import MachineProgram
+from tests.oracle.machines import library, read
+
+MODEL = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" name="Probe" initial="s">
+  <datamodel>
+    <data id="n" type="int32" expr="0"/>
+    <data id="x" type="float64" expr="0.5"/>
+    <data id="items" type="int32[]" expr="[1]"/>
+    <data id="few" type="int32[&lt;=2]" expr="[1]"/>
+    <data id="points" type="geometry_msgs/Point[]" expr="[]"/>
+    <data id="point" type="geometry_msgs/Point"/>
+  </datamodel>
+  <ros_topic_subscriber name="in" topic="/in" type="std_msgs/Int32"/>
+  <ros_topic_publisher name="out" topic="/out" type="std_msgs/Int32"/>
+  <state id="s">
+    <ros_topic_callback name="in">
+      {content}
+      <ros_topic_publish name="out"><field name="data" expr="n"/></ros_topic_publish>
+      <assign location="n" expr="_msg.data"/>
+      <assign location="x" expr="_msg.data"/>
+      <assign location="items" expr="[n]"/>
+      <assign location="few" expr="[n]"/>
+      <assign location="points" expr="[]"/>
+      <assign location="point.x" expr="_msg.data"/>
+    </ros_topic_callback>
+  </state>
+</scxml>
+"""
+
+
+def outcomes(content: str) -> set[int]:
+    """How many messages the step may send that begins with ``content``."""
+    program = MachineProgram(read(MODEL.format(content=content)), library())
+    event = (EventKind.MESSAGE, "in")
+    found: Any = program.take(0, program.unknown_data(), event, {"data": 1}, {})
+    return {len(step.outputs) for _, step in found}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        """<log label="far" expr="'' + points[9].x"/>""",
+        """<if cond="points[n].x &gt; 1"><log label="seen"/></if>""",
+        """<assign location="items[items.length - 1]" expr="2"/>""",
+        """<assign location="items.length" expr="n"/>""",
+        """<assign location="few[few.length]" expr="2"/>""",
+        """<assign location="few[n]" expr="2"/>""",
+        """<assign location="points[0].x" expr="2"/>""",
+    ],
+)
+def test_a_part_that_may_not_be_there_may_fail(content: str) -> None:
+    expected = {1} if content.startswith("<if") else {0, 1}  # what a condition fails ends no block
+    assert outcomes(content) == expected
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        """<assign location="items[items.length]" expr="2"/>""",
+        """<assign location="items[3]" expr="2"/>""",
+        """<assign location="few[1]" expr="2"/>""",
+        """<assign location="point.x" expr="2"/>""",
+        """<log label="near" expr="point.x"/>""",
+        """<log label="count" expr="points.length"/>""",
+    ],
+)
+def test_a_part_that_is_always_there_does_not_fail(content: str) -> None:
+    assert outcomes(content) == {1}
+
+
+@pytest.mark.parametrize(
+    ("cond", "expected"),
+    [
+        ("typeof n == 'number'", {2}),
+        ("typeof x == 'number'", {2}),
+        ("typeof items == 'number'", {1, 2}),
+        ("typeof n == 'string'", {1}),
+    ],
+)
+def test_a_value_that_is_not_known_has_its_type(cond: str, expected: set[int]) -> None:
+    send = '<ros_topic_publish name="out"><field name="data" expr="1"/></ros_topic_publish>'
+    assert expected <= outcomes(f'<if cond="{cond}">{send}</if>')
