@@ -273,7 +273,7 @@ class Machine:
                 return [e("assign", location="record", expr="records[2]")]
 
     def _condition(self, values: Values) -> str:
-        if self.fails and self.draw.random() < 0.25:
+        if self.fails and happens(self.draw, "condition fails"):
             return f"{failing(self.draw)} < {self.draw.randint(0, 3)}"
         return values.condition()
 
@@ -306,9 +306,9 @@ class Machine:
                 parts += self._handlers(number, trigger)
         parts += self.chained
         if self.fails and happens(draw, "handles errors"):
-            parts.append(
-                e("transition", *self.content(self.values(), self.deepest), event="error.execution")
-            )
+            seen = e("assign", location="b", expr="(b + 1) % 7")
+            body = self.content(self.values(), self.deepest)
+            parts.append(e("transition", seen, *body, event="error.execution"))
         later = self._names[index + 1 :]
         if later and happens(draw, "eventless transition"):
             body = self.content(self.values(), self.deepest)
@@ -337,6 +337,8 @@ class Machine:
             body = self._body(number, trigger, values)
             found.append(self._maybe_leading(e(trigger.tag, *body, **head, **cond)))
             head = dict(trigger.attributes)
+            if happens(draw, "only with condition"):
+                return found
         body = self._body(number, trigger, values)
         return [*found, self._maybe_leading(e(trigger.tag, *body, **head))]
 

@@ -13,6 +13,8 @@ CHANCE = {
     "threads": 0.5,
     "handler missing": 0.04,
     "handler with condition": 0.35,
+    "only with condition": 0.25,
+    "condition fails": 0.35,
     "handler leads to a state": 0.4,
     "content on entry": 0.4,
     "content on exit": 0.25,
