@@ -456,7 +456,7 @@ class Compiler:
 
 
 def _always_has_place(location: Member | Index, owner: DataType) -> bool:
-    """Whether assigning to ``location`` cannot fail, whatever the value (of type ``owner``) that has it as a part."""
+    """Whether assigning to ``location``, a part of a value of type ``owner``, cannot fail."""
     if isinstance(owner, Structure):
         return isinstance(location.object, Variable | Member)
     if not isinstance(owner, Array) or isinstance(location, Member):
