@@ -16,6 +16,43 @@ SECURE_ENDPOINT = "tls/127.0.0.1:7447"
 """The same, with certificates."""
 
 
+MOST_NAMESPACE = 255
+"""Characters of a namespace: as of a node's name."""
+_NOT_IN_A_NAMESPACE = "*$?#"
+"""Zenoh's wildcards and separators: a namespace with a wildcard is many."""
+
+
+class NamespaceError(ValueError):
+    """A prefix of channels that is none; the text says why and what would be right."""
+
+
+def plain_namespace(text: str) -> str:
+    """``text`` as the prefix of all channels of one system: chunks with ``/`` between them, or "".
+
+    Raises:
+        NamespaceError: it is none.
+    """
+    chunks = text.split("/")
+    bad = next((c for c in text if c in _NOT_IN_A_NAMESPACE or not c.isprintable()), "")
+    wrong = ""
+    if bad:
+        wrong = f"{bad!r} is not allowed in it"
+    elif text and "" in chunks:
+        wrong = "it has an empty chunk, or a slash at an end"
+    elif any(chunk.startswith("@") for chunk in chunks):
+        wrong = "a chunk may not start with '@'"
+    elif text != text.strip() or any(chunk != chunk.strip() for chunk in chunks):
+        wrong = "a chunk may not begin or end with a space"
+    elif len(text) > MOST_NAMESPACE:
+        wrong = f"it has more than {MOST_NAMESPACE} characters"
+    if wrong:
+        shown = text if len(text) <= MOST_NAMESPACE else f"{text[:MOST_NAMESPACE]}…"
+        raise NamespaceError(
+            f"namespace {shown!r}: {wrong}; write chunks with '/' between them, e.g. robots/7"
+        )
+    return text
+
+
 def transport_options(
     endpoints: Sequence[str],
     config: str,

@@ -16,6 +16,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 AUTHORITY_DAYS = 3650
 """How long an authority is valid: it outlives the certificates that it renews."""
+MOST_NAME = 64
+"""Bytes of a common name (X.520, ``ub-common-name``)."""
 _CLOCKS = timedelta(minutes=5)
 """A certificate is valid from so long ago: clocks of hosts differ."""
 
@@ -40,9 +42,9 @@ class Pair(msgspec.Struct, frozen=True):
 
 
 def new_authority(name: str) -> Pair:
-    """A certificate authority, which signs itself."""
+    """A certificate authority, which signs itself; of a long ``name`` its certificate has the beginning."""
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = _named(name)
+    subject = _named(name.encode()[:MOST_NAME].decode(errors="ignore"))
     builder = _builder(subject, subject, key, AUTHORITY_DAYS).add_extension(
         x509.BasicConstraints(ca=True, path_length=0), critical=True
     )
@@ -54,7 +56,7 @@ def issued(authority: Pair, name: str, days: int) -> Pair:
 
     Args:
         authority: who signs.
-        name: the common name.
+        name: the common name, of at most ``MOST_NAME`` bytes.
         days: how long it is valid; not longer than the authority.
     """
     key = ec.generate_private_key(ec.SECP256R1())

@@ -74,11 +74,13 @@ def init(
       moon keys init keys examples/lab_tour/system.xml
     """
     from moon.keys.folder import KeysError, make
+    from transports.interface import TransportError
 
+    prefix = _plain(namespace)
     name, processes = _read(system, interfaces)
     try:
-        make(folder, name, processes, days, _stripped(namespace))
-    except (KeysError, OSError) as error:
+        make(folder, name, processes, days, prefix)
+    except (KeysError, TransportError, OSError) as error:
         _fail(error)
     _report(folder, processes)
 
@@ -99,11 +101,13 @@ def renew(
     """
     from moon.keys.folder import KeysError
     from moon.keys.folder import renew as make_again
+    from transports.interface import TransportError
 
+    prefix = _plain(namespace)
     _, processes = _read(system, interfaces)
     try:
-        make_again(folder, processes, days, _stripped(namespace))
-    except (KeysError, OSError) as error:
+        make_again(folder, processes, days, prefix)
+    except (KeysError, TransportError, OSError) as error:
         _fail(error)
     _report(folder, processes)
 
@@ -129,8 +133,14 @@ def _read(system: Path, interfaces: tuple[Path, ...]) -> tuple[str, tuple[Rights
         fail(f"{system}: {error}")
 
 
-def _stripped(namespace: str) -> str:
-    return namespace.strip("/")
+def _plain(namespace: str) -> str:
+    """``namespace``, checked: it becomes a part of every right."""
+    from transports.options import NamespaceError, plain_namespace
+
+    try:
+        return plain_namespace(namespace)
+    except NamespaceError as error:
+        fail(f"--namespace: {error}")
 
 
 def _fail(error: Exception) -> NoReturn:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,11 +50,20 @@ def make(
             f"{folder} is not empty: certificates are not written over; `moon keys renew` makes new "
             "ones of the same authority"
         )
-    folder.mkdir(parents=True, exist_ok=True)
     authority = new_authority(f"authority of {system}")
-    _write(folder / AUTHORITY, authority.certificate_pem(), _FOR_ALL)
-    _write(folder / AUTHORITY_KEY, authority.key_pem(), _FOR_ITS_USER)
-    _issue(folder, authority, processes, days, namespace)
+    files = {
+        AUTHORITY: (authority.certificate_pem(), _FOR_ALL),
+        AUTHORITY_KEY: (authority.key_pem(), _FOR_ITS_USER),
+        **_issued(folder, authority, processes, days, namespace),
+    }
+    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        _write(folder, files)
+    except OSError:
+        for parent in made:
+            parent.rmdir()
+        raise
 
 
 def renew(folder: Path, processes: Sequence[Rights], days: int, namespace: str = "") -> None:
@@ -62,7 +73,7 @@ def renew(folder: Path, processes: Sequence[Rights], days: int, namespace: str =
         KeysError: there is no authority in ``folder``, or it cannot be used.
         OSError: a file cannot be written.
     """
-    _issue(folder, _authority_in(folder), processes, days, namespace)
+    _write(folder, _issued(folder, _authority_in(folder), processes, days, namespace))
 
 
 def _authority_in(folder: Path) -> Pair:
@@ -83,17 +94,22 @@ def _authority_in(folder: Path) -> Pair:
     return Pair(certificate, key)
 
 
-def _issue(
+def _issued(
     folder: Path, authority: Pair, processes: Sequence[Rights], days: int, namespace: str
-) -> None:
+) -> dict[str, tuple[bytes, int]]:
+    """The files of ``processes`` by name, with their modes; nothing is written."""
     access = access_control(processes, namespace)
+    files: dict[str, tuple[bytes, int]] = {}
     for process in processes:
         pair = issued(authority, process.name, days)
-        _write(folder / f"{process.name}{CERTIFICATE}", pair.certificate_pem(), _FOR_ALL)
-        _write(folder / f"{process.name}{KEY}", pair.key_pem(), _FOR_ITS_USER)
         text = json.dumps(_configuration(folder, process, access, namespace), indent=1)
         head = f"// Zenoh, for {process.name}; written by `moon keys`\n"
-        _write(folder / f"{process.name}{CONFIGURATION}", f"{head}{text}\n".encode(), _FOR_ALL)
+        files |= {
+            f"{process.name}{CERTIFICATE}": (pair.certificate_pem(), _FOR_ALL),
+            f"{process.name}{KEY}": (pair.key_pem(), _FOR_ITS_USER),
+            f"{process.name}{CONFIGURATION}": (f"{head}{text}\n".encode(), _FOR_ALL),
+        }
+    return files
 
 
 def _configuration(
@@ -133,11 +149,18 @@ def _configuration(
     return configuration
 
 
-def _write(file: Path, contents: bytes, mode: int) -> None:
-    """Write a file that has had no other mode, at no moment; in place of one that is there."""
-    new = file.with_name(f".{file.name}.new")
-    new.unlink(missing_ok=True)
-    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(descriptor, "wb") as out:
-        out.write(contents)
-    new.replace(file)
+def _write(folder: Path, files: Mapping[str, tuple[bytes, int]]) -> None:
+    """Write all of ``files``, or none: they come to their places when the last has been written.
+
+    None has another mode than its own at any moment.
+    """
+    staged = Path(tempfile.mkdtemp(prefix=".new-", dir=folder))
+    try:
+        for name, (contents, mode) in files.items():
+            descriptor = os.open(staged / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+            with os.fdopen(descriptor, "wb") as out:
+                out.write(contents)
+        for name in files:
+            (staged / name).replace(folder / name)
+    finally:
+        shutil.rmtree(staged)

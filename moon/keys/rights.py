@@ -8,7 +8,9 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.policy.program import Policy, read_policy
+from m2c.printable import printable
 from moon.connection import MONITOR, OBSERVER
+from moon.keys.certificates import MOST_NAME
 from moon.monitor.status import POLICY
 from moon.sinks.topic import VERDICTS_CHANNEL
 from transports.actions.parts import SERVICES, TOPICS, channel_of_part
@@ -21,8 +23,6 @@ OTHERS = (POLICY, LAUNCHER, MONITOR, OBSERVER, ROUTER)
 commands of ``moon``, and a router."""
 
 _TAKEN = (*OTHERS, "ca")
-MOST_NAME = 64
-"""Characters of a common name (X.520, ``ub-common-name``)."""
 _SEPARATOR = "/"
 TICKS_CHANNEL = "/policy/ticks"
 """Where the policy publishes its ticks (``m2c.policy.runner``, which moon does not import)."""
@@ -93,11 +93,7 @@ def rights_of(system: System) -> tuple[Rights, ...]:
                 f"a node is named {machine.name}: `moon keys` has another certificate of that name; give "
                 "the node another one"
             )
-        if len(machine.name) > MOST_NAME or _SEPARATOR in machine.name:
-            raise RightsError(
-                f"the node name {machine.name!r} cannot be that of a certificate: at most {MOST_NAME} "
-                f"characters, without '{_SEPARATOR}'"
-            )
+        _check_name("node", machine.name)
         channels = _Channels()
         for interface in _interfaces(machine):
             if interface.channel is not None:
@@ -114,6 +110,16 @@ def rights_of(system: System) -> tuple[Rights, ...]:
     )
 
 
+def _check_name(what: str, name: str) -> None:
+    """Whether a certificate and its files can be called by it; RightsError if not."""
+    is_long = len(name.encode()) > MOST_NAME
+    if is_long or _SEPARATOR in name or name.startswith(".") or not name.isprintable():
+        raise RightsError(
+            f"the {what} name {printable(name)!r} cannot be that of a certificate and its files: it has at "
+            f"most {MOST_NAME} bytes in UTF-8, is printable, has no '{_SEPARATOR}', and begins with no '.'"
+        )
+
+
 def _shared(system: System, names: Sequence[str]) -> Iterable[Rights]:
     """The processes of the system's deployment in which there are several nodes, or one of another name."""
     for process in system.deployment:
@@ -124,6 +130,7 @@ def _shared(system: System, names: Sequence[str]) -> Iterable[Rights]:
                 f"a process of the deployment is named {process.name}: there is another certificate of that "
                 "name; give the process another one"
             )
+        _check_name("process", process.name)
         yield Rights(name=process.name, role=Role.PROCESS, nodes=process.nodes)
 
 

@@ -25,6 +25,7 @@ from moon.ordering.event_order import EventOrder
 from moon.ordering.event_time_clock import NS
 from moon.ordering.judge import Gap
 from moon.ordering.reception import Reception
+from moon.ordering.senders import Senders
 from moon.ordering.silence import Silence
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Outcome, Verdict
@@ -88,6 +89,7 @@ class SystemWatch:
         everything = (*system.nodes, *system.plugins)
         reception = Reception(everything, system.library, bounds.latency, self.counts)
         reception.know(self._properties.channels)
+        self._senders = Senders(system.nodes, system.plugins)
         self._order = EventOrder(
             transport.now_ns,
             monotonic_ns,
@@ -126,9 +128,12 @@ class SystemWatch:
 
     # --- what is received --------------------------------------------------------------------------
 
-    def _observe(self, seen: Observation) -> None:
+    def _observe(self, received: Observation) -> None:
         now_ns = self._transport.now_ns()
         self._turns.received(now_ns)
+        seen = self._senders.attributed(received)
+        if seen is None:
+            return
         judged = self._order.take(seen, now_ns)
         if judged is None:
             return
@@ -396,7 +401,7 @@ class SystemWatch:
         ):
             if number:
                 found.append(f"received {number} message{'s' * (number != 1)} {what}")
-        return found
+        return [*found, *self._senders.sentences()]
 
     def summary(self) -> Summary:
         """How it stands at the end."""

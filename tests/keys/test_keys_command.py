@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import shutil
@@ -173,3 +174,104 @@ def test_a_folder_may_be_moved_and_is_for_one_namespace(tmp_path: Path) -> None:
         level = sensor.publisher(number("/level"))
         sensor.every(0.05, lambda: level.publish(peer.Number(3)))
         assert heard.wait()[0] == peer.Number(3)
+
+
+NAMESPACES = [
+    *(
+        "robots/*",
+        "**",
+        "a//b",
+        "#",
+        "a\nb",
+        "a$*b",
+        "?",
+        "/robot1",
+        "robot1/",
+        "/",
+        "@m2c",
+        "a/@b",
+    ),
+    *(" ", "a/ b", "a\x1b[31m", "x" * 300),
+]
+
+
+@pytest.mark.parametrize("namespace", NAMESPACES)
+@pytest.mark.parametrize("command", ["init", "renew"])
+def test_a_namespace_that_is_no_plain_path_of_chunks_is_refused_before_anything_is_written(
+    tmp_path: Path, command: str, namespace: str
+) -> None:
+    system, keys = System(tmp_path / "lab"), tmp_path / "keys"
+    result = run(command, keys, system.path, "--namespace", namespace)
+    assert result.exit_code == 2
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    (line,) = result.output.splitlines()
+    assert line.startswith("error: --namespace: namespace ")
+    assert "e.g. robots/7" in line
+    assert not keys.exists()
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("namespace", NAMESPACES)
+def test_nobody_connects_with_a_namespace_that_is_none(namespace: str) -> None:
+    with pytest.raises(TransportError, match="namespace ") as found:
+        connect("node", {"namespace": namespace})
+    assert len(str(found.value)) < 1000
+
+
+def named(folder: Path, name: str, system: str = "lab") -> Path:
+    """The system of two skills; one of them, and the system, have other names."""
+    made = System(folder)
+    skill = folder / "LevelSkill.scxml"
+    skill.write_text(skill.read_text().replace('name="LevelSkill"', f'name="{name}"'))
+    return made.path.rename(folder / f"{system}.xml")
+
+
+@pytest.mark.parametrize("name", ["x" * 64, "ä" * 32, "robot 1", "a.b", "日本" * 10])
+def test_every_name_that_a_certificate_can_have_gets_one(tmp_path: Path, name: str) -> None:
+    keys = tmp_path / "keys"
+    result = run("init", keys, named(tmp_path / "lab", name))
+    assert result.exit_code == 0, result.output
+    check(keys, name)
+
+
+@pytest.mark.parametrize("name", ["x" * 65, "ä" * 33, "x" * 255, "日本" * 11, ".hidden", "a/b"])
+def test_a_name_that_no_certificate_can_have_is_refused_before_anything_is_written(
+    tmp_path: Path, name: str
+) -> None:
+    keys = tmp_path / "keys"
+    result = run("init", keys, named(tmp_path / "lab", name))
+    assert result.exit_code == 2
+    assert "Traceback" not in result.output
+    assert "at most 64 bytes" in result.output
+    assert not keys.exists()
+
+
+@pytest.mark.parametrize("system", ["s" * 51, "s" * 200, "ü" * 60])
+def test_the_system_may_have_any_name(tmp_path: Path, system: str) -> None:
+    keys = tmp_path / "keys"
+    result = run("init", keys, named(tmp_path / "lab", "LevelSkill", system))
+    assert result.exit_code == 0, result.output
+    check(keys, "LevelSkill")
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_what_cannot_be_written_whole_is_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    system, keys = System(tmp_path / "lab"), tmp_path / "a" / "keys"
+    if there:
+        keys.mkdir(parents=True)
+    opened = os.open
+
+    def full(path: Path, flags: int, mode: int = 0o777, **rest: int) -> int:
+        if str(path).endswith("monitor.pem"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        return opened(path, flags, mode, **rest)
+
+    monkeypatch.setattr("moon.keys.folder.os.open", full)
+    result = run("init", keys, system.path)
+    assert result.exit_code == 2
+    assert "No space left on device" in result.output
+    assert keys.exists() == there
+    assert (tmp_path / "a").exists() == there
+    assert not there or not any(keys.iterdir())

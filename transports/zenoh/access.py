@@ -26,6 +26,7 @@ from transports.zenoh.names import (
     SERVER_KEYS,
     key_of,
     node_chunk,
+    own_key,
 )
 
 _PUBLISHERS = "@adv/pub"
@@ -149,8 +150,9 @@ def _allowed(process: Rights) -> list[tuple[str, list[str], list[str]]]:
     kept = _keys(sorted(process.keeps_last & {*process.publishes}))
     caught_up = _keys(sorted(process.keeps_last & {*process.subscribes}))
     caches = [f"{key}/{_PUBLISHERS}/*/*/*" for key in kept]
-    puts = [*published, *(key + TAKEN_SUFFIX for key in taken)]
-    puts += [key + EVENT_SUFFIX for key in dict.fromkeys((*served, *called))]
+    puts = [*published, *(own_key(key + TAKEN_SUFFIX, process.name) for key in taken)]
+    puts += [key + EVENT_SUFFIX for key in served]
+    puts += [own_key(key + EVENT_SUFFIX, process.name) for key in called]
     subscriptions = list(taken)
     answers, tokens = [*served, *caches], list(caches)
     asks = [*called, *(f"{key}/{_CACHES}" for key in caught_up)]
@@ -159,7 +161,7 @@ def _allowed(process: Rights) -> list[tuple[str, list[str], list[str]]]:
         chunk = node_chunk(process.name)
         subscriptions.append(ROUND_KEY)
         answers.append(f"{ANSWER_KEYS}/*/{chunk}")
-        tokens += [f"{NODE_KEYS}/*/{chunk}/*", f"{LINK_KEYS}/*/*"]
+        tokens += [f"{NODE_KEYS}/*/{chunk}/*", f"{LINK_KEYS}/*/{chunk}/*"]
         tokens += [f"{SERVER_KEYS}/*/{chunk}/{key}" for key in served]
     if process.role is Role.POLICY:
         puts.append(ROUND_KEY)

@@ -173,7 +173,7 @@ class Questions:
         if question.answered is None or question.answer is not None:
             return  # it came too late, or is a second one
         try:
-            question.answer = self._read(question.node, reply)
+            question.answer = self._read(question.node, question.zid, reply)
         except _AnswerError as error:
             self._refusals.refuse(ANSWER_KEYS, question.node, error)
             self._end(question, None)
@@ -189,10 +189,12 @@ class Questions:
                 allowed_destination=zenoh.Locality.SESSION_LOCAL,
             )
 
-    def _read(self, node: str, reply: zenoh.Reply) -> Answer:
+    def _read(self, node: str, zid: str, reply: zenoh.Reply) -> Answer:
         sample = reply.ok
         if sample is None:
             raise _AnswerError("an error instead of an answer")
+        if str(sample.key_expr) != self._prefix + answer_key(zid, node):
+            raise _AnswerError("it comes from another key than was asked")
         sent = read_attachment(sample.attachment)
         if sent.order < 0 or sent.node != node:
             raise _AnswerError("it does not say which node it is from and how far it has reported")

@@ -40,6 +40,7 @@ class Claims:
         self._known: dict[str, object] = {}
         """The session from which something was last received rightly in each name."""
         self._foreign: dict[tuple[str, str], int] = {}
+        self._misplaced: dict[tuple[str, str], int] = {}
 
     def is_right(self, name: str, session: object) -> bool:
         """Whether what is stamped by ``session`` (an id, by its ``str``) may be from the node ``name``."""
@@ -61,6 +62,12 @@ class Claims:
         self._known[name] = session
         return True
 
+    def note_misplaced(self, name: str, channel: str) -> None:
+        """Something came about ``channel`` in the name of a node that may not send it."""
+        place, counts = (name, channel), self._misplaced
+        if place in counts or len(counts) < MOST_PLACES:
+            counts[place] = counts.get(place, 0) + 1
+
     def sentences(self) -> list[str]:
         """Who sends in whose name, one sentence each."""
         return [
@@ -73,5 +80,10 @@ class Claims:
                 f"{count} message{'s' * (count != 1)} in the name of {shown(name)}, but sent by another "
                 f"session, {zid}: treated as unnamed"
                 for (name, zid), count in sorted(self._foreign.copy().items())
+            ),
+            *(
+                f"{count} message{'s' * (count != 1)} on {shown(channel)} in the name of {shown(name)}, "
+                "which may not send there: another node's, treated as unnamed"
+                for (name, channel), count in sorted(self._misplaced.copy().items())
             ),
         ]

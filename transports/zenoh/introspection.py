@@ -11,6 +11,7 @@ at all.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -25,7 +26,7 @@ from transports.service_events import (
     ServiceEvent,
     ServiceEventInfo,
 )
-from transports.zenoh.names import key_of
+from transports.zenoh.names import key_of, own_key
 from transports.zenoh.orders import Moment, Orders
 from transports.zenoh.wire import MEDIA_TYPE, attachment
 
@@ -48,15 +49,20 @@ def _raw(contents: bytes | None) -> msgspec.Raw | None:
 
 
 class Events:
-    """The events of one channel as one node sees them: of a service (as its server, its client, or both), or
-    of a topic that it takes messages of.
+    """The events of one channel as one node sees them: of a service, as its server or as its client, or of a
+    topic that it takes messages of.
+
+    A service has one server, and any number of clients: what the server reports has the service's own key,
+    what a client or a subscriber reports has a key with its name. So access control can say who may report.
 
     Args:
         session: the node's.
         outbox: what the node has yet to publish.
         channel: whose events.
-        node: the node's name in UTF-8.
+        node: the node's name.
+        is_server: whether the node reports as the server of the service.
         orders: numbers all that the node reports.
+        numbers: numbers what the node reports of the channel.
     """
 
     def __init__(
@@ -64,11 +70,14 @@ class Events:
         session: zenoh.Session,
         outbox: Outbox[Recorded],
         channel: Service | Topic,
-        node: bytes,
+        node: str,
+        is_server: bool,
         orders: Orders,
+        numbers: Iterator[int],
     ) -> None:
         is_service = isinstance(channel, Service)
         suffix, type_suffix = (EVENT_SUFFIX, TYPE_SUFFIX) if is_service else (TAKEN_SUFFIX, "")
+        key = key_of(channel.name) + suffix
         self._keep = outbox.add
         self._publishing = outbox.publishing
         self._has_ended = False
@@ -76,16 +85,17 @@ class Events:
         """Publish what is recorded, a little later; from any thread, best when nobody waits for the node."""
         self.flush = outbox.flush
         """Publish what is recorded, in order; from any thread."""
-        self._node = node
+        self._node = node.encode()
+        self._numbers = numbers
         self.published = 0
-        """How many events were published: the number of the next one."""
+        """How many events were published."""
         self.moment = orders.begin
         """Now: to be asked when something happens. ``record`` or ``forget`` must follow."""
         self.skip = orders.skip
         """Something happens while nobody listens: to be called instead of ``moment``, as it counts, too."""
         self._end = orders.end
         self._publisher = session.declare_publisher(
-            key_of(channel.name) + suffix,
+            key if is_server else own_key(key, node),
             encoding=zenoh.Encoding(f"{MEDIA_TYPE};{channel.type_name}{type_suffix}"),
             # A listener that does not keep up loses events, and sees it by their numbers.
             congestion_control=zenoh.CongestionControl.DROP,
@@ -133,7 +143,7 @@ class Events:
             _raw(response),
             error,
         )
-        sent_as = attachment(self.published, order, self._node)
+        sent_as = attachment(next(self._numbers), order, self._node)
         self.published += 1
         self._publisher.put(_encode(event), attachment=sent_as)
 

@@ -23,7 +23,7 @@ SERVER_KEYS = "@m2c/server"
 """``@m2c/server/<zid>/<name>/<service key>``: a node serves a service."""
 
 LINK_KEYS = "@m2c/links"
-"""``@m2c/links/<zid>/<name>,<name>…``: the nodes that a node is linked to."""
+"""``@m2c/links/<zid>/<by>/<name>,<name>…``: the nodes that the session of the node ``by`` is linked to."""
 
 ANSWER_KEYS = "@m2c/answer"
 """``@m2c/answer/<zid>/<name>``: a node says here, when it is asked, up to where it has reported
@@ -47,6 +47,11 @@ def key_of(channel: str) -> str:
     if wrong:
         raise TransportError(f"channel {channel!r} cannot be named on Zenoh: {wrong}")
     return channel[1:]
+
+
+def own_key(key: str, node: str) -> str:
+    """Below ``key``, the key on which only ``node`` may publish: access control knows it by the name."""
+    return f"{key}/{node_chunk(node)}"
 
 
 def channel_of(key: str) -> str:

@@ -26,6 +26,7 @@ from transports.zenoh.contained import Contained
 from transports.zenoh.executor import Executor
 from transports.zenoh.names import NODE_KEYS
 from transports.zenoh.orders import Orders
+from transports.zenoh.permissions import Permissions
 from transports.zenoh.tap import Tap
 from transports.zenoh.tokens import NodeToken, TokenError
 from transports.zenoh.wire import LOG
@@ -127,6 +128,7 @@ class Within:
         namespace: whose system.
         failed: gets what a handler raised; nothing is run for this listener then.
         closed: called with this once it is closed.
+        permissions: what whose certificate allows, where certificates are in use.
     """
 
     repair_s: float = 0.0
@@ -139,10 +141,12 @@ class Within:
         namespace: str,
         failed: Callable[[Exception], None],
         closed: Callable[[Within], None],
+        permissions: Permissions | None = None,
     ) -> None:
         self.node = node
         self._session = session
         self._namespace = namespace
+        self._permissions = permissions
         self._runner = runner = Contained(executor, failed)
         self._closed = closed
         self._refusals = Refusals(_Named(namespace))
@@ -196,6 +200,7 @@ class Within:
             self._refusals,
             self._namespace,
             RING_CAPACITY,
+            self._permissions,
         )
         self._taps.append(tap)
         return tap

@@ -243,13 +243,14 @@ class Announcements:
         """Publish which nodes this session is linked to, if that has changed."""
         self._is_linking = False
         self._links_due_s = time.monotonic() + LINKS_PERIOD_S
-        key = tokens.links_key(self._zid, sorted(self._nodes.announced.keys() - self._own.keys()))
-        if key == self._links_key:
-            return
-        self._links_key = key
+        others = sorted(self._nodes.announced.keys() - self._own.keys())
         with self._lock:
-            if self._withdrawn:
+            if self._withdrawn or not self._own:
                 return
+            key = tokens.links_key(self._zid, others, next(iter(self._own)))
+            if key == self._links_key:
+                return
+            self._links_key = key
             before = self._links
             try:
                 self._links = self._session.liveliness().declare_token(key)

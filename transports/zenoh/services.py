@@ -15,7 +15,7 @@ import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -31,7 +31,7 @@ from transports.timers import Timer
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import Codec, attachment, contents, read_attachment
+from transports.zenoh.wire import UNKNOWN, Codec, attachment, contents, read_attachment
 
 MOST_WAITING = 10_000
 MOST_WAITING_BYTES = 64 * 1024 * 1024
@@ -130,6 +130,7 @@ class Server:
         events: Events,
         handler: Callable[[Request], None],
         refusals: Refusals,
+        callers: Container[str] | None = None,
     ) -> None:
         self.name = service.name
         self.key = key_of(service.name)
@@ -137,6 +138,8 @@ class Server:
         self.events = events
         self._handler = handler
         self._refusals = refusals
+        self._callers = callers
+        """The names in which a request may come, where that is known; in another, nobody's."""
         self._put = executor.put
         self._lock = threading.Lock()
         self._waiting = self._waiting_bytes = 0
@@ -170,6 +173,8 @@ class Server:
             self._waiting_bytes -= size
         events = self.events
         call, _, client = read_attachment(query.attachment)
+        if self._callers is not None and client not in self._callers:
+            call, _, client = UNKNOWN
         request = contents(query.payload)
         try:
             data = self.codec.request.decode(request, query.encoding)

@@ -34,6 +34,8 @@ from pathlib import Path
 import zenoh
 
 from transports.interface import TransportError, UnreachableError
+from transports.options import MOST_NAMESPACE, NamespaceError, plain_namespace
+from transports.zenoh.permissions import Permissions, permissions_of
 from transports.zenoh.wire import LOG
 
 OPTIONS = (
@@ -220,6 +222,19 @@ def _endpoints(config: zenoh.Config, key: str) -> list[str]:
     return [found] if isinstance(found, str) else list(found or ())
 
 
+def permissions_for(options: Mapping[str, str]) -> Permissions | None:
+    """What the access control of the session that ``options`` ask for allows; None: it has none."""
+    if options.get("secure", ""):
+        options = _with_certificate(options)
+    if not options.get("config", ""):
+        return None
+    secure = options.get("secure", "")
+    config = _read(Path(options["config"]), Path(secure) if secure else None)
+    access = json.loads(config.get_json("access_control"))
+    namespace = options.get("namespace", "") or json.loads(config.get_json("namespace"))
+    return permissions_of(access, namespace or "")
+
+
 def configuration(options: Mapping[str, str]) -> zenoh.Config:
     """The Zenoh configuration that ``options`` ask for."""
     path = options.get("config", "")
@@ -247,17 +262,19 @@ def configuration(options: Mapping[str, str]) -> zenoh.Config:
     is_default = config.get_json(strategy) == blank.get_json(strategy)
     if is_default and all(place.startswith(_ON_LOOPBACK) for place in places):
         config.insert_json5(strategy, json.dumps(_ONE_CONNECTS))
-    if namespace := options.get("namespace", "").strip("/"):
+    if namespace := options.get("namespace", ""):
         if secure and json.loads(config.get_json("namespace")) != namespace:
             raise TransportError(
                 f"namespace {namespace!r}: the certificates in {secure} are for another one, or for none; "
                 "`moon keys init` takes --namespace, too"
             )
         try:
-            zenoh.KeyExpr(namespace)
-            config.insert_json5("namespace", json.dumps(namespace))
+            zenoh.KeyExpr(namespace[:MOST_NAMESPACE])
+            config.insert_json5("namespace", json.dumps(plain_namespace(namespace)))
         except zenoh.ZError as error:
             raise TransportError(f"namespace {namespace!r}: {_plain(str(error))}") from error
+        except NamespaceError as error:
+            raise TransportError(str(error)) from error
     return config
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Container, Sequence
+from typing import Any, NamedTuple
 
 import msgspec
 import zenoh
@@ -34,7 +34,8 @@ from transports.zenoh import tokens
 from transports.zenoh.answers import MARK, Questions
 from transports.zenoh.claims import Claims
 from transports.zenoh.contained import Runner
-from transports.zenoh.names import LINK_KEYS, NODE_KEYS, channel_of, subscriptions
+from transports.zenoh.names import LINK_KEYS, NODE_KEYS, channel_of, node_of, subscriptions
+from transports.zenoh.permissions import Permissions
 from transports.zenoh.presence import MOST_TOKENS, Nodes, is_up, watch
 from transports.zenoh.tokens import TokenError
 from transports.zenoh.waiting import Arrived, Waiting, size_of
@@ -53,7 +54,23 @@ MOST_CHANNELS = 10_000
 _JOINING_S = 0.5
 """Publishers learn of a subscriber one by one, within ms; longer where processors are busy."""
 
+_OF_CLIENTS = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
+
 _decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
+
+
+class _Place(NamedTuple):
+    """What comes on a key.
+
+    Attributes:
+        channel: whose it is.
+        suffix: what it is of that, where it is an event.
+        speakers: the names in which it may come; None: in any.
+    """
+
+    channel: str
+    suffix: str
+    speakers: Container[str] | None
 
 
 class Tap:
@@ -67,6 +84,7 @@ class Tap:
         refusals: where what cannot be used is counted.
         namespace: whose channels and nodes they are, where the session has no namespace of its own.
         ring_capacity: messages that Zenoh keeps until they are taken; by default ``RING_CAPACITY``.
+        permissions: what whose certificate allows, where certificates are in use.
     """
 
     def __init__(
@@ -79,8 +97,10 @@ class Tap:
         refusals: Refusals,
         namespace: str = "",
         ring_capacity: int | None = None,
+        permissions: Permissions | None = None,
     ) -> None:
         self._session = session
+        self._permissions = permissions
         self._prefix = prefix = f"{namespace}/" if namespace else ""
         self._executor = executor
         self._node = node
@@ -90,7 +110,8 @@ class Tap:
         self._losses = Losses()
         self._tokens_lock = threading.Lock()
         self._nodes = Nodes()
-        self._linked_to: dict[str, tuple[str, ...]] = {}
+        self._linked_to: dict[tuple[str, str], tuple[str, ...]] = {}
+        """By session and by who says so, the nodes that it is linked to."""
         self._claims = Claims(self._nodes.announced, self._linked_ids, self._tokens_lock)
         self._watches = [
             watch(session, f"{prefix}{keys}/**", self._take_token)
@@ -99,7 +120,7 @@ class Tap:
         # opening a session waits for those who are there: who knows nobody is alone
         is_alone = not (session.info.peers_zid() or session.info.routers_zid())
         self._complete_at_s = time.monotonic() + (0.0 if is_alone else _JOINING_S)
-        self._channels: dict[str, tuple[str, str] | None] = {}
+        self._channels: dict[str, _Place | None] = {}
         self._waiting = Waiting()
         self._ending = threading.Event()
         keys = [prefix + key for key in subscriptions(globs)]
@@ -217,12 +238,16 @@ class Tap:
                 )
 
     def _take_links(self, token: tokens.LinkToken, up: bool) -> None:
+        place = token.zid, token.by
         if up:
-            if len(self._linked_to) >= MOST_TOKENS and token.zid not in self._linked_to:
+            allowed = self._permissions
+            if allowed is not None and not allowed.nodes.issuperset(token.names):
+                raise TokenError(f"{token.by} names a node that has no certificate")
+            if len(self._linked_to) >= MOST_TOKENS and place not in self._linked_to:
                 raise TokenError(f"more than {MOST_TOKENS} sessions say to whom they are linked")
-            self._linked_to[token.zid] = token.names
-        elif self._linked_to.get(token.zid) == token.names:  # a newer list may have come before
-            del self._linked_to[token.zid]
+            self._linked_to[place] = token.names
+        elif self._linked_to.get(place) == token.names:  # a newer list may have come before
+            del self._linked_to[place]
 
     def _listen(self, ring: Any) -> None:
         receive, take = ring.recv, ring.try_recv
@@ -270,23 +295,42 @@ class Tap:
         stamp = sample.timestamp
         stamp_ns = received_ns if stamp is None else stamp.get_time_as_ntp64().as_nanos()
         session = None if stamp is None else stamp.get_id()
-        if sent.node and not self._claims.is_right(sent.node, session):
-            sent = UNKNOWN
+        if sent.node:
+            speakers = place.speakers
+            if speakers is not None and sent.node not in speakers:
+                self._claims.note_misplaced(sent.node, place.channel)
+                sent = UNKNOWN
+            elif not self._claims.is_right(sent.node, session):
+                sent = UNKNOWN
         return Arrived(
-            *place, sent, str(sample.encoding), sample.payload.to_bytes(), stamp_ns, received_ns
+            place.channel,
+            place.suffix,
+            sent,
+            str(sample.encoding),
+            sample.payload.to_bytes(),
+            stamp_ns,
+            received_ns,
         )
 
-    def _place_of(self, key: str) -> tuple[str, str] | None:
-        """The channel, and what events of it are, by their suffix; None if it is not received."""
-        suffix = next((s for s in (EVENT_SUFFIX, TAKEN_SUFFIX) if key.endswith(s)), "")
-        channel = channel_of(key.removeprefix(self._prefix).removesuffix(suffix))
+    def _place_of(self, key: str) -> _Place | None:
+        """What comes on ``key``; None if it is not received."""
+        own = key.removeprefix(self._prefix)
+        base, _, owner = own.rpartition("/")
+        suffix = next((s for s in (EVENT_SUFFIX, TAKEN_SUFFIX) if base.endswith(s)), "")
+        if not suffix:
+            base, owner = own, ""
+            suffix = next((s for s in (EVENT_SUFFIX, TAKEN_SUFFIX) if own.endswith(s)), "")
+        channel = channel_of(base.removesuffix(suffix))
         if key.endswith(MARK) or not self._wants(channel):
             return None
         if len(self._channels) >= MOST_CHANNELS:
             self._refusals.refuse(channel, "", f"more than {MOST_CHANNELS} channels: not received")
             return None
-        self._channels[key] = channel, suffix
-        return channel, suffix
+        speakers = None if self._permissions is None else self._permissions.publishers(key)
+        if owner and (speakers is None or node_of(owner) in speakers):
+            speakers = (node_of(owner),)
+        place = self._channels[key] = _Place(channel, suffix, speakers)
+        return place
 
     def _deliver(self, _: object) -> None:
         if self._ending.is_set():
@@ -370,6 +414,8 @@ def _service_observation(
     info = event.info
     kind = KIND_OF_EVENT[info.event_type]
     is_request = kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
+    if kind in _OF_CLIENTS and info.client != sent.node:
+        raise PayloadError("it is a client's, of another's call - at `$.info.client`")
     return Observation(
         stamp_ns=info.stamp_ns,
         received_ns=received_ns,

@@ -54,10 +54,18 @@ class NodeToken(msgspec.Struct, frozen=True):
 
 
 class LinkToken(msgspec.Struct, frozen=True):
-    """The nodes that a session is linked to: ``@m2c/links/<zid>/<name>,<name>…``."""
+    """The nodes that a session is linked to: ``@m2c/links/<zid>/<by>/<name>,<name>…``.
+
+    Attributes:
+        zid: the session, as who declares it says.
+        names: those that it is linked to.
+        by: the node that says so, one of those on the session: access control binds this name to a
+            certificate; "" if it does not say.
+    """
 
     zid: str
     names: tuple[str, ...]
+    by: str = ""
 
 
 class ServerToken(msgspec.Struct, frozen=True):
@@ -82,12 +90,13 @@ def read_node(key: str) -> NodeToken:
 def read_links(key: str) -> LinkToken:
     """The token under ``LINK_KEYS``; TokenError if ``key`` is none."""
     zid, parts = _parts(LINK_KEYS, key)
-    if len(parts) != 1:
-        raise TokenError(f"{len(parts)} parts where a list of names is expected")
-    if len(parts[0]) > MOST_LINKS:
+    if len(parts) not in (1, 2):
+        raise TokenError(f"{len(parts)} parts where a name and a list of names are expected")
+    *by, names = parts
+    if len(names) > MOST_LINKS:
         raise TokenError(f"a list of names of more than {MOST_LINKS} characters")
-    chunks = () if parts[0] == NOBODY else parts[0].split(",")
-    return LinkToken(zid, tuple(_name(chunk) for chunk in chunks))
+    chunks = () if names == NOBODY else names.split(",")
+    return LinkToken(zid, tuple(_name(chunk) for chunk in chunks), _name(by[0]) if by else "")
 
 
 def read_server(key: str) -> ServerToken:
@@ -108,7 +117,7 @@ def answer_key(zid: str, name: str) -> str:
     return f"{ANSWER_KEYS}/{zid}/{node_chunk(name)}"
 
 
-def links_key(zid: str, names: Iterable[str]) -> str:
+def links_key(zid: str, names: Iterable[str], by: str = "") -> str:
     """What ``read_links`` reads: as many of ``names`` as there is room for, in their order."""
     chunks: list[str] = []
     room = MOST_LINKS
@@ -118,7 +127,8 @@ def links_key(zid: str, names: Iterable[str]) -> str:
         if room < 0:
             break
         chunks.append(chunk)
-    return f"{LINK_KEYS}/{zid}/{','.join(chunks) or NOBODY}"
+    speaker = f"/{node_chunk(by)}" if by else ""
+    return f"{LINK_KEYS}/{zid}{speaker}/{','.join(chunks) or NOBODY}"
 
 
 def server_key(zid: str, name: str, key: str) -> str:

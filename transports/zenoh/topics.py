@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Any, Protocol
 
 import zenoh
@@ -107,10 +107,13 @@ def subscribe(
     handler: Callable[[Any], None],
     events: Events,
     refusals: Refusals,
+    publishers: Container[str] | None = None,
 ) -> Any:
     """Call ``handler(message)`` on the executor for every message; what does not decode is
     refused. While a tap listens, ``events`` has each that is taken and has a number. Returns what must be
     undeclared.
+
+    ``publishers``: the names in which a message may come, where that is known.
     """
     codec = Codec(topic.type_name, topic.message)
 
@@ -121,7 +124,7 @@ def subscribe(
             refusals.refuse(topic.name, read_attachment(sample.attachment).node, error)
             return
         number, _, source = read_attachment(sample.attachment) if events.is_tapped else UNKNOWN
-        if not source:
+        if not source or (publishers is not None and source not in publishers):
             events.skip()
             handler(message)
             return

@@ -28,10 +28,12 @@ from transports.service_events import TAKEN_SUFFIX
 from transports.zenoh import answers, presence, topics
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Events
+from transports.zenoh.names import key_of
 from transports.zenoh.namespaces import Within, watch_namespaces
 from transports.zenoh.orders import Orders
+from transports.zenoh.permissions import Permissions
 from transports.zenoh.services import Client, Request, Server
-from transports.zenoh.session import open_session
+from transports.zenoh.session import open_session, permissions_for
 from transports.zenoh.shared import Shared
 from transports.zenoh.tap import Tap
 from transports.zenoh.wire import LOG
@@ -46,7 +48,8 @@ def connect(node: str, options: Mapping[str, str]) -> ZenohTransport:
     if not node:
         raise TransportError("a node needs a name")
     since_ns = time.time_ns()  # before: whoever listens by then is linked when the session is open
-    return ZenohTransport(node, open_session({"identity": node, **options}), since_ns)
+    asked = {"identity": node, **options}
+    return ZenohTransport(node, open_session(asked), since_ns, permissions=permissions_for(asked))
 
 
 class ZenohTransport(OnExecutor):
@@ -56,13 +59,19 @@ class ZenohTransport(OnExecutor):
     reports_takes: bool = True
 
     def __init__(
-        self, node: str, session: zenoh.Session, since_ns: int = 0, shared: Shared | None = None
+        self,
+        node: str,
+        session: zenoh.Session,
+        since_ns: int = 0,
+        shared: Shared | None = None,
+        permissions: Permissions | None = None,
     ) -> None:
         super().__init__(node, Executor())
         self._since_ns = since_ns
         self._up_since: dict[str, int] = {}
         self._node_bytes = node.encode()
         self._session = session
+        self._permissions = permissions
         self._refusals = Refusals(LOG)
         self._owns_session = shared is None
         self._shared = shared or Shared(session, self._executor, self._refusals)
@@ -70,6 +79,7 @@ class ZenohTransport(OnExecutor):
         self._orders = Orders(session.new_timestamp)
         self._sequences: dict[str, topics.Sequence] = {}
         self._events: dict[str, Events] = {}
+        self._event_numbers: dict[str, itertools.count[int]] = {}
         self._servers: set[str] = set()
         self._clients: list[Client] = []
         self._taps: list[Tap] = []
@@ -92,6 +102,7 @@ class ZenohTransport(OnExecutor):
 
     def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
         """Call ``handler(message)`` for every message."""
+        allowed = self._permissions
         self._declared.append(
             topics.subscribe(
                 self._session,
@@ -100,6 +111,7 @@ class ZenohTransport(OnExecutor):
                 handler,
                 self._events_of(topic),
                 self._refusals,
+                None if allowed is None else allowed.publishers(key_of(topic.name)),
             )
         )
 
@@ -108,8 +120,17 @@ class ZenohTransport(OnExecutor):
         if service.name in self._servers:
             raise TransportError(f"{service.name} is served by {self._node} already")
         self._servers.add(service.name)
-        events = self._events_of(service)
-        server = Server(self._session, self._executor, service, events, handler, self._refusals)
+        events = self._events_of(service, is_server=True)
+        allowed = self._permissions
+        server = Server(
+            self._session,
+            self._executor,
+            service,
+            events,
+            handler,
+            self._refusals,
+            None if allowed is None else allowed.callers(key_of(service.name)),
+        )
         token = presence.ServerToken(
             self._session, self._executor, self._node, service.name, self._refusals
         )
@@ -160,12 +181,20 @@ class ZenohTransport(OnExecutor):
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Receive everything on channels that match one of the globs (empty: all), passively."""
-        tap = Tap(self._session, self._executor, self._node, channels, handler, self._refusals)
+        tap = Tap(
+            self._session,
+            self._executor,
+            self._node,
+            channels,
+            handler,
+            self._refusals,
+            permissions=self._permissions,
+        )
         self._taps.append(tap)
         return tap
 
     def _beside(self, node: str) -> ZenohTransport:
-        return ZenohTransport(node, self._session, time.time_ns(), self._shared)
+        return ZenohTransport(node, self._session, time.time_ns(), self._shared, self._permissions)
 
     def watch_namespaces(self, pattern: str, handler: Callable[[str, bool], None]) -> None:
         """See ``transports.interface.Namespaces``."""
@@ -176,7 +205,13 @@ class ZenohTransport(OnExecutor):
     def within(self, namespace: str, failed: Callable[[Exception], None]) -> Within:
         """See ``transports.interface.Namespaces``."""
         opened = Within(
-            self._session, self._executor, self._node, namespace, failed, self._namespaces.remove
+            self._session,
+            self._executor,
+            self._node,
+            namespace,
+            failed,
+            self._namespaces.remove,
+            self._permissions,
         )
         self._namespaces.append(opened)
         return opened
@@ -202,13 +237,19 @@ class ZenohTransport(OnExecutor):
         if self._owns_session:
             self._session.close()
 
-    def _events_of(self, channel: Service | Topic) -> Events:
-        place = channel.name + ("" if isinstance(channel, Service) else TAKEN_SUFFIX)
+    def _events_of(self, channel: Service | Topic, is_server: bool = False) -> Events:
+        counted = channel.name + ("" if isinstance(channel, Service) else TAKEN_SUFFIX)
+        place = counted + ("" if is_server else f" {self._node}")
         events = self._events.get(place)
         if events is None:
             self._shared.listen_for_rounds()
-            events = Events(
-                self._session, self._shared.outbox, channel, self._node_bytes, self._orders
+            events = self._events[place] = Events(
+                self._session,
+                self._shared.outbox,
+                channel,
+                self._node,
+                is_server,
+                self._orders,
+                self._event_numbers.setdefault(counted, itertools.count()),
             )
-            self._events[place] = events
         return events

@@ -1,0 +1,110 @@
+"""Whose word an observation is: by their models, which nodes send what, and in whose name it came.
+
+An observation says itself whose it is. What comes in the name of a node that by its model does not send it,
+where another one does, is not that node's doing. It says something of who may send where, and nothing of the
+machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import msgspec
+
+from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.printable import printable
+from transports.actions.parts import SERVICES, TOPICS, channel_of_part
+from transports.interface import Observation, ObservationKind
+
+ALLEGED = "?"
+"""Before the name of who is said to have published a message, and did not: a publisher that nobody knows."""
+MOST_FINDINGS = 256
+"""Names and channels that are told apart: names come from the wire, and never end."""
+
+Place = tuple[str, ObservationKind]
+"""What is sent: a channel, and the kind of observation of it."""
+
+_MESSAGE, _TAKEN = ObservationKind.MESSAGE, ObservationKind.MESSAGE_TAKEN
+_OF_SERVER = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)
+_OF_CLIENT = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
+
+
+class Senders:
+    """Attributes observations to nodes.
+
+    Args:
+        machines: the models of all nodes.
+        plugins: what the policy runs: it sends in the policy's name, which is not looked at here.
+    """
+
+    def __init__(self, machines: Iterable[Machine], plugins: Iterable[Machine] = ()) -> None:
+        self._of: dict[Place, set[str]] = {}
+        self._nodes: set[str] = set()
+        for machine in machines:
+            self._nodes.add(machine.name)
+            for place in places(machine):
+                self._of.setdefault(place, set()).add(machine.name)
+        for place in (place for plugin in plugins for place in places(plugin)):
+            self._of.setdefault(place, set())
+        self._findings: dict[tuple[str, str], int] = {}
+
+    def attributed(self, seen: Observation) -> Observation | None:
+        """``seen``, by who may have sent it; None if it is a report that the node it names does not make.
+
+        A message stays a message: who takes it has taken it, whoever published it.
+        """
+        source, kind, channel = seen.source, seen.kind, seen.channel
+        if source in self._nodes:
+            senders = self._of.get((channel, kind))
+            if senders is not None and source not in senders:
+                self._note(source, channel)
+                if kind is not _MESSAGE:
+                    return None
+                return msgspec.structs.replace(seen, source=ALLEGED + source, order=-1)
+        if kind is _TAKEN and seen.client in self._nodes:
+            senders = self._of.get((channel, _MESSAGE))
+            if senders is not None and seen.client not in senders:
+                return msgspec.structs.replace(seen, client=ALLEGED + seen.client)
+        return seen
+
+    def _note(self, name: str, channel: str) -> None:
+        place, findings = (name, channel), self._findings
+        if place in findings or len(findings) < MOST_FINDINGS:
+            findings[place] = findings.get(place, 0) + 1
+
+    def sentences(self) -> Iterator[str]:
+        """What came in a name that it cannot be of, one sentence each."""
+        for (name, channel), count in self._findings.items():
+            yield (
+                f"received {count} message{'s' * (count != 1)} on {printable(channel)} in the name of "
+                f"{name}, which by its model does not send there: another's, and no evidence about it"
+            )
+
+
+def places(machine: Machine) -> Iterator[Place]:
+    """What the node of ``machine`` sends, and reports of what it takes."""
+    for interface in (*machine.interfaces, *_of_threads(machine)):
+        channel = interface.channel
+        if channel is None:
+            continue
+        parts = [channel_of_part(channel, part) for part in SERVICES]
+        match interface.kind:
+            case InterfaceKind.PUBLISHER:
+                yield channel, _MESSAGE
+            case InterfaceKind.SUBSCRIBER:
+                yield channel, _TAKEN
+            case InterfaceKind.SERVER:
+                yield from ((channel, kind) for kind in _OF_SERVER)
+            case InterfaceKind.CLIENT:
+                yield from ((channel, kind) for kind in _OF_CLIENT)
+            case InterfaceKind.ACTION_SERVER:
+                yield from ((part, kind) for part in parts for kind in _OF_SERVER)
+                yield from ((channel_of_part(channel, part), _MESSAGE) for part in TOPICS)
+            case InterfaceKind.ACTION_CLIENT:
+                yield from ((part, kind) for part in parts for kind in _OF_CLIENT)
+                yield channel_of_part(channel, "feedback"), _TAKEN
+
+
+def _of_threads(machine: Machine) -> Iterator[Interface]:
+    for thread in machine.threads:
+        yield from thread.machine.interfaces
