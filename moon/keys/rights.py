@@ -8,6 +8,7 @@ from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.policy.program import Policy, read_policy
+from m2c.policy.ticks import TICKS_CHANNEL
 from m2c.printable import printable
 from moon.connection import MONITOR, OBSERVER
 from moon.keys.certificates import MOST_NAME
@@ -24,8 +25,6 @@ commands of ``moon``, and a router."""
 
 _TAKEN = (*OTHERS, "ca")
 _SEPARATOR = "/"
-TICKS_CHANNEL = "/policy/ticks"
-"""Where the policy publishes its ticks (``m2c.policy.runner``, which moon does not import)."""
 
 
 class RightsError(Exception):

@@ -7,8 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from m2c.policy.runner import TICKS_CHANNEL
-from moon.keys import rights
+from m2c.policy.ticks import TICKS_CHANNEL
 from moon.keys.rights import RightsError, rights_of
 from moon.monitor.reading import read_checked
 from tests.launch.system import System
@@ -57,7 +56,6 @@ def test_the_policy_calls_what_its_leaves_are_ticked_by_and_publishes_what_its_p
     )
     assert tour.publishes == (TICKS_CHANNEL,)
     assert {"/plain_events/grip", "/plain_events/release"} <= set(cell.publishes)
-    assert rights.TICKS_CHANNEL == TICKS_CHANNEL
 
 
 def test_an_action_is_its_parts(tmp_path: Path) -> None:
