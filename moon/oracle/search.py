@@ -36,9 +36,10 @@ from moon.oracle.state import (
     goal_called,
 )
 from moon.oracle.successors import Inputs, Successors
-from moon.oracle.trace_events import Channels, Role, TraceEvent
+from moon.oracle.trace_events import Channels, Role, TraceEvent, stamp_of
 from moon.oracle.unknowns import Unknown, agree, filled_in, is_unknown, learned
 from moon.wording import Wording
+from transports.actions.rules import Phase
 
 _ENDS = (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL)
 _INPUTS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR, EventKind.MESSAGE)
@@ -392,16 +393,18 @@ class Outputs:
                 for goal in rest.goals
             )
             rest = rest.but(goals=goals)
+        elif owed.kind is OutputKind.ACCEPT_GOAL:
+            rest = _acceptance_seen(rest, fact)
         elif owed.kind in _ENDS:
             rest = self._end_seen(rest, owed, fact)
         found: dict[int, tuple[Unknown, Any]] = {}
         if (self._draws or rest.free) and is_unknown(owed.data):
             learned(owed.data, fact.data, found)
         if isinstance(owed.goal, Unknown) and fact.goal:
-            known = goal_called(rest, fact.goal, served=True)
+            known = goal_called(rest, owed.interface, fact.goal, served=True)
             if known is None:
-                rest, known = adopt_goal(rest, owed.interface, fact.goal, True, "running")
-            found[id(owed.goal)] = (owed.goal, known.number)
+                rest, known = adopt_goal(rest, owed.interface, fact.goal, True, Phase.RUNNING)
+            found[id(owed.goal)] = (owed.goal, known.name)
         return _substituted(rest, found) if found else rest
 
     def _phase_seen(self, hypothesis: Hypothesis, key: TimerKey, stamp: int) -> Hypothesis:
@@ -430,7 +433,14 @@ class Outputs:
         found: list[Hypothesis] = []
         for hypothesis in candidates:
             current = [hypothesis]
+            seen = {
+                (goal.id, goal.result[0])
+                for goal in hypothesis.goals
+                if goal.served and goal.seen and goal.result and goal.interface == fact.interface
+            }
             for goal_id, kind in fact.data:
+                if (goal_id, kind) in seen:
+                    continue
                 current = [
                     made
                     for before in current
@@ -442,7 +452,7 @@ class Outputs:
     def _goal_ended(
         self, hypothesis: Hypothesis, fact: TraceEvent, goal_id: str, kind: OutputKind
     ) -> list[Hypothesis]:
-        goal = goal_called(hypothesis, goal_id, served=True)
+        goal = goal_called(hypothesis, fact.interface, goal_id, served=True)
         if goal is None:
             # ended before the oracle looked, or just now by a machine of which little is known
             if not hypothesis.free or not hypothesis.owed:
@@ -458,7 +468,7 @@ class Outputs:
         found: list[Hypothesis] = []
         kind = self._types.get((OutputKind.SUCCEED, fact.interface))
         for hypothesis in candidates:
-            goal = goal_called(hypothesis, fact.goal, served=True)
+            goal = goal_called(hypothesis, fact.interface, fact.goal, served=True)
             if goal is None and hypothesis.free:
                 found += self.take([hypothesis], fact) or [hypothesis]
             elif goal is not None and goal.seen and goal.result is not None:
@@ -469,11 +479,23 @@ class Outputs:
         return distinct(found)
 
 
+def _acceptance_seen(hypothesis: Hypothesis, fact: TraceEvent) -> Hypothesis:
+    """The server told the client when it accepted the goal: cancel requests up to some time mean that."""
+    stamp = stamp_of(fact.observation.data)
+    goals = tuple(
+        goal.but(stamp=stamp)
+        if goal.served and goal.id == fact.goal and goal.interface == fact.interface
+        else goal
+        for goal in hypothesis.goals
+    )
+    return hypothesis.but(goals=goals)
+
+
 def _is_goal(hypothesis: Hypothesis, goal: Any, fact: TraceEvent) -> bool:
     """Whether ``fact`` can be about ``goal``, as ``Obligation.goal`` names it."""
     if isinstance(goal, Unknown):
-        known = goal_called(hypothesis, fact.goal, served=True)
-        return known is None or goal.allows(known.number)
+        known = goal_called(hypothesis, fact.interface, fact.goal, served=True)
+        return known is None or is_unknown(known.name) or goal.allows(known.name)
     return not isinstance(goal, str) or goal == fact.goal
 
 
@@ -485,6 +507,10 @@ def _substituted(hypothesis: Hypothesis, found: Mapping[int, tuple[Unknown, Any]
         for state, data in hypothesis.instances
     )
     made.owed = tuple(_owed_with(owed, found) for owed in hypothesis.owed)
+    made.goals = tuple(
+        goal.but(name=found[id(goal.name)][1]) if id(goal.name) in found else goal
+        for goal in hypothesis.goals
+    )
     return made
 
 

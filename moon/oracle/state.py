@@ -14,6 +14,7 @@ from m2c.model.machine import OutputKind
 from moon.oracle.compiling import Output
 from moon.oracle.trace_events import EventKey, TraceEvent
 from moon.oracle.unknowns import SCALARS, Unknown, frozen
+from transports.actions.rules import Act, Phase, Stamp, after, forgotten
 
 ANY_CALL = ("", -1)
 """Whose response is owed when the request came before the oracle looked."""
@@ -198,15 +199,29 @@ class Goal:
     """A goal that the machine serves or sent.
 
     Attributes:
-        number: as the model counts them.
+        number: as the oracle counts them.
+        name: as the model counts them; Unknown where goals may have come before the oracle looked.
         id: hex id; "" where it is not known yet.
-        phase: served: ``new``, ``running``, ``canceling``, ``ended``; sent: ``sent``, ``running``.
+        phase: where it stands; one that the machine sent is new until it is accepted.
+        stamp: when it was accepted, as the server told its client; None: not known.
         seen: whether its end was observed.
         result: (kind, message) of its end.
         cancel: whether it is to be cancelled once it is accepted.
     """
 
-    __slots__ = ("cancel", "id", "interface", "number", "phase", "result", "seen", "served")
+    __slots__ = (
+        "_key",
+        "cancel",
+        "id",
+        "interface",
+        "name",
+        "number",
+        "phase",
+        "result",
+        "seen",
+        "served",
+        "stamp",
+    )
 
     def __init__(
         self,
@@ -214,10 +229,12 @@ class Goal:
         served: bool,
         number: int,
         identifier: str,
-        phase: str,
+        phase: Phase,
         result: tuple[OutputKind, Any] | None = None,
         seen: bool = False,
         cancel: bool = False,
+        stamp: Stamp | None = None,
+        name: Any = None,
     ) -> None:
         self.interface = interface
         self.served = served
@@ -227,6 +244,9 @@ class Goal:
         self.result = result
         self.seen = seen
         self.cancel = cancel
+        self.stamp = stamp
+        self.name = number if name is None else name
+        self._key: tuple[Any, ...] | None = None
 
     def but(self, **changes: Any) -> Goal:
         """The same goal with ``changes``."""
@@ -236,21 +256,39 @@ class Goal:
             "result": self.result,
             "seen": self.seen,
             "cancel": self.cancel,
+            "stamp": self.stamp,
+            "name": self.name,
             **changes,
         }
         return Goal(self.interface, self.served, self.number, **fields)
 
-    def key(self) -> tuple[Any, ...]:
-        """What two goals must share to be the same."""
+    def is_same(self, other: Goal) -> bool:
+        """Whether ``other`` is this goal, at some time."""
         return (
-            self.interface,
-            self.served,
-            self.number,
-            self.id,
-            self.phase,
-            self.seen,
-            self.cancel,
+            self.number == other.number
+            and self.served is other.served
+            and self.interface == other.interface
         )
+
+    def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
+        """What two goals must share to be the same; ``numbers``: see ``frozen``."""
+        if self.name.__class__ is Unknown:
+            return (*self._fixed_key(), frozen(self.name, numbers))
+        return self._fixed_key()
+
+    def _fixed_key(self) -> tuple[Any, ...]:
+        if self._key is None:
+            self._key = (
+                self.interface,
+                self.served,
+                self.number,
+                self.id,
+                self.phase,
+                self.seen,
+                self.cancel,
+                self.stamp,
+            )
+        return self._key
 
 
 class Hypothesis:
@@ -319,7 +357,7 @@ class Hypothesis:
                 tuple(event.key(numbers) for event in self.queue) if self.queue else (),
                 tuple(timer.key(numbers) for timer in self.timers) if self.timers else (),
                 self.waiting,
-                tuple(goal.key() for goal in self.goals) if self.goals else (),
+                tuple(goal.key(numbers) for goal in self.goals) if self.goals else (),
                 self.free,
             )
         return self._key
@@ -445,40 +483,36 @@ def _put_in(found: dict[Any, Hypothesis], made: Hypothesis) -> None:
 
 # --- goals ----------------------------------------------------------------------------------------
 
-KEPT_GOALS = 8
-"""Ended goals are remembered for results that are asked for late."""
+_ACTS = {
+    OutputKind.ACCEPT_GOAL: Act.ACCEPT,
+    OutputKind.REJECT_GOAL: Act.REJECT,
+    OutputKind.FEEDBACK: Act.FEEDBACK,
+    OutputKind.SUCCEED: Act.SUCCEED,
+    OutputKind.ABORT: Act.ABORT,
+    OutputKind.CANCEL: Act.CANCEL,
+}
 
 
-def goal_called(hypothesis: Hypothesis, goal_id: str, served: bool) -> Goal | None:
-    """The goal with this id, served or sent."""
+def goal_called(hypothesis: Hypothesis, interface: str, goal_id: str, served: bool) -> Goal | None:
+    """The goal of ``interface`` with this id, served or sent."""
     for goal in hypothesis.goals:
-        if goal.served is served and goal.id == goal_id:
+        if goal.served is served and goal.id == goal_id and goal.interface == interface:
             return goal
     return None
 
 
 def goal_allows(made: Hypothesis, goal: Goal, output: Output) -> bool:
-    """Whether the goal's state lets the output leave (see ``transports.actions``); it is changed."""
-    running = goal.phase in ("running", "canceling")
-    match output.kind:
-        case OutputKind.ACCEPT_GOAL:
-            if goal.phase != "new":
-                return False
-            change_goal(made, goal, phase="running")
-            return True
-        case OutputKind.REJECT_GOAL:
-            if goal.phase == "new":
-                made.goals = tuple(g for g in made.goals if g is not goal)
-                return True
-            return False
-        case OutputKind.FEEDBACK:
-            return running
-        case kind:
-            if goal.phase == "ended":
-                return False
-            refused = kind is OutputKind.CANCEL and goal.phase == "running"
-            change_goal(made, goal, phase="ended", result=(kind, output.fields))
-            return running and not refused
+    """Whether the goal's phase lets the output leave (``transports.actions.rules``); it is changed then."""
+    phase = after(goal.phase, _ACTS[output.kind])
+    if phase is None:
+        return False
+    if phase is Phase.REJECTED:
+        made.goals = tuple(g for g in made.goals if g is not goal)
+    elif phase is Phase.ENDED:
+        change_goal(made, goal, phase=phase, result=(output.kind, output.fields))
+    elif phase is not goal.phase:
+        change_goal(made, goal, phase=phase)
+    return True
 
 
 def change_goal(made: Hypothesis, goal: Goal, **changes: Any) -> None:
@@ -489,48 +523,68 @@ def change_goal(made: Hypothesis, goal: Goal, **changes: Any) -> None:
 def with_goal_changed(hypothesis: Hypothesis, goal: Goal, **changes: Any) -> Hypothesis:
     """``hypothesis`` with ``goal`` changed."""
     made = hypothesis.copy()
-    made.goals = tuple(
-        g.but(**changes) if g.number == goal.number and g.served == goal.served else g
-        for g in made.goals
-    )
+    made.goals = tuple(g.but(**changes) if g.is_same(goal) else g for g in made.goals)
     return made
 
 
 def adopt_goal(
-    hypothesis: Hypothesis, interface: str, goal_id: str, served: bool, phase: str
+    hypothesis: Hypothesis, interface: str, goal_id: str, served: bool, phase: Phase
 ) -> tuple[Hypothesis, Goal]:
     """``hypothesis`` with a further goal."""
     return adopt_goal_in_place(hypothesis.copy(), interface, goal_id, served, phase)
 
 
+MOST_GOALS = 2**31 - 1
+"""No node has more in its life."""
+
+
 def adopt_goal_in_place(
-    made: Hypothesis, interface: str, goal_id: str, served: bool, phase: str
+    made: Hypothesis, interface: str, goal_id: str, served: bool, phase: Phase
 ) -> tuple[Hypothesis, Goal]:
     """A further goal, numbered as the node numbers them."""
     counts = dict(made.counts)
     number = counts.get((served, interface), 0) + 1
     counts[served, interface] = number
-    goal = Goal(interface, served, number, goal_id, phase)
+    name = Unknown(1, MOST_GOALS, integer=True) if made.free else number
+    goal = Goal(interface, served, number, goal_id, phase, name=name)
     made.counts = tuple(sorted(counts.items()))
-    ended = [g for g in made.goals if g.phase == "ended"]
-    forgotten = set(map(id, ended[: max(0, len(ended) - KEPT_GOALS)]))
-    made.goals = (*(g for g in made.goals if id(g) not in forgotten), goal)
+    gone = set(forgotten(_ended(made, interface))) if served else set()
+    if gone:
+        kept = (g for g in made.goals if not (g.served and g.id in gone))
+        made.goals = (*kept, goal)
+    else:
+        made.goals = (*made.goals, goal)
     return made, goal
+
+
+def _ended(hypothesis: Hypothesis, interface: str) -> list[str]:
+    """Ids of the goals of ``interface`` that were served and have ended."""
+    return [
+        goal.id
+        for goal in hypothesis.goals
+        if goal.served and goal.phase is Phase.ENDED and goal.interface == interface
+    ]
 
 
 def goal_to_cancel(made: Hypothesis, interface: str, number: Any) -> Goal | None:
     """The goal that a cancel request means; without a number, the last one sent."""
     sent = [g for g in made.goals if not g.served and g.interface == interface]
-    if isinstance(number, Unknown):
-        return None
-    if not number:
-        number = dict(made.counts).get((False, interface), 0)
-    return next((g for g in sent if g.number == number), None)
+    if number.__class__ is not Unknown and not number:
+        last = dict(made.counts).get((False, interface), 0)
+        return next((g for g in sent if g.number == last), None)
+    return next((g for g in sent if is_named(g, number)), None)
 
 
 def served_goal(made: Hypothesis, output: Output) -> Goal | None:
     """The goal that an output of the machine names."""
     for goal in made.goals:
-        if goal.served and goal.interface == output.interface and goal.number == output.goal:
+        if goal.served and goal.interface == output.interface and is_named(goal, output.goal):
             return goal
     return None
+
+
+def is_named(goal: Goal, name: Any) -> bool:
+    """Whether ``name`` is certainly that of ``goal``: the same number, or the same unknown one."""
+    if goal.name is name:
+        return True
+    return Unknown not in (goal.name.__class__, name.__class__) and bool(goal.name == name)

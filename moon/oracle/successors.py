@@ -8,7 +8,7 @@ becomes of calls, and messages that the node reports to have taken.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from m2c.model.diagnostics import Position
@@ -35,8 +35,9 @@ from moon.oracle.state import (
     served_goal,
     with_goal_changed,
 )
-from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier
+from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier, stamp_of
 from moon.oracle.unknowns import Unknown
+from transports.actions.rules import CancelScope, Phase
 
 
 class Successors:
@@ -181,8 +182,8 @@ class Successors:
         """Whether ``fact`` is feedback that is kept until its goal is accepted."""
         if fact.event is None or fact.event[0] is not EventKind.FEEDBACK:
             return False
-        goal = goal_called(hypothesis, fact.goal, served=False)
-        return goal is not None and goal.phase != "running"
+        goal = goal_called(hypothesis, fact.interface, fact.goal, served=False)
+        return goal is not None and goal.phase is not Phase.RUNNING
 
     def _message_taken(
         self, hypothesis: Hypothesis, place: int, fact: TraceEvent, low: int, now: int
@@ -196,19 +197,19 @@ class Successors:
         high = max(low, min(fact.stamp + self._bounds.latency, now))
         parts: dict[str, Any] = {}
         if fact.event[0] is EventKind.FEEDBACK:
-            goal = goal_called(hypothesis, fact.goal, served=False)
+            goal = goal_called(hypothesis, fact.interface, fact.goal, served=False)
             if goal is None:
                 if hypothesis.free and not self._channels.was_sent(fact.goal):
                     rest_too, adopted = adopt_goal(
-                        rest, fact.interface, fact.goal, False, "running"
+                        rest, fact.interface, fact.goal, False, Phase.RUNNING
                     )
-                    parts = {"goal_id": adopted.number}
+                    parts = {"goal_id": adopted.name}
                     yield from self.run(rest_too, 0, fact.event, fact.data, parts, low, high)
                 yield rest
                 return
-            if goal.phase != "running":
+            if goal.phase is not Phase.RUNNING:
                 return
-            parts = {"goal_id": goal.number}
+            parts = {"goal_id": goal.name}
         if fact.may_be_lost:
             yield rest
         yield from self.run_everywhere(rest, fact.event, fact.data, parts, low, high)
@@ -411,7 +412,7 @@ class Successors:
                         return  # no request waits: nothing leaves
                     answers, optional = ANY_CALL, True
             case OutputKind.SEND_GOAL:
-                _, sent = adopt_goal_in_place(made, interface, "", False, "sent")
+                _, sent = adopt_goal_in_place(made, interface, "", False, Phase.NEW)
                 goal = sent.number
             case OutputKind.SEND_CANCEL:
                 found = goal_to_cancel(made, interface, output.goal)
@@ -419,7 +420,7 @@ class Successors:
                     if not made.free:
                         return
                     optional = True
-                elif found.phase == "sent":
+                elif found.phase is Phase.NEW:
                     change_goal(made, found, cancel=True)
                     return
                 else:
@@ -588,19 +589,20 @@ class Inputs:
                 yield from self._goal_event(hypothesis, fact)
 
     def _goal_input(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
-        if goal_called(hypothesis, fact.goal, served=True) is not None:
-            yield hypothesis  # a second goal of the same id: rejected before the machine hears it
+        known = goal_called(hypothesis, fact.interface, fact.goal, served=True)
+        if known is not None:
+            yield self._owing(hypothesis, OutputKind.REJECT_GOAL, known, fact)
             return
-        grown, goal = adopt_goal(hypothesis, fact.interface, fact.goal, True, "new")
+        grown, goal = adopt_goal(hypothesis, fact.interface, fact.goal, True, Phase.NEW)
         assert fact.event is not None
-        parts = {"goal_id": goal.number}
+        parts = {"goal_id": goal.name}
         for taken, step in self._successors.take(grown, 0, fact.event, fact.data, parts):
             made = self._successors.absorb(grown, 0, step, fact.stamp, fact.stamp)
-            # what no transition takes is rejected by the node
-            yield made if taken else self._reject(made, goal, fact)
+            # what no transition takes, and nothing has answered, is rejected by the node
+            yield made if taken or goal not in made.goals else self._reject(made, goal, fact)
 
     def _reject(self, hypothesis: Hypothesis, goal: Goal, fact: TraceEvent) -> Hypothesis:
-        goals = tuple(g for g in hypothesis.goals if g.number != goal.number or not g.served)
+        goals = tuple(g for g in hypothesis.goals if not g.is_same(goal))
         rejected = hypothesis.but(goals=goals)
         return self._owing(rejected, OutputKind.REJECT_GOAL, goal, fact)
 
@@ -617,62 +619,81 @@ class Inputs:
         return hypothesis.but(owed=(*hypothesis.owed, owed))
 
     def _cancel_input(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
-        """See ``transports.actions``: which goals a cancel request means, and who hears of it."""
-        info = fact.data
-        wanted = identifier(info["goal_id"])
-        named = any(info["goal_id"]["uuid"])
-        timed = bool(info["stamp"]["sec"] or info["stamp"]["nanosec"])
-        found = [hypothesis]
-        goal = goal_called(hypothesis, wanted, served=True)
-        if named and goal is None and hypothesis.free:
-            grown, goal = adopt_goal(hypothesis, fact.interface, wanted, True, "running")
-            found = [hypothesis, grown]
-        if named and not timed:
-            chosen = [] if goal is None else [goal]
-        else:
-            chosen = [g for g in hypothesis.goals if g.served and g.interface == fact.interface]
-        for each in chosen:
-            if each.phase != "running":
-                continue
+        """See ``transports.actions.rules``: which goals a cancel request means, and who hears of it."""
+        scope = CancelScope(identifier(fact.data["goal_id"]), stamp_of(fact.data))
+        found, name = [hypothesis], fact.interface
+        if hypothesis.free:
+            if not scope.is_one_goal:
+                raise TooManyError(
+                    f"a cancel request on {name} for goals from before it was observed"
+                )
+            if goal_called(hypothesis, name, scope.goal_id, served=True) is None:
+                found.append(adopt_goal(hypothesis, name, scope.goal_id, True, Phase.RUNNING)[0])
+        for known in found:
+            for chosen in _chosen(known, name, scope):
+                yield from self._canceled(known, chosen, fact)
+
+    def _canceled(
+        self, hypothesis: Hypothesis, chosen: Sequence[Goal], fact: TraceEvent
+    ) -> Iterable[Hypothesis]:
+        """``hypothesis`` once ``chosen`` are to be canceled: all of them are, then each is told."""
+        goals = tuple(
+            goal.but(phase=Phase.CANCELING) if goal in chosen else goal for goal in hypothesis.goals
+        )
+        found: list[Hypothesis] = [hypothesis.but(goals=goals)]
+        for goal in chosen:
             following: list[Hypothesis] = []
             for before in found:
-                if all(g.number != each.number or not g.served for g in before.goals):
-                    following.append(before)
+                if not any(g.is_same(goal) and g.phase is Phase.CANCELING for g in before.goals):
+                    following.append(before)  # what was told of another goal has ended this one
                     continue
-                canceling = with_goal_changed(before, each, phase="canceling")
                 following += self._successors.run_everywhere(
-                    canceling,
+                    before,
                     (EventKind.CANCEL, fact.interface),
                     None,
-                    {"goal_id": each.number},
+                    {"goal_id": goal.name},
                     fact.stamp,
                     fact.stamp,
                 )
             found = following
-        yield from found
+        return found
 
     def _goal_event(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
         """What becomes of a goal that the machine sent."""
         event = fact.event
         assert event is not None
-        goal = goal_called(hypothesis, fact.goal, served=False)
+        goal = goal_called(hypothesis, fact.interface, fact.goal, served=False)
         if goal is None:
             if not hypothesis.free or self._channels.was_sent(fact.goal):
                 yield hypothesis  # not a goal of this machine's model, or one that has ended
                 return
-            hypothesis, goal = adopt_goal(hypothesis, fact.interface, fact.goal, False, "sent")
+            hypothesis, goal = adopt_goal(hypothesis, fact.interface, fact.goal, False, Phase.NEW)
         codes = {EventKind.SUCCEEDED: 4, EventKind.CANCELED: 5, EventKind.ABORTED: 6}
-        parts: dict[str, Any] = {"goal_id": goal.number}
+        parts: dict[str, Any] = {"goal_id": goal.name}
         if event[0] in codes:
             parts["code"] = codes[event[0]]
         if event[0] is EventKind.GOAL_ACCEPTED:
-            accepted = with_goal_changed(hypothesis, goal, phase="running", cancel=False)
+            accepted = with_goal_changed(hypothesis, goal, phase=Phase.RUNNING, cancel=False)
             for made in self._successors.run(
                 accepted, 0, event, fact.data, parts, fact.stamp, fact.stamp
             ):
                 cancel = OutputKind.SEND_CANCEL
                 yield self._owing(made, cancel, goal, fact) if goal.cancel else made
             return
-        goals = tuple(g for g in hypothesis.goals if g.served or g.number != goal.number)
+        goals = tuple(g for g in hypothesis.goals if not g.is_same(goal))
         ended = hypothesis.but(goals=goals)
         yield from self._successors.run(ended, 0, event, fact.data, parts, fact.stamp, fact.stamp)
+
+
+def _chosen(hypothesis: Hypothesis, interface: str, scope: CancelScope) -> list[tuple[Goal, ...]]:
+    """The running goals that a cancel request means: each possibility, as far as is known."""
+    found: list[tuple[Goal, ...]] = [()]
+    for goal in hypothesis.goals:
+        if not goal.served or goal.interface != interface or goal.phase is not Phase.RUNNING:
+            continue
+        included = scope.includes(goal.id, goal.phase, goal.stamp)
+        if included is True:
+            found = [(*goals, goal) for goals in found]
+        elif included is None:
+            found += [(*goals, goal) for goals in found]
+    return found

@@ -19,8 +19,8 @@ from m2c.model.datatypes import DataType, Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.values import zero
-from m2c.model.walk import failure_of_goals
 from moon.ordering.numbers import Count, Numbers, Place
+from transports.actions.rules import Stamp
 from transports.interface import CallOutcome, Observation, ObservationKind
 
 EventKey = tuple[EventKind, str]
@@ -148,18 +148,11 @@ Reader = Callable[[Observation], TraceEvent | None]
 class Port:
     """One part of an interface: how observations on its channel are read."""
 
-    __slots__ = ("data", "failure", "interface", "kind", "part", "template")
+    __slots__ = ("data", "interface", "kind", "part", "template")
 
     def __init__(
-        self,
-        kind: InterfaceKind,
-        interface: str,
-        part: str = "",
-        data: Structure | None = None,
-        failure: EventKind = EventKind.GOAL_REJECTED,
+        self, kind: InterfaceKind, interface: str, part: str = "", data: Structure | None = None
     ) -> None:
-        self.failure = failure
-        """Of an action client: the event of a goal that is not answered, or whose server ends."""
         self.kind = kind
         self.interface = interface
         self.part = part
@@ -264,8 +257,10 @@ def _of_action_server(port: Port, observation: Observation) -> TraceEvent | None
             event = (EventKind.CANCEL, name)
             return TraceEvent(observation, Role.INPUT, name, event, None, data["goal_info"])
         case "get_result", ObservationKind.RESPONSE_SENT if not observation.error:
-            kind = _ENDS.get(data["status"], OutputKind.ABORT)
-            return TraceEvent(observation, Role.RESULT, name, None, kind, data["result"])
+            end = _ENDS.get(data["status"])  # 0 where it does not know the goal (rclcpp, rclpy)
+            if end is None:
+                return None
+            return TraceEvent(observation, Role.RESULT, name, None, end, data["result"])
         case "get_result", ObservationKind.REQUEST_RECEIVED:
             return TraceEvent(observation, Role.RESULT, name, None, None, None, goal_id(data))
         case "feedback", ObservationKind.MESSAGE:
@@ -297,9 +292,8 @@ def _of_action_client(port: Port, observation: Observation) -> TraceEvent | None
                 observation, Role.OUTPUT, name, None, kind, data["goal"], goal_id(data)
             )
         case "send_goal", ObservationKind.RESPONSE_RECEIVED:
-            if observation.error:
-                return TraceEvent(observation, Role.INPUT, name, (port.failure, name))
-            kind_of = EventKind.GOAL_ACCEPTED if data["accepted"] else EventKind.GOAL_REJECTED
+            accepted = not observation.error and data["accepted"]
+            kind_of = EventKind.GOAL_ACCEPTED if accepted else EventKind.GOAL_REJECTED
             return TraceEvent(observation, Role.INPUT, name, (kind_of, name))
         case "cancel_goal", ObservationKind.REQUEST_SENT:
             kind = OutputKind.SEND_CANCEL
@@ -311,7 +305,7 @@ def _of_action_client(port: Port, observation: Observation) -> TraceEvent | None
         case "get_result", ObservationKind.RESPONSE_RECEIVED:
             ended = None if observation.error else _ENDED.get(data["status"])
             if ended is None:
-                return TraceEvent(observation, Role.INPUT, name, (port.failure, name))
+                return TraceEvent(observation, Role.INPUT, name, (EventKind.GOAL_REJECTED, name))
             result = complete(data["result"], port.template)
             return TraceEvent(observation, Role.INPUT, name, (ended, name), None, result)
     return None
@@ -329,6 +323,12 @@ def identifier(wire: Any) -> str:
         return bytes(octets).hex()
     except ValueError:  # int8, as some write it
         return bytes(octet & 0xFF for octet in octets).hex()
+
+
+def stamp_of(data: Any) -> Stamp:
+    """The ``builtin_interfaces/msg/Time`` of a part of an action; fields left out are zero."""
+    stamp = data.get("stamp") or {}
+    return stamp.get("sec", 0), stamp.get("nanosec", 0)
 
 
 def complete(data: Any, template: Any) -> Any:
@@ -409,16 +409,13 @@ class Channels:
                     self.types[OutputKind.REQUEST, name] = service.request
                 case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
                     action = library.action(interface.type_name)
-                    failure = failure_of_goals(machine, name)
                     for part in ("send_goal", "cancel_goal", "get_result", "feedback", "status"):
                         inner = {
                             "send_goal": action.goal,
                             "get_result": action.result,
                             "feedback": action.feedback,
                         }.get(part)
-                        self._add(
-                            f"{channel}/_action/{part}", Port(kind, name, part, inner, failure)
-                        )
+                        self._add(f"{channel}/_action/{part}", Port(kind, name, part, inner))
                     self.types[OutputKind.SEND_GOAL, name] = action.goal
                     self.types[OutputKind.FEEDBACK, name] = action.feedback
                     for output in (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL):

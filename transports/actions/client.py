@@ -7,17 +7,8 @@ import uuid
 from collections.abc import Callable
 from typing import Any
 
-from transports.actions.parts import (
-    CANCEL_REJECTED,
-    CANCEL_TERMINATED,
-    CANCEL_UNKNOWN,
-    STATUS_OF,
-    CancelRequest,
-    GoalInfo,
-    hex_id,
-    parts_of,
-    wire_id,
-)
+from transports.actions.parts import STATUS_OF, CancelRequest, GoalInfo, hex_id, parts_of, wire_id
+from transports.actions.rules import CANCEL_REJECTED, CANCEL_TERMINATED, CANCEL_UNKNOWN
 from transports.interface import (
     Action,
     CallOutcome,
@@ -111,10 +102,10 @@ class SimpleActionClient:
                 request, lambda answer: self._finished(goal_id, answer), RESULT_TIMEOUT_S
             )
             events.accepted(goal_id)
-            for feedback in self._early.pop(goal_id, ()):
-                events.feedback(goal_id, feedback)
             if goal_id in self._cancel_wanted:
                 self.cancel(goal_id)
+            for feedback in self._early.pop(goal_id, ()):
+                events.feedback(goal_id, feedback)
 
     def _finished(self, goal_id: str, answer: CallResult) -> None:
         events = self._events[goal_id]

@@ -25,8 +25,6 @@ STATUS_CODES = {
 }
 """action_msgs/msg/GoalStatus."""
 STATUS_OF = {code: status for status, code in STATUS_CODES.items()}
-CANCEL_ACCEPTED, CANCEL_REJECTED, CANCEL_UNKNOWN, CANCEL_TERMINATED = 0, 1, 2, 3
-"""action_msgs/srv/CancelGoal return codes."""
 
 
 SERVICES = ("send_goal", "cancel_goal", "get_result")

@@ -1,15 +1,12 @@
-"""The server's end of an action."""
+"""The server's end of an action; what its goals may do is in ``transports.actions.rules``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+from transports.actions import rules
 from transports.actions.parts import (
-    CANCEL_ACCEPTED,
-    CANCEL_REJECTED,
-    CANCEL_TERMINATED,
-    CANCEL_UNKNOWN,
     STATUS_CODES,
     CancelResponse,
     GoalInfo,
@@ -20,6 +17,7 @@ from transports.actions.parts import (
     parts_of,
     wire_id,
 )
+from transports.actions.rules import Act, CancelScope, Phase, ResultAnswer
 from transports.interface import (
     Action,
     GoalHandle,
@@ -49,8 +47,9 @@ class _Goal:
         self._server = server
         self._id = goal_id
         self._goal = goal
-        self._request: Request | None = request
-        self.status: GoalStatus | None = None
+        self._request = request
+        self.phase = Phase.NEW
+        self.end: GoalStatus | None = None
         self.result: Any = None
         self.waiting: list[Request] = []
         self.stamp = Time()
@@ -63,56 +62,62 @@ class _Goal:
     def goal(self) -> Any:
         return self._goal
 
+    @property
+    def status(self) -> GoalStatus | None:
+        """As it is published; None while nobody has answered it."""
+        return self.end or _STATUSES.get(self.phase)
+
+    def is_in(self, scope: CancelScope) -> bool:
+        """Whether a cancel request means it."""
+        stamp = (self.stamp.sec, self.stamp.nanosec)
+        return scope.includes(self._id, self.phase, stamp) is True
+
     def accept(self) -> None:
-        request = self._take_request("accept")
-        self.status = GoalStatus.EXECUTING
+        self.phase = self._after(Act.ACCEPT)
         self.stamp = self._server.stamp()
-        request.respond(self._server.goal_response(True, self.stamp))
+        self._request.respond(self._server.goal_response(True, self.stamp))
         self._server.publish_status()
 
     def reject(self) -> None:
-        request = self._take_request("reject")
+        self.phase = self._after(Act.REJECT)
         self._server.forget(self)
-        request.respond(self._server.goal_response(False, self._server.stamp()))
+        self._request.respond(self._server.goal_response(False, self._server.stamp()))
         for waiting in self.waiting:
             waiting.fail("the goal was rejected")
         self.waiting.clear()
 
     def publish_feedback(self, feedback: Message) -> None:
-        self._require_running("send feedback of")
+        self._after(Act.FEEDBACK)
         self._server.publish_feedback(self._id, feedback)
 
     def succeed(self, result: Message) -> None:
-        self._end(GoalStatus.SUCCEEDED, result)
+        self._end(Act.SUCCEED, GoalStatus.SUCCEEDED, result)
 
     def abort(self, result: Message) -> None:
-        self._end(GoalStatus.ABORTED, result)
+        self._end(Act.ABORT, GoalStatus.ABORTED, result)
 
     def canceled(self, result: Message) -> None:
-        if self.status is GoalStatus.EXECUTING:
+        self._end(Act.CANCEL, GoalStatus.CANCELED, result)
+
+    def _after(self, act: Act) -> Phase:
+        """Where the goal stands after ``act``; TransportError if it may not be done."""
+        phase = rules.after(self.phase, act)
+        if phase is not None:
+            return phase
+        name = self._server.name
+        if act in (Act.ACCEPT, Act.REJECT):
+            raise TransportError(f"{name}: cannot {act} a goal that was answered")
+        if act is Act.CANCEL and self.phase is Phase.RUNNING:
             raise TransportError(
-                f"{self._server.name}: cannot end a goal as canceled that nobody asked to cancel"
+                f"{name}: cannot end a goal as canceled that nobody asked to cancel"
             )
-        self._end(GoalStatus.CANCELED, result)
+        what = "send feedback of" if act is Act.FEEDBACK else "end"
+        state = "has ended" if self.phase is Phase.ENDED else "was not accepted"
+        raise TransportError(f"{name}: cannot {what} a goal that {state}")
 
-    @property
-    def has_ended(self) -> bool:
-        return self.status in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED)
-
-    def _take_request(self, what: str) -> Request:
-        request, self._request = self._request, None
-        if request is None:
-            raise TransportError(f"{self._server.name}: cannot {what} a goal that was answered")
-        return request
-
-    def _require_running(self, what: str) -> None:
-        if self.status is None or self.has_ended:
-            state = "was not accepted" if self.status is None else "has ended"
-            raise TransportError(f"{self._server.name}: cannot {what} a goal that {state}")
-
-    def _end(self, status: GoalStatus, result: Message) -> None:
-        self._require_running("end")
-        self.status = status
+    def _end(self, act: Act, status: GoalStatus, result: Message) -> None:
+        self.phase = self._after(act)
+        self.end = status
         self.result = result
         for request in self.waiting:
             request.respond(self._server.result_response(status, result))
@@ -120,10 +125,11 @@ class _Goal:
         self._server.publish_status()
 
 
+_STATUSES = {Phase.RUNNING: GoalStatus.EXECUTING, Phase.CANCELING: GoalStatus.CANCELING}
+
+
 class _ActionServer:
     """All goals of one action. Ended ones are kept for clients that ask for the result late."""
-
-    KEPT_GOALS = 64
 
     def __init__(
         self,
@@ -156,9 +162,9 @@ class _ActionServer:
 
     def publish_status(self) -> None:
         entries = [
-            GoalStatusEntry(GoalInfo(wire_id(key), goal.stamp), STATUS_CODES[goal.status])
+            GoalStatusEntry(GoalInfo(wire_id(key), goal.stamp), STATUS_CODES[status])
             for key, goal in self._goals.items()
-            if goal.status is not None
+            if (status := goal.status) is not None
         ]
         self._status.publish(GoalStatusArray(entries))
 
@@ -175,41 +181,23 @@ class _ActionServer:
         if goal_id in self._goals:
             request.respond(self.goal_response(False, self.stamp()))
             return
-        ended = [key for key, goal in self._goals.items() if goal.has_ended]
-        for key in ended[: max(0, len(ended) - self.KEPT_GOALS)]:
+        ended = [key for key, goal in self._goals.items() if goal.phase is Phase.ENDED]
+        for key in rules.forgotten(ended):
             del self._goals[key]
         goal = _Goal(self, goal_id, request.data.goal, request)
         self._goals[goal_id] = goal
         self._on_goal(goal)
 
     def _cancel_goal(self, request: Request) -> None:
-        """Cancel what ``request`` asks for (action_msgs/srv/CancelGoal): one goal; with a stamp also
-        those accepted up to then; with neither id nor stamp, all.
-        """
         info: GoalInfo = request.data.goal_info
-        named = any(info.goal_id.uuid)
-        timed = (info.stamp.sec, info.stamp.nanosec) != (0, 0)
-        if named and not timed:
-            goal = self._goals.get(hex_id(info.goal_id))
-            if goal is None or goal.status is None or goal.has_ended:
-                request.respond(CancelResponse(_refusal(goal)))
-                return
-            chosen = [goal]
-        else:
-            limit = (info.stamp.sec, info.stamp.nanosec)
-            wanted = hex_id(info.goal_id) if named else ""
-            chosen = [
-                goal
-                for key, goal in self._goals.items()
-                if goal.status is not None
-                and not goal.has_ended
-                and (key == wanted or not timed or (goal.stamp.sec, goal.stamp.nanosec) <= limit)
-            ]
-        fresh = [goal for goal in chosen if goal.status is not GoalStatus.CANCELING]
+        scope = CancelScope(hex_id(info.goal_id), (info.stamp.sec, info.stamp.nanosec))
+        code = scope.return_code((key, goal.phase) for key, goal in self._goals.items())
+        chosen = [goal for goal in self._goals.values() if goal.is_in(scope)]
+        fresh = [goal for goal in chosen if goal.phase is not Phase.CANCELING]
         for goal in chosen:
-            goal.status = GoalStatus.CANCELING
+            goal.phase = Phase.CANCELING
         infos = [GoalInfo(wire_id(goal.goal_id), goal.stamp) for goal in chosen]
-        request.respond(CancelResponse(CANCEL_ACCEPTED, infos))
+        request.respond(CancelResponse(code, infos))
         if fresh:
             self.publish_status()
         for goal in fresh:
@@ -217,16 +205,10 @@ class _ActionServer:
 
     def _get_result(self, request: Request) -> None:
         goal = self._goals.get(hex_id(request.data.goal_id))
-        if goal is None:
-            request.fail("no such goal")
-        elif goal.has_ended and goal.status is not None:
-            request.respond(self.result_response(goal.status, goal.result))
+        answer = rules.result_answer(None if goal is None else goal.phase)
+        if goal is None or answer is ResultAnswer.NO_SUCH_GOAL:
+            request.fail(answer)
+        elif goal.end is not None and answer is ResultAnswer.NOW:
+            request.respond(self.result_response(goal.end, goal.result))
         else:
             goal.waiting.append(request)
-
-
-def _refusal(goal: _Goal | None) -> int:
-    """Why ``goal`` cannot be canceled, as a return code."""
-    if goal is None:
-        return CANCEL_UNKNOWN
-    return CANCEL_TERMINATED if goal.has_ended else CANCEL_REJECTED
