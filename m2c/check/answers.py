@@ -19,6 +19,10 @@ from m2c.model.machine import (
 from m2c.model.scopes import interface_kind_of
 
 _ENDS = {OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL}
+_RESULTS = frozenset({EventKind.SUCCEEDED, EventKind.ABORTED, EventKind.CANCELED})
+_ANSWERS = frozenset({EventKind.GOAL_ACCEPTED, EventKind.GOAL_REJECTED})
+_BY_ITSELF = frozenset({EventKind.AFTER, EventKind.TIMER, EventKind.INTERNAL})
+"""Events that come although nobody else sends anything."""
 _DECISIONS = {OutputKind.ACCEPT_GOAL, OutputKind.REJECT_GOAL}
 
 
@@ -57,9 +61,10 @@ _DUTIES = (
 def check_answers(machine: Machine, log: DiagnosticLog) -> None:
     """Warn of requests, goals and ticks whose sender would never hear of them again.
 
-    Rules: ``request-discarded`` (a state in which nothing takes a request that others take) and
-    ``request-unanswered`` (a request is taken, and no path from there has an answer to it). A path
-    is any sequence of transitions that can be taken, so that every warning is a certainty.
+    Rules: ``request-discarded`` (a state in which nothing takes a request that others take),
+    ``request-unanswered`` (a request is taken, and no path from there has an answer to it) and
+    ``goal-failure-unhandled`` (a state waits for a goal, and its server may die). A path is any
+    sequence of transitions that can be taken, so that every warning is a certainty.
     """
     ahead = Ahead(machine)
     names = reachable(machine)
@@ -67,6 +72,7 @@ def check_answers(machine: Machine, log: DiagnosticLog) -> None:
     taken = {item.event for state in found for item in ahead.takable[state.name]}
     for state in found:
         _check_discarded(ahead, state, taken, log)
+        _check_goals(ahead, state, taken, log)
         for transition in ahead.takable[state.name]:
             if transition.event is not None:
                 _check_answered(ahead, state, transition, log)
@@ -91,6 +97,40 @@ def _check_discarded(
                 "never be answered",
                 "add <ros_service_handle_request> to the state",
             )
+
+
+def _check_goals(
+    ahead: Ahead, state: State, elsewhere: set[Event | None], log: DiagnosticLog
+) -> None:
+    """Warn if ``state`` waits for the end of a goal for ever when the goal's server dies."""
+    if leaving_at_once(state) is not None:
+        return
+    takable = ahead.takable[state.name]
+    if any(_leaves_by_itself(item, state) for item in takable):
+        return
+    taken = {item.event for item in takable}
+    for interface in ahead.machine.interfaces:
+        if interface.kind is not InterfaceKind.ACTION_CLIENT:
+            continue
+        failure = Event(EventKind.GOAL_FAILED, interface.name)
+        # without any handler of failures, one before acceptance is a rejection
+        awaited = _RESULTS | (_ANSWERS if failure in elsewhere else frozenset())
+        if failure not in taken and any(Event(kind, interface.name) in taken for kind in awaited):
+            log.warning(
+                "goal-failure-unhandled",
+                state.position,
+                "state",
+                f"state `{state.name}` waits for a goal of {interface.channel or interface.name}, and "
+                "waits for ever if the goal's server dies",
+                "add <ros_action_handle_error> to the state",
+            )
+
+
+def _leaves_by_itself(transition: Transition, state: State) -> bool:
+    """Whether ``transition`` leads out of ``state`` although nobody else sends anything."""
+    event = transition.event
+    is_own = event is not None and event.kind in _BY_ITSELF
+    return is_own and any(target.state != state.name for target in transition.targets)
 
 
 def _check_answered(ahead: Ahead, state: State, transition: Transition, log: DiagnosticLog) -> None:

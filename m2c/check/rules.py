@@ -109,6 +109,7 @@ _WARNINGS = {
     "request-discarded": "a state in which nothing takes a request that the machine serves",
     "request-unanswered": "a request, goal or tick is taken, and no path ever answers it",
     "response-without-request": "a response that no request waits for: a second one, or one of no request",
+    "goal-failure-unhandled": "a state waits for a goal, and nothing ends that if the goal's server dies",
     "unreachable-state": "no run enters the state",
     "shadowed-transition": "an earlier transition always takes this one's turn",
     "never-taken": "the transition's condition never holds",

@@ -384,7 +384,7 @@ def _within_macrostep(body: Iterable[program.Statement]) -> tuple[program.Statem
 
 _REPORT_WHETHER_TAKEN = frozenset(
     {
-        *(EventKind.REQUEST, EventKind.GOAL, EventKind.CALL_ERROR),
+        *(EventKind.REQUEST, EventKind.GOAL, EventKind.CALL_ERROR, EventKind.GOAL_FAILED),
         *(EventKind.BT_HALT, EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED),
     }
 )

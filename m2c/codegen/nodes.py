@@ -24,6 +24,7 @@ _GOAL_EVENTS = {
     "succeeded": EventKind.SUCCEEDED,
     "aborted": EventKind.ABORTED,
     "canceled": EventKind.CANCELED,
+    "failed": EventKind.GOAL_FAILED,
 }
 _ENDS: dict[InterfaceKind, tuple[str, tuple[EventKind, ...]]] = {
     InterfaceKind.PUBLISHER: ("Topic", ()),

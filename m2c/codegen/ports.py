@@ -31,6 +31,7 @@ _EVENTS: dict[EventKind, tuple[str, str, str]] = {
     EventKind.SUCCEEDED: ("succeeded", "result", "The goal sent to ``{}`` succeeded."),
     EventKind.ABORTED: ("aborted", "result", "The goal sent to ``{}`` was aborted."),
     EventKind.CANCELED: ("canceled", "result", "The goal sent to ``{}`` was canceled."),
+    EventKind.GOAL_FAILED: ("failed", "", "The goal sent to ``{}`` failed, and is over."),
     EventKind.THREAD_START: ("thread_start", "goal", "A goal of ``{}`` is to be executed."),
     EventKind.THREAD_FREE: ("thread_free", "", "A thread of ``{}`` has become free."),
     EventKind.TIMER: ("timer", "", "The timer ``{}``."),

@@ -57,6 +57,7 @@ _EVENTS = {
     EventKind.SUCCEEDED: "succeeded",
     EventKind.ABORTED: "aborted",
     EventKind.CANCELED: "canceled",
+    EventKind.GOAL_FAILED: "goal failed",
     EventKind.THREAD_START: "start of thread",
     EventKind.THREAD_FREE: "thread free",
     EventKind.BT_TICK: "tick",

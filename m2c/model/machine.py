@@ -95,6 +95,7 @@ class EventKind(StrEnum):
     SUCCEEDED = "succeeded"  # client; data: result, goal_id, code
     ABORTED = "aborted"  # client; data: result, goal_id, code
     CANCELED = "canceled"  # client; data: result, goal_id, code
+    GOAL_FAILED = "goal_failed"  # client; goal_id; no answer, or its server ended; the goal is over
     THREAD_START = "thread_start"  # thread; data: goal fields, goal_id, thread_id
     THREAD_FREE = "thread_free"  # server; goal_id, thread_id
     TIMER = "timer"  # name: timer

@@ -23,6 +23,7 @@ _EVENT_INTERFACES = {
     EventKind.SUCCEEDED: InterfaceKind.ACTION_CLIENT,
     EventKind.ABORTED: InterfaceKind.ACTION_CLIENT,
     EventKind.CANCELED: InterfaceKind.ACTION_CLIENT,
+    EventKind.GOAL_FAILED: InterfaceKind.ACTION_CLIENT,
 }
 _OUTPUT_INTERFACES = {
     OutputKind.PUBLISH: InterfaceKind.PUBLISHER,

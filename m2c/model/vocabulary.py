@@ -35,6 +35,7 @@ HANDLERS: dict[str, Handler] = {
     "ros_action_handle_success_result": Handler(EventKind.SUCCEEDED, K.ACTION_CLIENT),
     "ros_action_handle_aborted_result": Handler(EventKind.ABORTED, K.ACTION_CLIENT),
     "ros_action_handle_canceled_result": Handler(EventKind.CANCELED, K.ACTION_CLIENT),
+    "ros_action_handle_error": Handler(EventKind.GOAL_FAILED, K.ACTION_CLIENT),
     "ros_rate_callback": Handler(EventKind.TIMER, K.TIMER),
     "bt_tick": Handler(EventKind.BT_TICK, None),
     "bt_halt": Handler(EventKind.BT_HALT, None),

@@ -21,6 +21,7 @@ from m2c.model.machine import (
     Assign,
     Emit,
     Event,
+    EventKind,
     If,
     Log,
     Machine,
@@ -144,6 +145,15 @@ def events_of(machine: Machine) -> list[Event]:
     """Every event that some transition of ``machine`` waits for, in document order, each once."""
     found = (item.event for state in machine.states for item in state.transitions)
     return list(dict.fromkeys(event for event in found if event is not None))
+
+
+def failure_of_goals(machine: Machine, interface: str) -> EventKind:
+    """What ``machine`` gets when a goal that it sent by ``interface`` is not answered, or its server ends.
+
+    A model that nowhere has ``<ros_action_handle_error>`` for it takes it for a rejection.
+    """
+    is_handled = Event(EventKind.GOAL_FAILED, interface) in events_of(machine)
+    return EventKind.GOAL_FAILED if is_handled else EventKind.GOAL_REJECTED
 
 
 def emits_of(machine: Machine) -> list[tuple[OutputKind, str]]:

@@ -174,12 +174,13 @@ class Binding:
             msgspec.structs.replace(
                 handlers,
                 **{
-                    field: self._offering(handler)
+                    field: (self._guard if field == "failed" else self._offering)(handler)
                     for field in handlers.__struct_fields__
                     if (handler := getattr(handlers, field)) is not None
                 },
             ),
             self.log,
+            self._state,
             self.fault,
         )
 

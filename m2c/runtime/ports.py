@@ -242,6 +242,7 @@ class GoalHandlers(msgspec.Struct, frozen=True):
     succeeded: Callable[[Any, int, int], object] | None = None
     aborted: Callable[[Any, int, int], object] | None = None
     canceled: Callable[[Any, int, int], object] | None = None
+    failed: Callable[[int], bool] | None = None
 
 
 class ActionClientPort:
@@ -254,6 +255,7 @@ class ActionClientPort:
         timeout_s: float,
         handlers: GoalHandlers,
         log: logging.Logger,
+        state: Callable[[], str],
         fault: Callable[[str, str], None],
     ) -> None:
         self._client = client
@@ -261,6 +263,7 @@ class ActionClientPort:
         self._timeout_s = timeout_s
         self._handlers = handlers
         self._log = log
+        self._state = state
         self._fault = fault
         self._ids: dict[int, str] = {}
         self._last = 0
@@ -290,8 +293,17 @@ class ActionClientPort:
                 handlers.rejected(number)
 
         def failed(goal_id: str, why: CallResult) -> None:
-            self._log.error("a goal of %s failed: %s", self._channel, why.error or why.outcome)
-            rejected(goal_id)
+            reason = why.error or why.outcome
+            if handlers.failed is None:  # see ``m2c.model.walk.failure_of_goals``
+                self._log.error("a goal of %s failed: %s", self._channel, reason)
+                rejected(goal_id)
+                return
+            self._ids.pop(number, None)
+            state = self._state()
+            if not handlers.failed(number):
+                self._log.error(
+                    "state %s does not handle a failed goal of %s: %s", state, self._channel, reason
+                )
 
         def accepted(_: str) -> None:
             if handlers.accepted is not None:

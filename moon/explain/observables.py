@@ -54,6 +54,7 @@ _INPUTS = {
         (EventKind.SUCCEEDED, "success", OWN),
         (EventKind.ABORTED, "abortion", OWN),
         (EventKind.CANCELED, "cancellation", OWN),
+        (EventKind.GOAL_FAILED, "failed goal", OWN),
     ),
 }
 _OUTPUTS = {

@@ -35,6 +35,7 @@ def described(fact: TraceEvent, wording: Wording) -> str:
                 EventKind.REQUEST: f"request {fact.call[1]} of {fact.call[0]} to",
                 EventKind.RESPONSE: "response from",
                 EventKind.CALL_ERROR: f"failed call ({observation.error}) of",
+                EventKind.GOAL_FAILED: f"failed goal ({observation.error}) of",
             }.get(fact.event[0], f"{fact.event[0]} on")
             return f"{what} {channel}{data}"
         case Role.UNDECLARED:

@@ -19,6 +19,7 @@ from m2c.model.datatypes import DataType, Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.values import zero
+from m2c.model.walk import failure_of_goals
 from moon.ordering.numbers import Count, Numbers, Place
 from transports.actions.rules import Stamp
 from transports.interface import CallOutcome, Observation, ObservationKind
@@ -148,11 +149,18 @@ Reader = Callable[[Observation], TraceEvent | None]
 class Port:
     """One part of an interface: how observations on its channel are read."""
 
-    __slots__ = ("data", "interface", "kind", "part", "template")
+    __slots__ = ("data", "failure", "interface", "kind", "part", "template")
 
     def __init__(
-        self, kind: InterfaceKind, interface: str, part: str = "", data: Structure | None = None
+        self,
+        kind: InterfaceKind,
+        interface: str,
+        part: str = "",
+        data: Structure | None = None,
+        failure: EventKind = EventKind.GOAL_REJECTED,
     ) -> None:
+        self.failure = failure
+        """Of an action client: the event of a goal that is not answered, or whose server ends."""
         self.kind = kind
         self.interface = interface
         self.part = part
@@ -292,8 +300,9 @@ def _of_action_client(port: Port, observation: Observation) -> TraceEvent | None
                 observation, Role.OUTPUT, name, None, kind, data["goal"], goal_id(data)
             )
         case "send_goal", ObservationKind.RESPONSE_RECEIVED:
-            accepted = not observation.error and data["accepted"]
-            kind_of = EventKind.GOAL_ACCEPTED if accepted else EventKind.GOAL_REJECTED
+            if observation.error:
+                return TraceEvent(observation, Role.INPUT, name, (port.failure, name))
+            kind_of = EventKind.GOAL_ACCEPTED if data["accepted"] else EventKind.GOAL_REJECTED
             return TraceEvent(observation, Role.INPUT, name, (kind_of, name))
         case "cancel_goal", ObservationKind.REQUEST_SENT:
             kind = OutputKind.SEND_CANCEL
@@ -305,7 +314,7 @@ def _of_action_client(port: Port, observation: Observation) -> TraceEvent | None
         case "get_result", ObservationKind.RESPONSE_RECEIVED:
             ended = None if observation.error else _ENDED.get(data["status"])
             if ended is None:
-                return TraceEvent(observation, Role.INPUT, name, (EventKind.GOAL_REJECTED, name))
+                return TraceEvent(observation, Role.INPUT, name, (port.failure, name))
             result = complete(data["result"], port.template)
             return TraceEvent(observation, Role.INPUT, name, (ended, name), None, result)
     return None
@@ -409,13 +418,16 @@ class Channels:
                     self.types[OutputKind.REQUEST, name] = service.request
                 case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
                     action = library.action(interface.type_name)
+                    failure = failure_of_goals(machine, name)
                     for part in ("send_goal", "cancel_goal", "get_result", "feedback", "status"):
                         inner = {
                             "send_goal": action.goal,
                             "get_result": action.result,
                             "feedback": action.feedback,
                         }.get(part)
-                        self._add(f"{channel}/_action/{part}", Port(kind, name, part, inner))
+                        self._add(
+                            f"{channel}/_action/{part}", Port(kind, name, part, inner, failure)
+                        )
                     self.types[OutputKind.SEND_GOAL, name] = action.goal
                     self.types[OutputKind.FEEDBACK, name] = action.feedback
                     for output in (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL):

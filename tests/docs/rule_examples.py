@@ -52,6 +52,7 @@ ANSWER = (
     '<ros_service_send_response name="/s/tick"><field name="success" expr="true"/>'
     '<field name="message" expr="\'\'"/></ros_service_send_response>'
 )
+GOAL = '<ros_action_client action_name="/f" type="example_interfaces/Fibonacci"/>'
 SERVE = f"{TAKE}>{ANSWER}</ros_service_handle_request>"
 OUT = '<ros_topic_publisher topic="/t" type="std_msgs/Int32"/>'
 IN = '<ros_topic_subscriber topic="/t" type="std_msgs/Int32"/>'
@@ -328,6 +329,11 @@ RULE_EXAMPLES: dict[str, Example] = {
     "request-unanswered": model(f'{TICK}<state id="a">{TAKE}/></state>'),
     "response-without-request": model(
         f'{TICK}<state id="a">{TAKE}>{ANSWER}{ANSWER}</ros_service_handle_request></state>'
+    ),
+    "goal-failure-unhandled": model(
+        f'{GOAL}<state id="a"><onentry><ros_action_send_goal name="/f"><field name="order" expr="1"/>'
+        "</ros_action_send_goal></onentry>"
+        '<ros_action_handle_success_result name="/f" target="b"/></state><state id="b"/>'
     ),
     "unreachable-state": model(f'{STATE}<state id="b"/>'),
     "shadowed-transition": model(

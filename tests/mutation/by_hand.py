@@ -74,7 +74,7 @@ BY_HAND: dict[str, str] = {
     "PowerSupply.scxml:65: `<` became `<=`": _ON_THE_GRID,
     "PowerSupply.scxml:65: `COOL` became `61` in a condition": _ON_THE_GRID,
     "PowerSupply.scxml:65: `COOL` became `59` in a condition": _ON_THE_GRID,
-    "GoToPoiSkill.scxml:89: send_cancel go_to_poi sent twice": (
+    "GoToPoiSkill.scxml:90: send_cancel go_to_poi sent twice": (
         "the goal has not been accepted there: that it is to be canceled is noted, once or twice, "
         "and asked for once when it is"
     ),
@@ -93,7 +93,7 @@ HOLES: dict[str, str] = {
         "the node serves under a wrong name only and so never hears anything: it does nothing, and an "
         "oracle that has not seen its node take any request holds the node for not instrumented"
     ),
-    "Forklift.scxml:53: transition of `charging` on aborted charge leads to `charging`": _ALWAYS_LATE,
+    "Forklift.scxml:54: transition of `charging` on aborted charge leads to `charging`": _ALWAYS_LATE,
     "Tugger.scxml:15: transition of `working` on after working#0 dropped": _ALWAYS_LATE,
     "Tugger.scxml:18: transition of `working` on timer report leads to `charging`": _ALWAYS_LATE,
 }

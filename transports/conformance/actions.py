@@ -17,6 +17,7 @@ from transports.conformance.stage import (
     refused,
 )
 from transports.interface import (
+    CallOutcome,
     GoalHandle,
     GoalStatus,
     Transport,
@@ -51,6 +52,41 @@ def a_goal_runs_from_acceptance_by_feedback_to_its_result(network: Network) -> N
     ), f"the goal does not succeed: {goal.received}"
     expected = [("accepted",), *(("feedback", n) for n in range(3)), ("succeeded", "done")]
     assert goal.received == expected, f"the client received {goal.received}, not {expected}"
+
+
+def a_goal_whose_server_ends_fails_once(network: Network) -> None:
+    """Its client learns that no result will come, whether it was accepted or not, and nothing else."""
+    server, client = network.node("server"), network.node("client")
+    kept: list[GoalHandle] = []
+
+    def serve(handle: GoalHandle) -> None:
+        kept.append(handle)
+        if handle.goal.value:
+            handle.accept()
+
+    on(network, server, lambda: server.serve_action(COUNTING, serve, lambda handle: None))
+    ready(network, server, client)
+    accepted, _ = _send_goal(network, client, 1)
+    unanswered, _ = _send_goal(network, client, 0)
+    assert network.until(lambda: bool(accepted.received) and len(kept) == 2), "no goal arrives"
+    server.close()
+    goals = (accepted, unanswered)
+    assert network.until(
+        lambda: all(goal.received and goal.received[-1][0] == "failed" for goal in goals)
+    ), f"the goals do not fail: {accepted.received}, {unanswered.received}"
+    for goal, before in ((accepted, [("accepted",)]), (unanswered, [])):
+        assert goal.received[:-1] == before, f"the client received {goal.received}"
+        outcome = goal.received[-1][1].outcome
+        assert outcome is not CallOutcome.RESPONSE, f"a goal that failed ended with {outcome}"
+
+
+def a_goal_that_nobody_serves_fails_once(network: Network) -> None:
+    """It is not answered: that is its end."""
+    client = network.node("client")
+    ready(network, client)
+    goal, _ = _send_goal(network, client, 1)
+    assert network.until(lambda: bool(goal.received)), "a goal that nobody serves does not fail"
+    assert [received[0] for received in goal.received] == ["failed"], f"it received {goal.received}"
 
 
 def a_goal_can_be_rejected_or_aborted(network: Network) -> None:

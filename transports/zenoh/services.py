@@ -116,6 +116,7 @@ class Request:
                 f"{self._server.name} is answered already"
             )
         self._query = None
+        self._server.closed(query)
         return query
 
 
@@ -143,6 +144,8 @@ class Server:
         self._put = executor.put
         self._lock = threading.Lock()
         self._waiting = self._waiting_bytes = 0
+        self._open: dict[int, zenoh.Query] = {}
+        """Requests that were not answered, by ``id()``."""
         callback: Any = zenoh.handlers.Callback(self._arrive, indirect=False)
         self.declared = session.declare_queryable(self.key, callback, complete=True)
 
@@ -157,6 +160,7 @@ class Server:
                 self._waiting += 1
                 self._waiting_bytes += size
         if has_room:
+            self._open[id(query)] = query
             self._put((self._receive, (query, size)))
             return
         why = "more requests wait than there is room for"
@@ -165,6 +169,16 @@ class Server:
         with contextlib.suppress(zenoh.ZError):  # who asked is gone, or this session
             query.reply_err(f"{self.name}: {why}".encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
         query.drop()
+
+    def closed(self, query: zenoh.Query) -> None:
+        """``query`` is about to be answered."""
+        self._open.pop(id(query), None)
+
+    def undeclare(self) -> None:
+        """Serve no more. Who waits for an answer learns that none comes: the session may live on."""
+        self.declared.undeclare()
+        while self._open:
+            self._open.popitem()[1].drop()
 
     def _receive(self, arrived: tuple[zenoh.Query, int]) -> None:
         query, size = arrived

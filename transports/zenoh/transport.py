@@ -134,7 +134,7 @@ class ZenohTransport(OnExecutor):
         token = presence.ServerToken(
             self._session, self._executor, self._node, service.name, self._refusals
         )
-        self._declared += [server.declared, token]
+        self._declared += [server, token]
 
     def client(self, service: Service) -> Client:
         """A client of ``service``."""
