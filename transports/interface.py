@@ -260,6 +260,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         client, call: for services, who calls and the number of its call. The client begins with ``NAMELESS``
             where only its endpoint is known: another end of the same call may know its name.
             For a message taken, the node that published it and the ``sequence`` that it has.
+        life, client_life: which life of the source, and of the client, this is of: a node that is started
+            again under its name has another, and numbers anew. 0 where the transport cannot say.
         error: for RESPONSE_* of a call that ended otherwise: ``remote_error: …``, ``timeout: …``.
     """
 
@@ -275,6 +277,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     client: str = ""
     call: int = 0
     error: str = ""
+    life: int = 0
+    client_life: int = 0
 
 
 class Answer(msgspec.Struct, frozen=True):

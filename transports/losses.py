@@ -9,7 +9,7 @@ from transports.sequences import Sequel, Sequences
 KEPT_PLACES = 10_000
 """Channels and sources that are distinguished; their names come from the wire, and never end."""
 
-_AFTER_A_GAP = Sequel.AFTER_A_GAP
+_AFTER_A_GAP, _LATE = Sequel.AFTER_A_GAP, Sequel.LATE
 
 _Place = tuple[str, str]
 """Channel and source."""
@@ -28,10 +28,14 @@ class Losses:
         self._elsewhere = 0
         """What was missed or not decoded on channels or from sources of which no more can be kept."""
 
-    def number(self, channel: str, source: str, sequence: int, stamp_ns: int) -> None:
+    def number(
+        self, channel: str, source: str, sequence: int, stamp_ns: int, life: int = 0
+    ) -> None:
         """Take the sequence number of something received into account."""
         place = (channel, source)
-        sequel, last = self._sequences.follow(place, sequence, stamp_ns)
+        sequel, last = self._sequences.follow(place, sequence, stamp_ns, life)
+        if sequel is _LATE and (missed := self._missed.pop(place, 0)) > 1:
+            self._missed[place] = missed - 1
         if sequel is _AFTER_A_GAP and last is not None:
             missed = sequence - last[0] - 1
             if self._has_room(self._missed, place, missed):

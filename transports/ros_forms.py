@@ -15,6 +15,26 @@ from transports.interface import Observation, ObservationKind
 from transports.payloads import PayloadError, decode_with, shallow
 from transports.service_events import KIND_OF_EVENT, TYPE_SUFFIX
 
+_PREFIX_BYTES = 12
+"""Of a GID: the participant (DDS-RTPS 9.3.1)."""
+_MOST_LIFE = 2**63 - 1
+
+
+def life_of(gid: bytes) -> int:
+    """The life of the node with an endpoint of this GID: all that a process opens has one participant.
+
+    The two ends of a call know its client by different endpoints of that.
+    """
+    return int.from_bytes(gid[:_PREFIX_BYTES], "big") & _MOST_LIFE
+
+
+def _life_of_text(gid: str) -> int:
+    try:
+        return life_of(bytes.fromhex(gid))
+    except ValueError:
+        return 0
+
+
 OWN_PACKAGES = ("m2c/", "moon_msgs/")
 """Packages of types that have no ROS definition: what the tools report to each other."""
 STRING = "std_msgs/msg/String"
@@ -90,6 +110,7 @@ def of_message(
     received_ns: int,
     source: str = "",
     sequence: int = -1,
+    life: int = 0,
 ) -> Observation:
     """A message of a topic; ``data`` is plain (maps, lists and scalars)."""
     if type_name == STRING:
@@ -105,6 +126,7 @@ def of_message(
         data=data,
         source=source,
         sequence=sequence,
+        life=life,
     )
 
 
@@ -127,6 +149,8 @@ def of_event(
     received_ns: int,
     source: str = "",
     sequence: int = -1,
+    life: int = 0,
+    client_life: int = 0,
 ) -> Observation:
     """One of the four events of a call.
 
@@ -141,6 +165,8 @@ def of_event(
         received_ns: when the event was received.
         source: who published it.
         sequence: its number as a publication; -1 where not known.
+        life: of who published it (``Observation.life``); 0 where not known.
+        client_life: of who calls; 0 where not known.
     """
     part = "_Request" if is_request(event_type) else "_Response"
     return Observation(
@@ -154,11 +180,20 @@ def of_event(
         sequence=sequence,
         client=client,
         call=call,
+        life=life,
+        client_life=client_life,
     )
 
 
-def of_call_error(error: CallError, channel: str, received_ns: int) -> Observation:
-    """The end of a call that had no response; ``channel`` is the service without its namespace."""
+def of_call_error(error: CallError, channel: str, received_ns: int, life: int = 0) -> Observation:
+    """The end of a call that had no response.
+
+    Args:
+        error: as it was reported.
+        channel: the service without its namespace.
+        received_ns: when it was received.
+        life: of who reported it; 0 where not known.
+    """
     return Observation(
         stamp_ns=error.stamp_ns,
         received_ns=received_ns,
@@ -172,4 +207,6 @@ def of_call_error(error: CallError, channel: str, received_ns: int) -> Observati
         client=error.client,
         call=error.call,
         error=error.error,
+        life=life,
+        client_life=_life_of_text(error.gid),
     )

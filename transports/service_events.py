@@ -52,12 +52,14 @@ class ServiceEventInfo(msgspec.Struct, frozen=True):
         client: the calling node; of a message taken, the one that published it.
         sequence_number: the number of the client's call: the same in all four events of a call; -1 if the
             client does not number its calls. Of a message taken, the message's number.
+        life: of the client, or of the node that published (``Observation.client_life``); 0 if it did not say.
     """
 
     event_type: int
     stamp_ns: _Count
     client: Annotated[str, msgspec.Meta(max_length=255)]
     sequence_number: Annotated[int, msgspec.Meta(ge=-1, le=2**63 - 1)]
+    life: _Count = 0
 
 
 class ServiceEvent(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -162,6 +162,11 @@ class ModelMonitor:
         if oracle is not None:
             oracle.listen(stamp_ns)
 
+    def sender_ended(self, node: str) -> None:
+        """``node`` is gone, or has started again: what it sent last may never have left."""
+        for oracle in self._all:
+            oracle.sender_ended(node)
+
     def node_started(self, node: str, stamp_ns: int, earliest_ns: int = FOREVER) -> None:
         """``node`` has just come up: its machine is in its initial state at ``stamp_ns``.
 

@@ -12,6 +12,7 @@ makes one up. ``docs/oracle.md`` says the same at length.
 
 The search, by composition; a module uses only those above it:
 
+* ``calls``: calls, as their two ends know them;
 * ``trace_events``: what an observation is to the machine, an input or an output; source streams;
 * ``unknowns``: values of which only a range is known, and when a value is what was expected;
 * ``expressions``, ``compiling``, ``program``: the machine ready to be stepped, and one step;

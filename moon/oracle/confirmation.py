@@ -15,12 +15,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 
 from moon.oracle.bounds import Bounds
+from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
 from moon.oracle.in_transit import TakenMessages
 from moon.oracle.trace_events import SourceStreams
 from moon.ordering.numbers import Count, Place
 from moon.ordering.progress import Progress
 from moon.verdict import Outcome, Verdict
-from transports.interface import NAMELESS
 
 KEPT_VIOLATIONS = 16
 """More of them do not wait; the oldest go."""
@@ -30,8 +30,6 @@ KEPT_EVENTS = 1024
 UNCONFIRMED = "if no observation is missing here: "
 """How the reason of a verdict begins that is not certain yet."""
 NOT_NEEDED = 0
-CallEvent = tuple[str, str, str, int]
-"""Kind, channel, client and number of one end of one call."""
 
 
 class Losses:
@@ -58,7 +56,7 @@ class Violation:
         is_silence: whether it is that something did not come. Then only what comes later shows that.
         expected: where what was expected would have come.
         is_certain: whether no observation that is missing can be the reason.
-        call: (client, number) of the request whose answer was all that was expected; None: it was not.
+        call: the request whose answer was all that was expected; None: it was not.
         asked_ns: when that was to be answered at the earliest.
     """
 
@@ -87,7 +85,7 @@ class Violation:
         self.is_silence = is_silence
         self.expected = expected
         self.is_certain = False
-        self.call: tuple[str, int] | None = None
+        self.call: Call | None = None
         self.asked_ns = 0
 
 
@@ -100,7 +98,7 @@ class Waiting:
         reported_ns: all that the node did until then has to be received, by the order of its reports;
             ``NOT_NEEDED`` where it is, or where the node counts per channel only.
         since_ns: since when it was known what the machine does.
-        call: (client, number) of the request that was not answered; its client's giving up shows the
+        call: the request that was not answered; its client's giving up shows the
             silence as well as the node's own next report does.
         answer: the place at which the answer would have come.
     """
@@ -118,7 +116,7 @@ class Waiting:
         self.places = {} if places is None else places
         self.reported_ns = reported_ns
         self.since_ns = since_ns
-        self.call: tuple[str, int] | None = None
+        self.call: Call | None = None
         self.answer: Place | None = None
 
     @property
@@ -177,7 +175,7 @@ class Unconfirmed:
             waiting.reported_ns = NOT_NEEDED
         return self._certain()
 
-    def gave_up(self, call: tuple[str, int], stamp: int) -> list[Verdict]:
+    def gave_up(self, call: Call, stamp: int) -> list[Verdict]:
         """The client of ``call`` had no answer when it gave up at ``stamp`` (ns)."""
         for waiting in self.kept:
             if waiting.call == call and stamp > waiting.verdict.stamp_ns:
@@ -204,33 +202,26 @@ class OtherEnds:
     """
 
     def __init__(self) -> None:
-        self._reported: dict[CallEvent, None] = {}
-        self._implied: dict[CallEvent, int] = {}
+        self._reported = KnownCalls()
+        self._implied = KnownCalls()
         self._dropped_ns = 0
         """Of what is not remembered, the newest is from then."""
 
-    def report(self, event: CallEvent) -> None:
-        """The node itself reported ``event``."""
-        kind, channel, client, call = event
-        if client.startswith(NAMELESS):  # the other end may know its name
-            event = (kind, channel, "", call)
-            for other in [e for e in self._implied if (e[0], e[1], "", e[3]) == event]:
-                del self._implied[other]
-        elif self._implied.pop(event, None) is not None:
+    def report(self, where: Where, call: Call, stamp: int) -> None:
+        """The node itself reported that something happened to ``call`` at ``stamp`` (ns)."""
+        if self._implied.remove(where, call) and not is_nameless(call[0]):
             return
-        self._reported[event] = None
-        if len(self._reported) > KEPT_EVENTS:
-            del self._reported[next(iter(self._reported))]
+        self._reported.add(where, call, stamp)
+        if self._reported.count > KEPT_EVENTS:
+            self._reported.drop_oldest()
 
-    def imply(self, event: CallEvent, stamp: int) -> None:
-        """By the other end, ``event`` happened, about ``stamp`` (ns)."""
-        kind, channel, _, call = event
-        if event in self._reported or (kind, channel, "", call) in self._reported:
+    def imply(self, where: Where, call: Call, stamp: int) -> None:
+        """By the other end, it happened, about ``stamp`` (ns)."""
+        if self._reported.has(where, call):
             return
-        self._implied[event] = stamp
-        if len(self._implied) > KEPT_EVENTS:
-            dropped = next(iter(self._implied))
-            self._dropped_ns = max(self._dropped_ns, self._implied.pop(dropped))
+        self._implied.add(where, call, stamp)
+        if self._implied.count > KEPT_EVENTS:
+            self._dropped_ns = max(self._dropped_ns, self._implied.drop_oldest())
 
     def are_missing(self, since_ns: int, until_ns: int) -> bool:
         """Whether the node did something after ``since_ns``, and by ``until_ns``, that it did not report.
@@ -239,7 +230,7 @@ class OtherEnds:
         """
         if self._dropped_ns > since_ns:
             return True
-        return any(since_ns < stamp <= until_ns for stamp in self._implied.values())
+        return any(since_ns < stamp <= until_ns for stamp in self._implied.stamps())
 
     def clear(self) -> None:
         """The node has started anew."""
@@ -493,7 +484,7 @@ class Conclusion:
         """The node does not number all that it reports."""
         return self._confirmed(self.unconfirmed.counts_per_channel())
 
-    def gave_up(self, call: tuple[str, int], stamp_ns: int) -> list[Verdict]:
+    def gave_up(self, call: Call, stamp_ns: int) -> list[Verdict]:
         """The client of ``call`` had no answer when it gave up at ``stamp_ns``."""
         return self._confirmed(self.unconfirmed.gave_up(call, stamp_ns))
 

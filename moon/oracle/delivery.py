@@ -448,13 +448,13 @@ class Topics:
         """
         if not self._channels.is_plain:
             return False
-        client, number = event.call
+        client, number, life = event.call
         channel = event.observation.channel
-        reference = (client, channel, number)
+        reference = (channel, event.call)
         is_known = self._takes.has_contents(reference)
         if not is_known and reference not in map(reference_of, self._messages()):
             count = self._streams.counts.get((client, channel, True))
-            if count is not None and number < count.next:
+            if count is not None and number < count.next and life == count.sequence.life:
                 return False
         self._follow(since_ns)
         return True

@@ -10,8 +10,8 @@ within the latency bound.
 from __future__ import annotations
 
 from moon.oracle.bounds import FOREVER, LINKED_NS
+from moon.oracle.calls import Call, KnownCalls, is_nameless, may_be_same
 from moon.oracle.trace_events import TraceEvent
-from transports.interface import NAMELESS
 
 KEPT_CALLS = 256
 """Requests received of which nobody has reported yet that they were sent."""
@@ -20,8 +20,9 @@ KEPT_REQUESTS = 1024
 KEPT_MESSAGES = 1024
 """Messages that were not taken yet, and others that are remembered."""
 
-Place = tuple[str, str, int]
-"""What was sent: two names, and the number that it has between them."""
+_RECEIVED = "received"
+Place = tuple[str, Call]
+"""What was sent: on which channel, by whom, with which number, and in which life of its sender."""
 
 
 class Expected:
@@ -66,6 +67,11 @@ class Expected:
         self.due = min(stamps, default=FOREVER - self._deadline) + self._deadline
         return list(found.values())
 
+    def remove_of(self, sender: str) -> None:
+        """Nothing of ``sender`` is expected any more."""
+        for place in [place for place in self.events if place[1][0] == sender]:
+            self.remove(place)
+
     def clear(self) -> None:
         """Nothing is expected."""
         self.events.clear()
@@ -87,14 +93,13 @@ class RequestTracking:
     def __init__(self, deadline: int) -> None:
         self._deadline = deadline
         self.expected = Expected(deadline, KEPT_REQUESTS)
-        self._received: dict[Place, int] = {}
+        self._received = KnownCalls()
 
     def ask(self, request: TraceEvent) -> None:
         """A request was sent."""
-        channel, (client, call) = request.observation.channel, request.call
-        place = (channel, client, call)
-        if place not in self._received and (channel, "", call) not in self._received:
-            self.expected.add(place, request)
+        channel, call = request.observation.channel, request.call
+        if not self._received.has((_RECEIVED, channel), call):
+            self.expected.add((channel, call), request)
 
     def take(self, request: TraceEvent, watermark: int) -> None:
         """A request was received; its sender's report may come before or after.
@@ -105,20 +110,27 @@ class RequestTracking:
             request: the request.
             watermark: nothing older is to come (ns).
         """
-        channel, (client, call) = request.observation.channel, request.call
-        if client.startswith(NAMELESS):  # who sent it may report its name
-            client = ""
+        channel, call = request.observation.channel, request.call
         for place in tuple(self.expected.events):
-            if place[0] == channel and (
-                place[2] <= call if place[1] == client else not client and place[2] == call
-            ):
+            if place[0] == channel and _answers(call, place[1]):
                 self.expected.remove(place)
         received = self._received
-        received[channel, client, call] = request.stamp
-        if len(received) > KEPT_CALLS:
-            oldest = next(iter(received))
-            if received[oldest] < watermark - self._deadline:
-                del received[oldest]
+        received.add((_RECEIVED, channel), call, request.stamp)
+        if received.count > KEPT_CALLS and received.oldest_ns() < watermark - self._deadline:
+            received.drop_oldest()
+
+    def sender_ended(self, name: str) -> None:
+        """``name`` is gone: what it sent may never have left."""
+        self.expected.remove_of(name)
+
+
+def _answers(received: Call, sent: Call) -> bool:
+    """Whether a client whose call is received had to send the other one before, or it is that."""
+    client, number, life = received
+    earlier = (
+        client == sent[0] and life == sent[2] and not is_nameless(client) and sent[1] <= number
+    )
+    return earlier or may_be_same(received, sent)
 
 
 class _Link:
@@ -126,14 +138,16 @@ class _Link:
 
     Attributes:
         since: the first message of the publisher's life was published then (ns).
+        life: which life of the publisher it is; 0 where that is not known.
         last: number of the newest message.
         is_used: whether the node has taken a message of that life.
     """
 
-    __slots__ = ("is_used", "last", "since")
+    __slots__ = ("is_used", "last", "life", "since")
 
-    def __init__(self, since: int) -> None:
+    def __init__(self, since: int, life: int) -> None:
         self.since = since
+        self.life = life
         self.last = -1
         self.is_used = False
 
@@ -199,17 +213,20 @@ class TakenMessages:
         """Whether what the publisher of ``message`` publishes reaches the node."""
         number = message.observation.sequence
         link = self._links.get(message.stream)
-        if link is None or number < link.last:  # the publisher has started again
-            link = self._links[message.stream] = _Link(message.stamp)
-        link.last = number
+        life = message.observation.life
+        if link is None or link.life != life or (not life and number < link.last):
+            # the publisher has started, perhaps once more
+            link = self._links[message.stream] = _Link(message.stamp, life)
+        link.last = max(link.last, number)
         return link.is_used or message.stamp - LINKED_NS > max(link.since, self.started_ns)
 
     def take(self, taken: TraceEvent) -> None:
         """The node took a message: ``taken`` has its contents, now or once they are received."""
-        client, number = taken.call
-        reference = (client, taken.observation.channel, number)
-        link = self._links.get(reference[:2])
-        if link is not None and number <= link.last:
+        client, number, life = taken.call
+        channel = taken.observation.channel
+        reference = (channel, taken.call)
+        link = self._links.get((client, channel))
+        if link is not None and number <= link.last and life == link.life:
             link.is_used = True
         message = self._contents.pop(reference, None)
         if message is None:
@@ -229,6 +246,12 @@ class TakenMessages:
         self._awaited.clear()
         self.awaited_ns = FOREVER
 
+    def sender_ended(self, name: str) -> None:
+        """``name`` is gone: what it published may never have left, and another life of it numbers anew."""
+        self.expected.remove_of(name)
+        for place in [p for p in self._contents if p[1][0] == name and not p[1][2]]:
+            del self._contents[place]
+
     def restart(self) -> None:
         """Another life of the node begins: whether it reports what it takes is not known yet.
 
@@ -241,8 +264,8 @@ class TakenMessages:
 
 def reference_of(message: TraceEvent) -> Place:
     """By what a report of the node that took it names a message."""
-    source, channel = message.stream
-    return source, channel, message.observation.sequence
+    seen = message.observation
+    return seen.channel, (seen.source, seen.sequence, seen.life)
 
 
 def _fill(taken: TraceEvent, message: TraceEvent) -> None:

@@ -23,8 +23,9 @@ from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
-from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
+from moon.oracle.trace_events import AmbiguousError, Channels, Role, SourceStreams, TraceEvent
 from moon.ordering.held import Held
+from moon.ordering.lives import ANOTHER, PAST, Lives
 from moon.ordering.numbers import Count, Numbers
 from moon.ordering.progress import Progress
 from moon.verdict import Outcome, Verdict
@@ -86,6 +87,7 @@ class Oracle:
         self._latency = bounds.latency
         self._streams = SourceStreams(self.channels, self.node, numbers)
         self._progress = Progress()
+        self._lives = Lives()
         self._other_ends = OtherEnds()
         held: Held[TraceEvent] = Held()
         self._takes = TakenMessages(bounds.deadline + bounds.skew)
@@ -137,6 +139,7 @@ class Oracle:
         self._other_ends.clear()
         self._streams.restart()
         self._progress.restart()
+        self._lives.start(min(stamp_ns, earliest_ns))
         self._topics.restart()
         self._takes.started_ns = stamp_ns
         self._delivery.start(stamp_ns, whole, earliest_ns)
@@ -157,6 +160,11 @@ class Oracle:
         """
         self._streams.received_since = since_ns
         self._delivery.linked(since_ns)
+
+    def sender_ended(self, name: str) -> None:
+        """Another node, ``name``, is gone, or has started again: what it sent last may never have left."""
+        self._requests.sender_ended(name)
+        self._takes.sender_ended(name)
 
     def lose(self, stamp_ns: int, text: str) -> list[Verdict]:
         """Something is missing: no verdict until the machine's doing is certain again.
@@ -191,16 +199,20 @@ class Oracle:
         if stream.other_end and progress.reported_ns:
             return []  # its own node numbers all that it reports: this adds nothing
         verdicts: list[Verdict] = []
+        if stream.own and observation.life != self._lives.present:
+            which = self._lives.see(observation.life, observation.stamp_ns)
+            if which == PAST:
+                return self.advance(observation.received_ns)
+            if which == ANOTHER:
+                self._begin_again(observation.stamp_ns, verdicts)
         count = stream.count
         if count is not None:
             number = observation.sequence
             if sequel is not None:
                 if number >= 0 and (sequel is not _NEXT or self._unconfirmed.kept):
                     self._look_at_number(observation, count, sequel, verdicts)
-            elif number == count.next and not self._unconfirmed.kept:
-                count.next, count.stamp = number + 1, observation.stamp_ns
             elif number >= 0:
-                sequel = count.sequel(number, observation.stamp_ns)
+                sequel = count.sequel(number, observation.stamp_ns, observation.life)
                 if sequel is Sequel.AGAIN:
                     self.repeated += 1
                     return self.advance(observation.received_ns)
@@ -214,6 +226,8 @@ class Oracle:
                 if stream.more:
                     found = (other(observation) for other in stream.more)
                     more = [item for item in found if item is not None]
+        except AmbiguousError as error:
+            verdicts += self._delivery.lose(observation.stamp_ns, str(error))
         except (KeyError, TypeError, ValueError, AttributeError):
             self._unreadable += 1
             text = f"an observation on {observation.channel} cannot be read"
@@ -282,11 +296,17 @@ class Oracle:
                 text = f"observations on {observation.channel} from {observation.source} were lost"
                 verdicts += self._delivery.lose(stamp, text)
             case Sequel.ANEW if observation.source == self.node:
-                self._progress.restart()
-                self._other_ends.clear()
-                self._unconfirmed.restart()
-                self._topics.restart()
-                verdicts += self._delivery.lose(stamp, f"{self.node} was restarted")
+                self._begin_again(stamp, verdicts)
+            case Sequel.ANEW:
+                self.sender_ended(observation.source)
+
+    def _begin_again(self, stamp_ns: int, verdicts: list[Verdict]) -> None:
+        """The node has started again: what it reports is of another life from ``stamp_ns`` on."""
+        self._progress.restart()
+        self._other_ends.clear()
+        self._unconfirmed.restart()
+        self._topics.restart()
+        verdicts += self._delivery.lose(stamp_ns, f"{self.node} was restarted")
 
     def _is_expected(self, observation: Observation) -> bool:
         """Whether its channel's first observation should have been received by now."""
@@ -300,7 +320,8 @@ class Oracle:
         """The machine's node reports ``observation``, and does not number all that it reports."""
         if observation.kind is not _MESSAGE:
             kind, channel = observation.kind, observation.channel
-            self._other_ends.report((kind, channel, observation.client, observation.call))
+            call = (observation.client, observation.call, observation.client_life)
+            self._other_ends.report((kind, channel), call, observation.stamp_ns)
         if self._unconfirmed.kept and not self._progress.reported_ns:
             verdicts += self._conclusion.counts_per_channel()
 
@@ -357,8 +378,8 @@ class Oracle:
     def _imply(self, event: TraceEvent, kind: ObservationKind) -> None:
         """By the other end of a call, the node did this."""
         if not self._progress.reported_ns:
-            implied = (kind, event.observation.channel, *event.call)
-            self._other_ends.imply(implied, event.stamp)
+            where = (kind, event.observation.channel)
+            self._other_ends.imply(where, event.call, event.stamp)
 
     # --- how far all was received ---------------------------------------------------------------------
 

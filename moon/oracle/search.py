@@ -24,6 +24,7 @@ from moon.oracle.bounds import (
     Bounds,
     TooManyError,
 )
+from moon.oracle.calls import Call
 from moon.oracle.compiling import Step
 from moon.oracle.program import Program
 from moon.oracle.state import (
@@ -608,7 +609,7 @@ class DeterministicSuccessor:
         return self._affected(hypothesis, step, fact, fact.call if asked else None)
 
     def _affected(
-        self, hypothesis: Hypothesis, step: Step, fact: TraceEvent, call: tuple[str, int] | None
+        self, hypothesis: Hypothesis, step: Step, fact: TraceEvent, call: Call | None
     ) -> Hypothesis:
         """``hypothesis`` after ``step``, which ``fact`` caused; ``call``: if it is a request."""
         stamp, waiting = fact.stamp, hypothesis.waiting

@@ -11,12 +11,13 @@ from typing import Any
 
 from m2c.model.diagnostics import Position
 from m2c.model.machine import OutputKind
+from moon.oracle.calls import Call
 from moon.oracle.compiling import Output
 from moon.oracle.trace_events import EventKey, TraceEvent
 from moon.oracle.unknowns import SCALARS, Unknown, frozen
 from transports.actions.rules import Act, Phase, Stamp, after, forgotten
 
-ANY_CALL = ("", -1)
+ANY_CALL: Call = ("", -1, 0)
 """Whose response is owed when the request came before the oracle looked."""
 
 Instances = tuple[tuple[int, tuple[Any, ...]], ...]
@@ -62,7 +63,7 @@ class Obligation:
         high: int,
         position: Position,
         transition: Position,
-        call: tuple[str, int] | None = None,
+        call: Call | None = None,
         goal: Any = None,
         optional: bool = False,
         timer: TimerKey | None = None,
@@ -328,7 +329,7 @@ class Hypothesis:
         pending: tuple[TraceEvent, ...] = (),
         queue: tuple[QueuedEvent, ...] = (),
         timers: tuple[PendingTimer, ...] = (),
-        waiting: tuple[tuple[str, tuple[str, int]], ...] = (),
+        waiting: tuple[tuple[str, Call], ...] = (),
         goals: tuple[Goal, ...] = (),
         counts: tuple[tuple[tuple[bool, str], int], ...] = (),
         free: bool = False,

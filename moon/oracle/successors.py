@@ -14,6 +14,7 @@ from typing import Any
 from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
+from moon.oracle.calls import Call
 from moon.oracle.compiling import Delayed, Output, StateProgram, Step
 from moon.oracle.program import Program
 from moon.oracle.state import (
@@ -258,7 +259,7 @@ class Successors:
         low: int,
         high: int,
         timer: TimerKey | None = None,
-        call: tuple[str, int] | None = None,
+        call: Call | None = None,
     ) -> Iterator[Hypothesis]:
         """Process ``event`` between ``low`` and ``high``: every outcome."""
         for taken, step in self.take(hypothesis, instance, event, message, parts):
@@ -311,8 +312,8 @@ class Successors:
         low: int,
         high: int,
         timer: TimerKey | None = None,
-        call: tuple[str, int] | None = None,
-        waiting: tuple[tuple[str, tuple[str, int]], ...] | None = None,
+        call: Call | None = None,
+        waiting: tuple[tuple[str, Call], ...] | None = None,
     ) -> Hypothesis:
         """``before`` after ``step`` of one of its instances; ``waiting``: the requests, if others."""
         instances = before.instances
@@ -389,7 +390,7 @@ class Successors:
         low: int,
         high: int,
         timer: TimerKey | None,
-        call: tuple[str, int] | None,
+        call: Call | None,
     ) -> None:
         """What an output of the model means: something to be seen, or something inside.
 
@@ -399,7 +400,7 @@ class Successors:
         optional = False
         interface = output.interface
         goal: Any = None
-        answers: tuple[str, int] | None = None
+        answers: Call | None = None
         match kind:
             case OutputKind.PUBLISH:
                 interface = self._channels.name_of(InterfaceKind.PUBLISHER, interface)
@@ -517,9 +518,7 @@ class Successors:
         )
 
 
-def _answered(
-    made: Hypothesis, interface: str, call: tuple[str, int] | None
-) -> tuple[str, int] | None:
+def _answered(made: Hypothesis, interface: str, call: Call | None) -> Call | None:
     """Whose request a response answers: the one being processed, else the oldest; it is done."""
     waiting = made.waiting
     found = None

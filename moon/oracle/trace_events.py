@@ -20,6 +20,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.values import zero
 from m2c.model.walk import failure_of_goals
+from moon.oracle.calls import Call
 from moon.ordering.numbers import Count, Numbers, Place
 from transports.actions.rules import Stamp
 from transports.interface import CallOutcome, Observation, ObservationKind
@@ -64,7 +65,7 @@ class TraceEvent:
         output: the kind of output, for outputs.
         interface: the interface's name.
         data: the message.
-        call: (client, number) of a call.
+        call: which; of a message taken, who published it, its number, and in which life.
         goal: a goal's id (32 hex digits).
         stream: source and channel: the events of one stream keep their order.
         may_be_lost: whether the machine may never have got it (set by the oracle).
@@ -105,7 +106,7 @@ class TraceEvent:
         self.output = output
         self.data = data
         self.goal = goal
-        self.call = (observation.client, observation.call)
+        self.call: Call = (observation.client, observation.call, observation.client_life)
         self.stream = (observation.source, observation.channel)
         self.may_be_lost = False
         self._base: TraceEvent | None = None
@@ -370,6 +371,14 @@ _KEPT_CALLS = 512
 """Calls of an action's services of which the goal is remembered."""
 
 
+_EITHER = "either"
+"""Stands for the goal of a call whose number was used by two lives of its client, which are not known."""
+
+
+class AmbiguousError(Exception):
+    """An observation that may mean either of two things; the text says which."""
+
+
 _SENDINGS = (
     ObservationKind.MESSAGE,
     ObservationKind.REQUEST_SENT,
@@ -394,9 +403,10 @@ class Channels:
         self.types: dict[tuple[OutputKind, str], DataType | None] = {}
         """Type of the message of each output."""
         self.aliases: dict[tuple[InterfaceKind, str], str] = {}
-        self._goals: dict[tuple[str, str, int], str] = {}
-        self._nameless: dict[tuple[str, str, int], list[TraceEvent]] = {}
+        self._goals: dict[tuple[str, Call], str] = {}
+        self._nameless: dict[tuple[str, Call], list[TraceEvent]] = {}
         """Responses whose request was not received yet."""
+        self._answered: dict[tuple[str, Call], None] = {}
         self._sent: dict[str, None] = {}
         for interface in machine.interfaces:
             channel, name, kind = interface.channel, interface.name, interface.kind
@@ -550,9 +560,14 @@ class Channels:
 
         A response may be received first: on ROS 2, that nobody serves the call has a topic of its own.
         """
-        place = (event.observation.channel, *event.call)
+        place = (event.observation.channel, event.call)
         if event.goal:
+            before = self._goals.get(place)
+            if before not in (None, event.goal) and not (event.call[2] or place in self._answered):
+                self._goals[place] = _EITHER
+                return
             self._goals[place] = event.goal
+            self._answered.pop(place, None)
             for response in self._nameless.pop(place, ()):
                 response.goal = event.goal
             if event.output is OutputKind.SEND_GOAL:
@@ -563,6 +578,15 @@ class Channels:
                 del self._goals[next(iter(self._goals))]
         elif place in self._goals:
             event.goal = self._goals[place]
+            if event.goal == _EITHER:
+                client, number, _ = event.call
+                raise AmbiguousError(
+                    f"{client} made call {number} on {place[0]} in two of its lives: to which an answer is "
+                    "cannot be told"
+                )
+            self._answered[place] = None
+            if len(self._answered) > _KEPT_CALLS:
+                del self._answered[next(iter(self._answered))]
         else:
             self._nameless.setdefault(place, []).append(event)
             if len(self._nameless) > _KEPT_CALLS:

@@ -11,6 +11,7 @@ first of these that applies (decisions 13, 29 and 30):
 
 * ``judge``: what a judge is handed, and what is reported to it as missing;
 * ``event_order``: what a tap hands over, made fit for judges (``reception``: stamps, types, sources);
+* ``lives``: which life of a node an observation is of;
 * ``numbers``: what was received twice, and what was not received, by the numbers of a channel;
 * ``sources``: up to when all that several nodes reported has been received (``progress``: of one);
 * ``held``: what is not handed over yet, in order of stamps;

@@ -159,11 +159,12 @@ class EventOrder:
         if number < 0:
             return True
         count = self.numbers.of(seen)
-        if number == count.next:
-            count.next, count.stamp = number + 1, stamp
+        sequence = count.sequence
+        if number == sequence.next and seen.life == sequence.life:
+            sequence.next, sequence.stamp = number + 1, stamp
             return True
-        before_ns = count.stamp
-        self.sequel = sequel = count.sequel(number, stamp)
+        before_ns = sequence.stamp
+        self.sequel = sequel = count.sequel(number, stamp, seen.life)
         match sequel:
             case Sequel.AGAIN:
                 self._counts.repeated += 1

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from transports.interface import Observation, ObservationKind
-from transports.sequences import Sequel, sequel_of
+from transports.sequences import Sequel, Sequence
 
 KEPT_PLACES = 10_000
 """Places that are remembered; their names come from the wire, and never end."""
@@ -27,28 +27,32 @@ class Count:
 
     Attributes:
         place: which.
-        next: the number that should follow; negative while none has come.
-        stamp: of the last, ns.
+        sequence: what has come.
         unknown_until: what came before this was not received (ns), where the first number was not 0.
         left_at: the number that should have followed when nothing more was known of any.
     """
 
-    __slots__ = ("left_at", "next", "place", "stamp", "unknown_until")
+    __slots__ = ("left_at", "place", "sequence", "unknown_until")
 
     def __init__(self, place: Place) -> None:
         self.place = place
-        self.next = NONE
-        self.stamp = 0
+        self.sequence = Sequence()
         self.unknown_until = 0
         self.left_at = NONE
 
-    def sequel(self, number: int, stamp: int) -> Sequel:
-        """How ``number`` follows; it is the last one from now on, unless it came before."""
-        sequel = sequel_of((self.next - 1, self.stamp) if self.next >= 0 else None, number, stamp)
-        if sequel is Sequel.AGAIN:
-            return sequel
-        self.next = number + 1
-        self.stamp = stamp
+    @property
+    def next(self) -> int:
+        """The number that should follow; negative while none has come."""
+        return self.sequence.next
+
+    @property
+    def stamp(self) -> int:
+        """Of the newest, ns."""
+        return self.sequence.stamp
+
+    def sequel(self, number: int, stamp: int, life: int = 0) -> Sequel:
+        """How ``number`` follows; it is the newest from now on, unless it came before, or comes late."""
+        sequel = self.sequence.follow(number, stamp, life)
         if sequel is Sequel.FIRST:
             self.unknown_until = stamp if number > 0 else 0
         elif sequel is Sequel.ANEW:
@@ -92,12 +96,14 @@ class Numbers:
     def clear(self) -> None:
         """Something is not known to be received, of any source: each number is a first one again."""
         for count in self.counts.values():
-            count.left_at, count.next = count.next, NONE
+            count.left_at = count.next
+            count.sequence.forget()
             count.unknown_until = 0
 
     def forget(self, source: str, before_ns: int | None = None) -> None:
         """``source`` numbers anew; what is stamped ``before_ns`` or later is of after that."""
         for count in self.counts.values():
             if count.place[0] == source and (before_ns is None or count.stamp < before_ns):
-                count.next = count.left_at = NONE
+                count.left_at = NONE
+                count.sequence.end_life()
                 count.unknown_until = 0

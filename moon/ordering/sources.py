@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from moon.ordering.judge import Gap
+from moon.ordering.lives import ANOTHER, PAST, Lives
 from moon.ordering.progress import Progress
 from transports.interface import Observation
 
@@ -17,15 +18,17 @@ class Source:
 
     Attributes:
         progress: by the numbers of its reports.
+        lives: of which life they are.
         is_numbered: whether it numbers all that it reports, as far as is known.
         is_up: whether it is there; None: only its observations say so.
         since_ns: since when it is there (ns), or when it went away; 0: that is not known.
     """
 
-    __slots__ = ("is_numbered", "is_up", "progress", "since_ns")
+    __slots__ = ("is_numbered", "is_up", "lives", "progress", "since_ns")
 
     def __init__(self) -> None:
         self.progress = Progress()
+        self.lives = Lives()
         self.is_numbered = True
         self.is_up: bool | None = None
         self.since_ns = 0
@@ -55,6 +58,12 @@ class Sources:
         """``seen`` was received at ``now_ns``; what is missing before it, if that is certain by now."""
         source = self.known.get(seen.source) or self._of(seen.source)
         progress, order, stamp = source.progress, seen.order, seen.stamp_ns
+        if seen.life != source.lives.present:
+            which = source.lives.see(seen.life, stamp)
+            if which == PAST:
+                return None
+            if which == ANOTHER:
+                progress.restart()
         if order == progress.next and not progress.ahead and progress.answer is None:
             progress.next, progress.reported_ns = order + 1, stamp
             return None
@@ -86,6 +95,8 @@ class Sources:
     def changed(self, name: str, is_up: bool, when_ns: int) -> None:
         """``name`` came up, having begun to connect at ``when_ns``, or went away then."""
         source = self._of(name)
+        if is_up:
+            source.lives.start(when_ns)
         if is_up and source.progress.reported_ns < when_ns:
             source.progress.restart()  # it numbers anew
         source.is_up, source.since_ns = is_up, when_ns

@@ -15,6 +15,7 @@ from m2c.policy.ticks import TICKS_CHANNEL
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.ordering.held import Held
 from moon.ordering.judge import Gap
+from moon.ordering.lives import ANOTHER, PAST, Lives
 from moon.ordering.numbers import Numbers
 from moon.ordering.progress import Progress
 from moon.policy.judge import PolicyJudge
@@ -69,6 +70,7 @@ class PolicyOracle:
         self.repeated = 0
         self.late = 0
         self._progress = Progress()
+        self._lives = Lives()
         """Of all that the policy's node reports, where it numbers that."""
         rate = policy.tick_rate_hz if rate_hz is None else rate_hz
         self._judge = PolicyJudge(
@@ -92,6 +94,7 @@ class PolicyOracle:
             stamp_ns: when, ns since the epoch.
             whole: nothing was missed; it makes no difference here, as numbers show what was.
         """
+        self._lives.start(stamp_ns)
         if self._progress.reported_ns < stamp_ns:  # of the life before
             self._progress.restart()
         # what has come of it already stays, if that is all of it
@@ -155,11 +158,17 @@ class PolicyOracle:
         verdicts: list[Verdict] = []
         watermark = observation.received_ns - self.bounds.latency
         if observation.source == self.node:
+            if observation.life != self._lives.present:
+                which = self._lives.see(observation.life, observation.stamp_ns)
+                if which == PAST:
+                    return []
+                if which == ANOTHER:
+                    verdicts = self._begin_again(observation.stamp_ns)
             if observation.order >= 0:
                 self._progress.take(observation.order, observation.stamp_ns, watermark)
                 watermark = max(watermark, min(self._progress.reported_ns, observation.received_ns))
             if judge.unconfirmed.kept:
-                verdicts = judge.look_at_reports()
+                verdicts += judge.look_at_reports()
             if (kind in _OWN and _PARTS not in channel) or (
                 channel == TICKS_CHANNEL and judge.reads_reports
             ):
@@ -231,16 +240,13 @@ class PolicyOracle:
         number, stamp, channel = observation.sequence, observation.stamp_ns, observation.channel
         if number >= 0:
             if sequel is None:
-                sequel = self._numbers.of(observation).sequel(number, stamp)
+                sequel = self._numbers.of(observation).sequel(number, stamp, observation.life)
             if sequel is Sequel.AGAIN:
                 self.repeated += 1
                 return []
             is_start = sequel is Sequel.FIRST and self._judge.is_fresh
             if sequel is Sequel.ANEW:
-                self._numbers.forget(self.node)
-                self._progress.restart()
-                self._judge.restart()
-                verdicts = self.lose(stamp - 1, f"{self.node} was restarted")
+                verdicts = self._begin_again(stamp)
             elif sequel is Sequel.AFTER_A_GAP or (is_start and number > 0):
                 why = f"observations on {channel} from {self.node} were lost"
                 verdicts = self.lose(stamp - 1, why)
@@ -252,6 +258,13 @@ class PolicyOracle:
             return [*verdicts, *self.lose(stamp, why)]
         self._held.add(observation)
         return verdicts
+
+    def _begin_again(self, stamp: int) -> list[Verdict]:
+        """The policy has started again: what it reports is of another life from ``stamp`` (ns) on."""
+        self._numbers.forget(self.node, stamp)
+        self._progress.restart()
+        self._judge.restart()
+        return self.lose(stamp - 1, f"{self.node} was restarted")
 
     def lose(self, stamp: int, text: str) -> list[Verdict]:
         """Something from before ``stamp`` (ns) was missed: nothing of then is judged any more."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from moon.recording import own_entries
 from moon.recording.cdr import Decoder
@@ -138,6 +139,8 @@ class Conversion:
         if not contents:
             self.hollow.add(service)
         client = self._client(gid)
+        # other middlewares may know a client by other names at its own end
+        is_client_end = KIND_OF_EVENT[kind] in _CLIENT_END
         return ros_forms.of_event(
             service,
             message.channel.type_name,
@@ -147,7 +150,8 @@ class Conversion:
             contents[0] if contents else None,
             client,
             message.received_ns,
-            client if KIND_OF_EVENT[kind] in _CLIENT_END else "",
+            client if is_client_end else "",
+            client_life=0 if is_client_end else ros_forms.life_of(gid),
         )
 
     def _client(self, gid: bytes) -> str:
@@ -169,7 +173,8 @@ def _message(message: StoredMessage, decode: Decoder) -> Observation:
 def _call_error(message: StoredMessage, decode: Decoder) -> Observation:
     text: Any = decode(_bytes_of(message))["data"]
     error = ros_forms.read_call_error(text)
-    return ros_forms.of_call_error(error, error.service, message.received_ns)
+    ended = ros_forms.of_call_error(error, error.service, message.received_ns)
+    return ended if error.by_server else replace(ended, client_life=0)
 
 
 def _bytes_of(message: StoredMessage) -> bytes:

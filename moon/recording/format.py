@@ -26,6 +26,10 @@ SOURCE = "moon.source"
 """In a channel's metadata: who published."""
 CLIENT = "moon.client"
 """In the metadata of a service's events: whose calls."""
+LIFE = "moon.life"
+"""In a channel's metadata: which life of the publisher (``Observation.life``), where that is known."""
+CLIENT_LIFE = "moon.client_life"
+"""The same of the client."""
 NUMBERS = "moon.numbers"
 """In the metadata of observations: what the records' numbers are (``numbers.Numbering``)."""
 KIND = "moon.kind"
@@ -109,6 +113,18 @@ def read_event_head(data: bytes) -> tuple[int, int, int]:
     """Type of event, number of the call and number of requests; NumberError if there is less."""
     found: tuple[int, int, int] = _head_of_event(data)
     return found
+
+
+def lives_of(metadata: Mapping[str, str]) -> tuple[int, int]:
+    """The life of the publisher and of the client; 0 where the recording does not say."""
+    return _life(metadata.get(LIFE, "")), _life(metadata.get(CLIENT_LIFE, ""))
+
+
+def _life(text: str) -> int:
+    return int(text) if text.isdecimal() and text.isascii() and len(text) <= _MOST_DIGITS else 0
+
+
+_MOST_DIGITS = 19
 
 
 def form_of(metadata: Mapping[str, str]) -> Form | None:

@@ -90,6 +90,7 @@ def _message_reader(
     channel: StoredChannel, decode: Decoder, source: str, number: ReadNumbers
 ) -> Read:
     topic, type_name, kind = channel.topic, channel.type_name, ObservationKind.MESSAGE
+    life, _ = layout.lives_of(channel.metadata)
 
     def read(message: StoredMessage) -> Observation:
         sequence, order = number(message.sequence)
@@ -103,6 +104,7 @@ def _message_reader(
             source=source,
             sequence=sequence,
             order=order,
+            life=life,
         )
 
     return read
@@ -115,6 +117,7 @@ def _event_reader(
     base = channel.type_name.removesuffix(TYPE_SUFFIX)
     request, response = f"{base}_Request", f"{base}_Response"
     take = _event_taker(decode.structure)
+    life, client_life = layout.lives_of(channel.metadata)
 
     def read(message: StoredMessage) -> Observation:
         try:
@@ -134,6 +137,8 @@ def _event_reader(
             order=order,
             client=client,
             call=call,
+            life=life,
+            client_life=client_life,
         )
 
     return read

@@ -71,7 +71,7 @@ class SourceStreams:
         self._file = file
         self._types = types
         self._streams: dict[
-            tuple[str, ObservationKind, str, str, str, Numbering], SourceStream | None
+            tuple[str, ObservationKind, str, int, str, int, str, Numbering], SourceStream | None
         ] = {}
         self._schemas: dict[str, int] = {}
 
@@ -82,7 +82,8 @@ class SourceStreams:
         numbering = numbering_of(seen)
         if numbering is None:
             return None
-        place = (seen.channel, seen.kind, seen.source, seen.client, seen.type_name, numbering)
+        who = (seen.source, seen.life, seen.client, seen.client_life)
+        place = (seen.channel, seen.kind, *who, seen.type_name, numbering)
         try:
             return self._streams[place]
         except KeyError:
@@ -123,12 +124,16 @@ class SourceStreams:
             layout.SOURCE: seen.source,
             layout.NUMBERS: str(numbering),
         }
+        if seen.life:
+            metadata[layout.LIFE] = str(seen.life)
         if seen.kind is ObservationKind.MESSAGE:
             if (offer := self._offers.get(seen.channel)) is not None:
                 metadata[OFFERED] = text_of(offer)
             return self.own(seen.channel, self._types.structure(seen.type_name), metadata)
         base = seen.type_name.rpartition("_")[0]
         metadata[layout.CLIENT] = seen.client
+        if seen.client_life:
+            metadata[layout.CLIENT_LIFE] = str(seen.client_life)
         structure = self._types.structure(base + TYPE_SUFFIX)
         return self.own(seen.channel + EVENT_SUFFIX, structure, metadata)
 

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from msgspec.structs import replace
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -34,6 +35,7 @@ from moon.recording.entries import (
     ReportedVerdict,
     Turn,
 )
+from moon.recording.format import lives_of
 from moon.recording.mcap_writing import Compression, McapWriter
 from moon.recording.numbers import MAX_PLACES, Numbers
 from moon.recording.reader import open_recording
@@ -375,6 +377,25 @@ def test_numbers_beyond_16_bits_restarts_and_gaps_are_kept(
     writer = write(tmp_path / "run.mcap", entries, library)
     assert same(read(tmp_path / "run.mcap"), entries)
     assert writer.whole < 8  # the first, and what jumps
+
+
+def test_a_recording_tells_the_lives_of_a_node_apart(
+    library: InterfaceLibrary, tmp_path: Path
+) -> None:
+    lives = (0, 1, 2**63 - 1)
+    entries: list[Entry] = [
+        replace(seen, life=life, client_life=0 if seen.client == "" else life + 1 & 2**63 - 1)
+        for life in lives
+        for seen in (message(number=0, sequence=0), message(number=1, sequence=1), *call(life & 7))
+    ]
+    writer = write(tmp_path / "run.mcap", entries, library)
+    assert same(read(tmp_path / "run.mcap"), entries)
+    assert writer.whole < writer.observations / 2
+
+
+@pytest.mark.parametrize("text", ["", "-1", "x", "²", "9" * 5_000])
+def test_a_life_that_is_no_number_is_not_known(text: str) -> None:
+    assert lives_of({"moon.life": text, "moon.client_life": "7"}) == (0, 7)
 
 
 def test_the_numbers_of_more_sources_than_are_kept_are_read_the_same() -> None:

@@ -125,6 +125,15 @@ def a_tap_receives_the_four_events_of_every_call(network: Network) -> None:
         assert events[2].type_name == "conformance/srv/Double_Response"
 
 
+def both_ends_of_a_call_name_the_same_life_of_its_client(network: Network) -> None:
+    """It is the life in which the client reports; 0 everywhere where the transport cannot tell."""
+    _, client, received = _tapped_service(network)
+    _until_both_ends_report(network, client, received)
+    lives = {o.client_life for o in received}
+    assert len(lives) == 1, f"the events of one client's calls are of {len(lives)} of its lives"
+    assert lives == {o.life for o in received if o.source == "client"}, "it reports in another life"
+
+
 def rounds_that_are_over_cost_a_tap_nothing(network: Network) -> None:
     """Whoever says that they are over, on whatever thread: all is received, once and in order."""
     server, client, received = _tapped_service(network)

@@ -93,6 +93,7 @@ def a_tap_receives_which_messages_a_node_takes(network: Network) -> None:
         message = published[take.call]
         assert (take.source, take.client) == ("taker", "source"), f"taken by or from whom: {take}"
         assert take.type_name == Number.__type_name__, f"type {take.type_name!r}"
+        assert take.client_life == message.life, "taken from another life of its publisher"
         assert take.data is None, "the contents are reported twice"
         assert message.data == echo.data, f"{take} is of {message}, and makes {echo}"
         assert message.stamp_ns < take.stamp_ns < echo.stamp_ns, "taken too early or too late"

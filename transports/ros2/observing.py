@@ -42,8 +42,8 @@ class Notes:
         self._nameless_calls: dict[tuple[bytes, int], str] = {}
         """What stands for the client's name in each of them."""
 
-    def numbered(self, topic: str, channel: str, taken: Taken) -> tuple[str, int] | None:
-        """Who published, and the number of it; what is missing before it is noted.
+    def numbered(self, topic: str, channel: str, taken: Taken) -> tuple[str, int, int] | None:
+        """Who published, the number of it, and in which life; what is missing before it is noted.
 
         None where it is in the name of a node that has announced itself, and is another participant.
         """
@@ -51,9 +51,10 @@ class Notes:
         if not self.is_of(source, taken.gid):
             return None
         number = self._numbers.number(channel, source, taken.gid, taken.number)
+        life = ros_forms.life_of(taken.gid)
         if number >= 0:
-            self.losses.number(channel, source, number, taken.source_ns)
-        return source, number
+            self.losses.number(channel, source, number, taken.source_ns, life)
+        return source, number, life
 
     def is_of(self, name: str, gid: bytes) -> bool:
         """Whether an endpoint may be of the node ``name``; it is noted if not."""
@@ -134,11 +135,15 @@ class Messages:
 
     def observation(self, taken: Taken, data: Any) -> Observation | None:
         """See ``Observing``."""
-        source, number = self._notes.numbered(self._topic, self._channel, taken) or ("", -1)
+        source, number, life = self._notes.numbered(self._topic, self._channel, taken) or (
+            "",
+            -1,
+            0,
+        )
         received_ns = taken.received_ns or time.time_ns()
         stamp_ns = taken.source_ns if taken.source_ns > 0 else received_ns
         return ros_forms.of_message(
-            self._channel, self._type_name, data, stamp_ns, received_ns, source, number
+            self._channel, self._type_name, data, stamp_ns, received_ns, source, number, life
         )
 
 
@@ -171,7 +176,7 @@ class Events:
         numbered = self._notes.numbered(self._topic, self._channel, taken)
         if numbered is None:
             return None
-        source, number = numbered
+        source, number, life = numbered
         event_type = data.event_type
         fault = None
         if event_type >= len(KIND_OF_EVENT):
@@ -198,6 +203,8 @@ class Events:
             taken.received_ns or time.time_ns(),
             source,
             number,
+            life,
+            ros_forms.life_of(data.gid),
         )
 
 
@@ -233,4 +240,5 @@ class Errors:
             error,
             error.service.removeprefix(notes.prefix),
             taken.received_ns or time.time_ns(),
+            ros_forms.life_of(taken.gid),
         )

@@ -31,7 +31,8 @@ from transports.timers import Timer
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
-from transports.zenoh.wire import UNKNOWN, Codec, attachment, contents, read_attachment
+from transports.zenoh.orders import Moment
+from transports.zenoh.wire import UNKNOWN, Codec, attachment, contents, life_of, read_attachment
 
 MOST_WAITING = 10_000
 MOST_WAITING_BYTES = 64 * 1024 * 1024
@@ -63,14 +64,15 @@ def codec_of(service: Service) -> ServiceCodec:
 class Request:
     """A request that this node serves."""
 
-    __slots__ = ("_call", "_query", "_server", "client", "data")
+    __slots__ = ("_call", "_life", "_query", "_server", "client", "data")
 
     def __init__(
-        self, server: Server, query: zenoh.Query, call: int, client: str, data: Any
+        self, server: Server, query: zenoh.Query, call: int, life: int, client: str, data: Any
     ) -> None:
         self._server = server
         self._query: zenoh.Query | None = query
         self._call = call
+        self._life = life
         self.client = client
         self.data = data
 
@@ -88,8 +90,7 @@ class Request:
             events.forget(moment)
             raise TransportError(f"cannot answer {server.name}: {error}") from error
         if moment is not None:
-            events.record(event.RESPONSE_SENT, moment, self.client, self._call, None, payload)
-            events.flush_later()
+            self._record(moment, payload, "")
 
     def fail(self, error: str) -> None:
         """End the call with a remote error; TransportError if it is answered already."""
@@ -104,9 +105,13 @@ class Request:
             events.forget(moment)
             raise TransportError(f"cannot answer {server.name}: {cause}") from cause
         if moment is not None:
-            text = f"{CallOutcome.REMOTE_ERROR}: {error}"
-            events.record(event.RESPONSE_SENT, moment, self.client, self._call, None, None, text)
-            events.flush_later()
+            self._record(moment, None, f"{CallOutcome.REMOTE_ERROR}: {error}")
+
+    def _record(self, moment: Moment, payload: bytes | None, error: str) -> None:
+        events = self._server.events
+        call = self.client, self._call
+        events.record(event.RESPONSE_SENT, moment, *call, None, payload, error, self._life)
+        events.flush_later()
 
     def _take(self) -> zenoh.Query:
         query = self._query
@@ -186,22 +191,24 @@ class Server:
             self._waiting -= 1
             self._waiting_bytes -= size
         events = self.events
-        call, _, client = read_attachment(query.attachment)
+        call, life, client = read_attachment(query.attachment)
         if self._callers is not None and client not in self._callers:
-            call, _, client = UNKNOWN
+            call, life, client = UNKNOWN
+        life = max(life, 0)
         request = contents(query.payload)
         try:
             data = self.codec.request.decode(request, query.encoding)
         except PayloadError as error:
             self._refusals.refuse(self.name, client, error)
-            Request(self, query, call, client, None).fail(f"bad request: {error}")
+            Request(self, query, call, life, client, None).fail(f"bad request: {error}")
             return
         is_tapped = events.is_tapped
         if is_tapped:
-            events.record(event.REQUEST_RECEIVED, events.moment(), client, call, request)
+            moment = events.moment()
+            events.record(event.REQUEST_RECEIVED, moment, client, call, request, life=life)
         else:
             events.skip()
-        self._handler(Request(self, query, call, client, data))
+        self._handler(Request(self, query, call, life, client, data))
         if is_tapped:
             events.flush_later()  # mostly it is answered by now, and nobody waits
 
@@ -275,6 +282,7 @@ class Client:
         self._codec = codec_of(service)
         self.events = events
         self._node = node
+        self._life = life_of(session.info.zid())
         self._node_bytes = node.encode()
         self._numbers = numbers
         self._waiting: set[SimpleQueue[zenoh.Reply | None]] = set()
@@ -365,14 +373,14 @@ class Client:
                 timeout=timeout_s + _GRACE_S,
                 payload=payload,
                 encoding=self._codec.request.encoding,
-                attachment=attachment(number, 0, self._node_bytes),
+                attachment=attachment(number, self._life, self._node_bytes),
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as error:
             events.forget(moment)
             raise TransportError(f"cannot call {self._name}: {error}") from error
         if moment is not None:
-            events.record(event.REQUEST_SENT, moment, self._node, number, payload)
+            events.record(event.REQUEST_SENT, moment, self._node, number, payload, life=self._life)
             events.flush_later(delay_s)
 
     def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, bytes | None]:
@@ -400,7 +408,6 @@ class Client:
             return False
         failed = result.outcome is not CallOutcome.RESPONSE
         error = f"{result.outcome}: {result.error}" if failed else ""
-        events.record(
-            event.RESPONSE_RECEIVED, events.moment(), self._node, number, None, response, error
-        )
+        end = number, None, response, error, self._life
+        events.record(event.RESPONSE_RECEIVED, events.moment(), self._node, *end)
         return True

@@ -39,7 +39,7 @@ from transports.zenoh.permissions import Permissions
 from transports.zenoh.presence import MOST_TOKENS, Nodes, is_up, watch
 from transports.zenoh.tokens import TokenError
 from transports.zenoh.waiting import Arrived, Waiting, size_of
-from transports.zenoh.wire import UNKNOWN, Sent, read_attachment, type_of
+from transports.zenoh.wire import UNKNOWN, Sent, life_of, read_attachment, type_of
 
 RING_CAPACITY = 65_536
 """Messages that Zenoh keeps until they are taken (more than a second at the fastest rates measured)."""
@@ -295,6 +295,7 @@ class Tap:
         stamp = sample.timestamp
         stamp_ns = received_ns if stamp is None else stamp.get_time_as_ntp64().as_nanos()
         session = None if stamp is None else stamp.get_id()
+        life = 0
         if sent.node:
             speakers = place.speakers
             if speakers is not None and sent.node not in speakers:
@@ -302,6 +303,8 @@ class Tap:
                 sent = UNKNOWN
             elif not self._claims.is_right(sent.node, session):
                 sent = UNKNOWN
+            elif session is not None:
+                life = life_of(session)
         return Arrived(
             place.channel,
             place.suffix,
@@ -310,7 +313,9 @@ class Tap:
             sample.payload.to_bytes(),
             stamp_ns,
             received_ns,
+            life,
         )
+
 
     def _place_of(self, key: str) -> _Place | None:
         """What comes on ``key``; None if it is not received."""
@@ -350,15 +355,15 @@ class Tap:
             self._questions.give()
 
     def _observe(self, arrived: Arrived) -> Observation | None:
-        channel, suffix, sent, encoding, payload, stamp_ns, received_ns = arrived
+        channel, suffix, sent, encoding, payload, stamp_ns, received_ns, life = arrived
         if sent.number >= 0:
-            self._losses.number(channel + suffix, sent.node, sent.number, stamp_ns)
+            self._losses.number(channel + suffix, sent.node, sent.number, stamp_ns, life)
         type_name = type_of(encoding)
         try:
             if suffix == EVENT_SUFFIX:
-                return _service_observation(received_ns, channel, type_name, payload, sent)
+                return _service_observation(received_ns, channel, type_name, payload, sent, life)
             if suffix == TAKEN_SUFFIX:
-                return _taken_observation(received_ns, channel, type_name, payload, sent)
+                return _taken_observation(received_ns, channel, type_name, payload, sent, life)
             data = plain(payload)
         except PayloadError as error:
             self._losses.undecodable(channel, sent.node, error)
@@ -373,6 +378,7 @@ class Tap:
             source=sent.node,
             sequence=sent.number,
             order=sent.order,
+            life=life,
         )
 
 
@@ -387,7 +393,7 @@ def _event_of(payload: bytes, sent: Sent, event_types: Collection[int]) -> Servi
 
 
 def _taken_observation(
-    received_ns: int, channel: str, type_name: str, payload: bytes, sent: Sent
+    received_ns: int, channel: str, type_name: str, payload: bytes, sent: Sent, life: int
 ) -> Observation:
     info = _event_of(payload, sent, (MESSAGE_TAKEN,)).info
     if info.sequence_number < 0 or not info.client:
@@ -404,11 +410,13 @@ def _taken_observation(
         order=sent.order,
         client=info.client,
         call=info.sequence_number,
+        life=life,
+        client_life=info.life,
     )
 
 
 def _service_observation(
-    received_ns: int, channel: str, type_name: str, payload: bytes, sent: Sent
+    received_ns: int, channel: str, type_name: str, payload: bytes, sent: Sent, life: int
 ) -> Observation:
     event = _event_of(payload, sent, range(len(KIND_OF_EVENT)))
     info = event.info
@@ -429,4 +437,6 @@ def _service_observation(
         client=info.client,
         call=info.sequence_number,
         error=event.error,
+        life=life,
+        client_life=info.life,
     )

@@ -17,7 +17,7 @@ from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
 from transports.zenoh.orders import Orders
-from transports.zenoh.wire import UNKNOWN, Codec, attachment, contents, read_attachment
+from transports.zenoh.wire import UNKNOWN, Codec, attachment, contents, life_of, read_attachment
 
 
 class _Declared(Protocol):
@@ -128,7 +128,9 @@ def subscribe(
             events.skip()
             handler(message)
             return
-        events.record(MESSAGE_TAKEN, events.moment(), source, number, None)
+        stamp = sample.timestamp
+        life = 0 if stamp is None else life_of(stamp.get_id())
+        events.record(MESSAGE_TAKEN, events.moment(), source, number, None, life=life)
         handler(message)
         events.flush_later()  # mostly all that comes of it is done by now
 

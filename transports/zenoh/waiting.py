@@ -26,6 +26,7 @@ class Arrived(NamedTuple):
     payload: bytes
     stamp_ns: int
     received_ns: int
+    life: int = 0
 
 
 class Waiting:

@@ -3,7 +3,8 @@
 Payload: the struct as a MessagePack map. Encoding: ``application/msgpack;<type name>``, so that
 the type can be checked before decoding and any tool can read the contents without it. Attachment:
 two 8-byte little-endian numbers (of a publication: its sequence on its channel, and its order among
-all that the node reports; of a call: its number, and 0), then the name of the sending node in UTF-8.
+all that the node reports; of a call: its number, and the life of who calls), then the name of the sending
+node in UTF-8.
 """
 
 from __future__ import annotations
@@ -78,8 +79,20 @@ UNKNOWN = Sent(-1, -1, "")
 
 
 def attachment(number: int, order: int, node: bytes) -> bytes:
-    """The attachment of publication or call ``number`` of ``node`` (its name in UTF-8)."""
+    """The attachment of publication or call ``number`` of ``node`` (its name in UTF-8).
+
+    ``order``: of a call, the life of ``node``.
+    """
     return _NUMBERS.pack(number, order) + node
+
+
+def life_of(session: object) -> int:
+    """The life of a session's nodes (``Observation.life``), by the session's id: each has one of its own.
+
+    Args:
+        session: its id, whose ``str`` is hexadecimal.
+    """
+    return int(str(session), 16) & MOST_NUMBER
 
 
 def read_attachment(data: zenoh.ZBytes | None) -> Sent:
