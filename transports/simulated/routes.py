@@ -26,13 +26,16 @@ _ASKING = "asked"
 
 
 class Sent(NamedTuple):
-    """A message of a topic: who published it, its number on its channel, and what it is."""
+    """A message of a topic: who published it, its number on its channel, what it is, when it was published,
+    and in which life of its publisher.
+    """
 
     source: str
     number: int
     type_name: str
     payload: bytes
     stamp_ns: int
+    life: int = 0
 
 
 class Numbers:
@@ -105,6 +108,7 @@ class Routes:
             "kind": ObservationKind.MESSAGE,
             "type_name": message.type_name,
             "source": message.source,
+            "life": message.life,
         }
         self._report(fields, message.payload, message.number)
 
@@ -120,6 +124,8 @@ class Routes:
             "source": node,
             "client": message.source,
             "call": message.number,
+            "life": self._life_of(node),
+            "client_life": message.life,
         }
         self._report(fields, None)
 
@@ -133,7 +139,7 @@ class Routes:
         service: Service,
         kind: ObservationKind,
         payload: bytes | None,
-        client: str,
+        client: SimulatedTransport,
         call: int,
         error: str = "",
     ) -> None:
@@ -147,11 +153,17 @@ class Routes:
             "kind": kind,
             "type_name": service.type_name + suffix,
             "source": source,
-            "client": client,
+            "client": client.node,
             "call": call,
             "error": error,
+            "life": self._life_of(source),
+            "client_life": client.life,
         }
         self._report(fields, payload)
+
+    def _life_of(self, node: str) -> int:
+        there = self._world.nodes.get(node)
+        return 0 if there is None else int(there.life)
 
     def _is_unheard(self, source: str) -> bool:
         """Whether nobody listens at all; then what ``source`` does is numbered, and no more."""
@@ -224,7 +236,7 @@ class Tap:
         """Of each link, when its source connected and from when on it is heard (ns)."""
         self._named_ns: dict[str, tuple[int, int]] = {}
         """Of each client, when it connected and from when on its name is known (ns)."""
-        self._nameless: dict[tuple[str, str, int], str] = {}
+        self._nameless: dict[tuple[str, str, int, int], str] = {}
         """What stands for a client's name in each call that was heard before that is known."""
         self.links: dict[str, dict[Link, None]] = {}
         """Of each source, the links on which it has reported to this tap."""
@@ -327,15 +339,16 @@ class Tap:
             self._losses.undecodable(channel, source, error)
             return
         if events == EVENT_SUFFIX and not fields["error"]:
-            fields = {**fields, "client": self._caller(channel, fields["client"], fields["call"])}
+            who = (channel, fields["client"], fields["call"], fields["client_life"])
+            fields = {**fields, "client": self._caller(*who)}
         self._handler(Observation(received_ns=self._node.now_ns(), data=data, **fields))
 
-    def _caller(self, service: str, client: str, call: int) -> str:
+    def _caller(self, service: str, client: str, call: int, life: int) -> str:
         """Who made a call, the same for all events of it: on ROS 2 a name is known some time after a node."""
         world = self._node.world
         if world.conditions.rules is not Rules.ROS2 or world.network.finds_at_once:
             return client
-        place = (service, client, call)
+        place = (service, client, call, life)
         there = world.nodes.get(client)
         if there is None:
             return self._nameless.get(place, client)

@@ -110,7 +110,7 @@ class Server:
             self.service,
             ObservationKind.REQUEST_RECEIVED,
             call.payload,
-            client,
+            call.client.node,
             call.number,
         )
         self._handler(Request(self, call, data))
@@ -123,7 +123,7 @@ class Server:
             self.service,
             ObservationKind.RESPONSE_SENT,
             payload,
-            call.client.node_name,
+            call.client.node,
             call.number,
             error=f"{CallOutcome.REMOTE_ERROR}: {error}" if payload is None else "",
         )
@@ -170,7 +170,7 @@ class Client:
             self.service,
             ObservationKind.REQUEST_SENT,
             payload,
-            self.node_name,
+            self.node,
             call.number,
         )
         node.world.schedule(max(0, round(timeout_s * 1e9)), self._time_out, call)
@@ -262,7 +262,7 @@ class Client:
             self.service,
             ObservationKind.RESPONSE_RECEIVED,
             payload,
-            self.node_name,
+            self.node,
             call.number,
             error=f"{result.outcome}: {result.error}" if failed else "",
         )

@@ -94,7 +94,7 @@ class Publisher:
             raise TransportError(f"cannot publish on {topic.name}: {node.node} is closed")
         number = node.routes.numbers.take(node.node, topic.name)
         stamp_ns = node.world.stamp_of(node.node)
-        sent = Sent(node.node, number, topic.type_name, payload, stamp_ns)
+        sent = Sent(node.node, number, topic.type_name, payload, stamp_ns, node.life)
         if topic.transient_local:
             node.routes.transient_local.setdefault(topic.name, {})[self] = sent
         for subscription in node.routes.subscriptions(topic.name):
@@ -207,6 +207,7 @@ class SimulatedTransport:
         """Virtual time."""
         self.since_ns = SimulatedTransport.now_ns(self)
         """The same by its own clock."""
+        self.life = world.next_life()
         self.view = View(self)
         world.nodes[node] = self
         self.routes.begin(node)

@@ -122,6 +122,7 @@ class SimulatedWorld:
         self.events = 0
         """How many events have happened."""
         self.nodes: dict[str, SimulatedTransport] = {}
+        self._lives = 0
         self.starters: dict[str, Callable[[], object]] = {}
         """How each node is started again that was killed (``Conditions.kills``), by its name."""
         self._queue: list[tuple[int, int, Event, Any]] = []
@@ -290,6 +291,11 @@ class SimulatedWorld:
         self.schedule(0, *self._entered.get())
 
     # --- nodes -----------------------------------------------------------------------------------
+
+    def next_life(self) -> int:
+        """What distinguishes a node that joins from all that were there (``Observation.life``)."""
+        self._lives += 1
+        return self._lives
 
     def connect(self, node: str) -> SimulatedTransport:
         """Connect a node to this world.
