@@ -350,7 +350,7 @@ class Tap:
             return client
         place = (service, client, call, life)
         there = world.nodes.get(client)
-        if there is None:
+        if there is None or there.life != life:  # what it was called stays
             return self._nameless.get(place, client)
         connected_ns = there.connected_ns
         named = self._named_ns.get(client)

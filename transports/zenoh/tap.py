@@ -316,7 +316,6 @@ class Tap:
             life,
         )
 
-
     def _place_of(self, key: str) -> _Place | None:
         """What comes on ``key``; None if it is not received."""
         own = key.removeprefix(self._prefix)
