@@ -23,6 +23,7 @@ from typing import IO, Any, Self
 import msgspec
 
 from transports.interface import Transport
+from transports.work_queue import WorkQueue
 
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
@@ -63,7 +64,7 @@ class Child:
         inherited = {**os.environ, **(environment or {})}
         path = [str(ROOT), inherited.get("PYTHONPATH", "")]
         inherited["PYTHONPATH"] = os.pathsep.join(filter(None, path))
-        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._lines: WorkQueue[str | None] = WorkQueue()
         self._last: collections.deque[str] = collections.deque(maxlen=KEPT_LINES)
         self._process = subprocess.Popen(
             [sys.executable, "-u", *arguments],

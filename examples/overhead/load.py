@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import logging
-import queue
 import sys
 import threading
 import time
@@ -26,6 +25,7 @@ from m2c.policy.program import Policy
 from m2c.policy.runner import PolicyRunner
 from transports.interface import CallOutcome, CallResult, Client, Message, Service, Topic, Transport
 from transports.registry import connect
+from transports.work_queue import WorkQueue
 
 LEVEL_S = 0.5
 """The battery's level is told so often (``rate_hz`` of its model)."""
@@ -116,7 +116,7 @@ def tick_tree(
         policy = msgspec.structs.replace(policy, leaves=leaves)
     transport = connect(transport_name, "policy", dict(options))
     try:
-        events: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        events: WorkQueue[str | None] = WorkQueue()
         level = Topic("/BatteryComponent/level", "std_msgs/msg/Int32", Int32)
         transport.subscribe(level, lambda _: events.put(_LEVEL))
         load = Load(transport, policy)
@@ -142,13 +142,13 @@ _LEVEL = "level"
 """The event that the battery has told its level; the others are orders, and None the end of them."""
 
 
-def _read_orders(events: queue.SimpleQueue[str | None]) -> None:
+def _read_orders(events: WorkQueue[str | None]) -> None:
     for line in sys.stdin:
         events.put(line)
     events.put(None)
 
 
-def _into_next_level(events: queue.SimpleQueue[str | None], part: float) -> bool:
+def _into_next_level(events: WorkQueue[str | None], part: float) -> bool:
     """Wait for a level that is told from now on, and for a ``part`` of the time to the one behind it;
     whether there was one (else the end has come).
     """

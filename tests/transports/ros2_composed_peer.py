@@ -6,13 +6,13 @@ processes; ``close NAME`` closes a node alone. Each is answered by a line when i
 
 import sys
 import threading
-from queue import SimpleQueue
 
 from tests.transports import ros2_network
 from transports.conformance import DOUBLE, NUMBERS, Answer, Ask, Number
 from transports.conformance.stage import COUNTING, Text
 from transports.interface import Action, CallOutcome, GoalEvents, Service
 from transports.ros2 import connect
+from transports.work_queue import WorkQueue
 
 PROCESSES = ("left", "right")
 KINDS = ("owner", "server", "one", "two")
@@ -95,7 +95,7 @@ def run(process: str) -> None:
                 else:
                     assert result.response == Answer(2 * value), (name, result)
         for client in goal_clients.get(name, ()):
-            results = SimpleQueue()
+            results = WorkQueue()
             events = GoalEvents(
                 accepted=lambda goal_id: None,
                 rejected=results.put,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from transports.conformance import CHECKS, Check
+from transports.conformance import CHECKS, CHECKS_OF_ENDS, Check
 from transports.interface import Transport
 from transports.networks import SimulatedNetwork, ThreadedNetwork, nodes_beside
 from transports.simulated import Conditions
@@ -18,7 +18,9 @@ BAD_WEATHER = Conditions(
 )
 """Reliable channels stay complete and ordered in it."""
 
-every_check = pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+every_check = pytest.mark.parametrize(
+    "check", CHECKS + CHECKS_OF_ENDS, ids=lambda check: check.__name__
+)
 
 
 @pytest.mark.zenoh

@@ -17,12 +17,14 @@ from __future__ import annotations
 import inspect
 from types import ModuleType
 
-from transports.conformance import actions, life, observation, services, takes, topics
+from transports.conformance import actions, ends, life, observation, services, takes, topics
 from transports.conformance.actions import (
     a_cancel_request_reaches_the_goal_it_names,
     a_goal_can_be_rejected_or_aborted,
     a_goal_runs_from_acceptance_by_feedback_to_its_result,
+    a_goal_that_nobody_serves_fails_once,
 )
+from transports.conformance.ends import a_goal_whose_server_ends_fails_once
 from transports.conformance.life import (
     a_node_beside_another_has_a_life_of_its_own,
     a_node_is_up_once_it_is_announced_and_down_once_it_is_closed,
@@ -95,8 +97,13 @@ CHECKS: list[Check] = [
 ]
 """Every check: a transport conforms if it passes them all."""
 
+CHECKS_OF_ENDS: list[Check] = _checks_of(ends)
+"""Those that a transport passes, too, whose middleware knows when a server ends. With another, who waits
+for a server that has ended waits until its time limit."""
+
 __all__ = [
     "CHECKS",
+    "CHECKS_OF_ENDS",
     "COUNT",
     "COUNTING",
     "DOUBLE",
@@ -116,6 +123,8 @@ __all__ = [
     "a_cancel_request_reaches_the_goal_it_names",
     "a_goal_can_be_rejected_or_aborted",
     "a_goal_runs_from_acceptance_by_feedback_to_its_result",
+    "a_goal_that_nobody_serves_fails_once",
+    "a_goal_whose_server_ends_fails_once",
     "a_message_of_another_type_is_refused_by_its_publisher",
     "a_message_that_is_not_of_the_topics_type_is_dropped_and_the_node_lives",
     "a_node_beside_another_has_a_life_of_its_own",

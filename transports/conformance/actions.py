@@ -5,31 +5,20 @@ Every public function is a check.
 
 from __future__ import annotations
 
-from typing import Any
-
 from transports.conformance.stage import (
     COUNTING,
-    Goal,
     Number,
     Text,
     on,
     ready,
     refused,
+    send_goal,
 )
 from transports.interface import (
-    CallOutcome,
     GoalHandle,
     GoalStatus,
-    Transport,
 )
-from transports.networks import PATIENCE_S, Network
-
-
-def _send_goal(network: Network, node: Transport, value: int) -> tuple[Goal, Any]:
-    goal = Goal()
-    client = on(network, node, lambda: node.action_client(COUNTING))
-    goal.id = on(network, node, lambda: client.send_goal(Number(value), goal.events(), PATIENCE_S))
-    return goal, client
+from transports.networks import Network
 
 
 def a_goal_runs_from_acceptance_by_feedback_to_its_result(network: Network) -> None:
@@ -46,7 +35,7 @@ def a_goal_runs_from_acceptance_by_feedback_to_its_result(network: Network) -> N
     # before it announces itself: the server is not ready for it then before it knows who gets feedback
     on(network, client, lambda: client.action_client(COUNTING))
     ready(network, server, client)
-    goal, _ = _send_goal(network, client, 3)
+    goal, _ = send_goal(network, client, 3)
     assert network.until(
         lambda: bool(goal.received) and goal.received[-1][0] is GoalStatus.SUCCEEDED
     ), f"the goal does not succeed: {goal.received}"
@@ -54,37 +43,11 @@ def a_goal_runs_from_acceptance_by_feedback_to_its_result(network: Network) -> N
     assert goal.received == expected, f"the client received {goal.received}, not {expected}"
 
 
-def a_goal_whose_server_ends_fails_once(network: Network) -> None:
-    """Its client learns that no result will come, whether it was accepted or not, and nothing else."""
-    server, client = network.node("server"), network.node("client")
-    kept: list[GoalHandle] = []
-
-    def serve(handle: GoalHandle) -> None:
-        kept.append(handle)
-        if handle.goal.value:
-            handle.accept()
-
-    on(network, server, lambda: server.serve_action(COUNTING, serve, lambda handle: None))
-    ready(network, server, client)
-    accepted, _ = _send_goal(network, client, 1)
-    unanswered, _ = _send_goal(network, client, 0)
-    assert network.until(lambda: bool(accepted.received) and len(kept) == 2), "no goal arrives"
-    server.close()
-    goals = (accepted, unanswered)
-    assert network.until(
-        lambda: all(goal.received and goal.received[-1][0] == "failed" for goal in goals)
-    ), f"the goals do not fail: {accepted.received}, {unanswered.received}"
-    for goal, before in ((accepted, [("accepted",)]), (unanswered, [])):
-        assert goal.received[:-1] == before, f"the client received {goal.received}"
-        outcome = goal.received[-1][1].outcome
-        assert outcome is not CallOutcome.RESPONSE, f"a goal that failed ended with {outcome}"
-
-
 def a_goal_that_nobody_serves_fails_once(network: Network) -> None:
     """It is not answered: that is its end."""
     client = network.node("client")
     ready(network, client)
-    goal, _ = _send_goal(network, client, 1)
+    goal, _ = send_goal(network, client, 1)
     assert network.until(lambda: bool(goal.received)), "a goal that nobody serves does not fail"
     assert [received[0] for received in goal.received] == ["failed"], f"it received {goal.received}"
 
@@ -102,8 +65,8 @@ def a_goal_can_be_rejected_or_aborted(network: Network) -> None:
 
     on(network, server, lambda: server.serve_action(COUNTING, serve, lambda handle: None))
     ready(network, server, client)
-    rejected, _ = _send_goal(network, client, 0)
-    aborted, _ = _send_goal(network, client, 1)
+    rejected, _ = send_goal(network, client, 0)
+    aborted, _ = send_goal(network, client, 1)
     assert network.until(lambda: len(aborted.received) >= 2 and bool(rejected.received)), (
         f"the goals do not end: {rejected.received}, {aborted.received}"
     )
@@ -126,8 +89,8 @@ def a_cancel_request_reaches_the_goal_it_names(network: Network) -> None:
 
     on(network, server, lambda: server.serve_action(COUNTING, serve, cancel))
     ready(network, server, client)
-    first, caller = _send_goal(network, client, 1)
-    second, _ = _send_goal(network, client, 2)
+    first, caller = send_goal(network, client, 1)
+    second, _ = send_goal(network, client, 2)
     assert network.until(lambda: bool(first.received) and bool(second.received)), (
         "no goal is accepted"
     )

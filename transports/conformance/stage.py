@@ -135,3 +135,11 @@ class Goal:
             result=lambda _, status, message: put((status, message.text)),
             failed=lambda _, result: put(("failed", result)),
         )
+
+
+def send_goal(network: Network, node: Transport, value: int) -> tuple[Goal, Any]:
+    """A goal that ``node`` sends, and the client that it is sent by."""
+    goal = Goal()
+    client = on(network, node, lambda: node.action_client(COUNTING))
+    goal.id = on(network, node, lambda: client.send_goal(Number(value), goal.events(), PATIENCE_S))
+    return goal, client

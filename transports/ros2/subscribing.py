@@ -14,12 +14,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from functools import partial
-from queue import SimpleQueue
 from typing import Any
 
 from transports.interface import TransportError
 from transports.ros2.executor import Executor
 from transports.ros2.raw_subscription import RawSubscription
+from transports.work_queue import WorkQueue
 
 
 class Subscriber:
@@ -33,7 +33,7 @@ class Subscriber:
     def __init__(self, node: Any, executor: Executor) -> None:
         self._node = node
         self._executor = executor
-        self._jobs: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._jobs: WorkQueue[Callable[[], None] | None] = WorkQueue()
         self._thread: threading.Thread | None = None
         self._made: set[RawSubscription] = set()
         self._closed = False

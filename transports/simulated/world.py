@@ -11,7 +11,7 @@ import random
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum
-from queue import Empty, SimpleQueue
+from queue import Empty
 from typing import TYPE_CHECKING, Any
 
 from transports.interface import Observation, TransportError
@@ -22,6 +22,7 @@ from transports.simulated.pace import Pace
 from transports.simulated.presence import Presence
 from transports.simulated.routes import Routes
 from transports.simulated.tasks import Task, current_task
+from transports.work_queue import WorkQueue
 
 if TYPE_CHECKING:
     from transports.simulated.transport import SimulatedTransport
@@ -135,7 +136,7 @@ class SimulatedWorld:
         self.presence = Presence(self)
         self._busy = Range(conditions.busy_s, self.random)
         # put() may come from a signal's handler while get() waits on the same thread
-        self._entered: SimpleQueue[tuple[Event, Any]] = SimpleQueue()
+        self._entered: WorkQueue[tuple[Event, Any]] = WorkQueue()
         self._pace: Pace | None = None
         self._thread = threading.get_ident()
         self._tasks: list[Task] = []
@@ -268,7 +269,7 @@ class SimulatedWorld:
         if wait_s <= 0:
             return False
         try:
-            event, argument = self._entered.get(timeout=wait_s)
+            event, argument = self._entered.get(wait_s)
         except Empty:
             return True
         event(argument)

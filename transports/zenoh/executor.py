@@ -1,7 +1,7 @@
 """One thread that runs everything: handlers of messages, requests, results and timers.
 
 Zenoh's threads only put ``(function, argument)`` pairs into a queue (``Executor.put``); ``spin``
-takes them out, one at a time. While nothing happens, it sleeps in ``queue.get`` until the next
+takes them out, one at a time. While nothing happens, it sleeps until the next
 timer is due: an idle node uses no processor time.
 
 Requests, responses and timers wait in the queue however many they are: each of them is owed an
@@ -19,11 +19,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from queue import Empty, SimpleQueue
+from queue import Empty
 from typing import Any
 
 from transports.interface import TransportError
 from transports.timers import NS, Timer, Timers
+from transports.work_queue import WorkQueue
 
 Work = tuple[Callable[[Any], None], Any]
 
@@ -121,7 +122,7 @@ class Executor:
     """A work queue and a heap of timers, served by the thread that spins."""
 
     def __init__(self) -> None:
-        self._queue: SimpleQueue[Work] = SimpleQueue()
+        self._queue: WorkQueue[Work] = WorkQueue()
         self.put: Callable[[Work], None] = self._queue.put
         """Run ``function(argument)`` on the executor's thread; callable from any thread."""
         self._timers = Timers(time.monotonic_ns, self._run_here)

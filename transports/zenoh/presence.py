@@ -14,12 +14,13 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable
-from queue import Empty, SimpleQueue
+from queue import Empty
 from typing import Any
 
 import zenoh
 
 from transports.refusals import Refusals, shown
+from transports.work_queue import WorkQueue
 from transports.zenoh import tokens
 from transports.zenoh.contained import Runner
 from transports.zenoh.executor import Executor
@@ -125,13 +126,13 @@ def wait_for_nodes(
     """Wait until all ``names`` are up; those still missing after ``timeout_s``."""
     wanted = list(names)
     deadline = time.monotonic() + timeout_s
-    samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
+    samples: WorkQueue[zenoh.Sample] = WorkQueue()
     subscriber = watch(session, f"{NODE_KEYS}/**", samples.put)
     nodes = Nodes()
     try:
         while missing := [name for name in wanted if name not in nodes.announced]:
             try:
-                sample = samples.get(timeout=max(deadline - time.monotonic(), 0.0))
+                sample = samples.get(deadline - time.monotonic())
             except Empty:
                 return missing
             nodes.take(sample, refusals)

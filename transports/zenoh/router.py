@@ -14,10 +14,10 @@ import contextlib
 import logging
 import sys
 from collections.abc import Sequence
-from queue import SimpleQueue
 
 from transports.interface import TransportError
 from transports.stop_signals import StopSignals
+from transports.work_queue import WorkQueue
 from transports.zenoh.session import ROUTER, open_session
 from transports.zenoh.wire import LOG
 
@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.ready_fd is not None:
         with contextlib.suppress(BrokenPipeError), open(chosen.ready_fd, "wb") as ready:
             ready.write(b"\n")
-    ended: SimpleQueue[None] = SimpleQueue()  # a signal's handler may put into it
+    ended: WorkQueue[None] = WorkQueue()  # a signal's handler may put into it
     signals.call(lambda: ended.put(None))
     ended.get()
     session.close()

@@ -16,7 +16,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable, Container
-from queue import Empty, SimpleQueue
+from queue import Empty
 from typing import Any
 
 import msgspec
@@ -28,6 +28,7 @@ from transports.outbox import CALLER_S
 from transports.payloads import PayloadError
 from transports.refusals import Refusals
 from transports.timers import Timer
+from transports.work_queue import WorkQueue
 from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
@@ -285,7 +286,7 @@ class Client:
         self._life = life_of(session.info.zid())
         self._node_bytes = node.encode()
         self._numbers = numbers
-        self._waiting: set[SimpleQueue[zenoh.Reply | None]] = set()
+        self._waiting: set[WorkQueue[zenoh.Reply | None]] = set()
         self.unavailable = CallResult(
             CallOutcome.UNAVAILABLE,
             error=f"{service.name}: no response: no node serves it, or its server ended",
@@ -320,7 +321,7 @@ class Client:
             )
         payload = self._codec.request.encode(request)
         number = next(self._numbers)
-        replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()
+        replies: WorkQueue[zenoh.Reply | None] = WorkQueue()
         put = replies.put
         deadline = time.monotonic() + timeout_s
         self._waiting.add(replies)
@@ -348,18 +349,16 @@ class Client:
         for replies in tuple(self._waiting):
             replies.put(None)
 
-    def _first(
-        self, replies: SimpleQueue[zenoh.Reply | None], deadline: float
-    ) -> zenoh.Reply | None:
+    def _first(self, replies: WorkQueue[zenoh.Reply | None], deadline: float) -> zenoh.Reply | None:
         """The first reply, or None when there is none; Empty after ``deadline`` (monotonic)."""
         wait_s = max(deadline - time.monotonic(), 0.0)
         if self.events.is_tapped and wait_s > CALLER_S:
             try:
-                return replies.get(timeout=CALLER_S)
+                return replies.get(CALLER_S)
             except Empty:  # a call that takes its time: say that it is under way
                 self.events.flush()
                 wait_s = max(deadline - time.monotonic(), 0.0)
-        return replies.get(timeout=wait_s)
+        return replies.get(wait_s)
 
     def _send(
         self, number: int, payload: bytes, timeout_s: float, handler: Any, delay_s: float = 0.0

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-from queue import SimpleQueue
 
 import pytest
 
 from tests.transports.ros2.bare import Bare
 from transports.interface import TransportError
 from transports.networks import PATIENCE_S, ThreadedNetwork
+from transports.work_queue import WorkQueue
 
 pytestmark = pytest.mark.ros2
 
@@ -64,7 +64,7 @@ def test_what_rcl_refuses_is_said(network: ThreadedNetwork) -> None:
     from transports.ros2.subscribing import Subscriber
 
     node = network.node("listener")
-    done: SimpleQueue[object] = SimpleQueue()
+    done: WorkQueue[object] = WorkQueue()
     subscriber = Subscriber(node.ros_node, node._executor)
     try:
         subscriber.subscribe("/no such", ros_class(INT32), qos.profile(True, False, 10), done.put)

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from transports.conformance import CHECKS, Check
+from transports.conformance import CHECKS, CHECKS_OF_ENDS, Check
 from transports.interface import Transport
 from transports.networks import ThreadedNetwork, nodes_beside
 
@@ -16,14 +16,14 @@ pytestmark = pytest.mark.ros2
 
 @pytest.mark.timeout(300)
 @pytest.mark.usefixtures("way")
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", CHECKS + CHECKS_OF_ENDS, ids=lambda check: check.__name__)
 def test_ros2(check: Check, network: ThreadedNetwork) -> None:
     check(network)
 
 
 @pytest.mark.timeout(300)
 @pytest.mark.usefixtures("way")
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", CHECKS + CHECKS_OF_ENDS, ids=lambda check: check.__name__)
 def test_ros2_in_one_context(check: Check) -> None:
     from transports.ros2 import connect
 

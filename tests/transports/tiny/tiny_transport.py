@@ -177,7 +177,7 @@ class Tiny:
     def __init__(self, node):
         self.node, self.thread = node, 0
         self.calls, self.subscribed, self.served, self.waiting = itertools.count(1), [], {}, []
-        self._queue, self._timers, self._order = queue.SimpleQueue(), [], itertools.count()
+        self._queue, self._timers, self._order = queue.Queue(), [], itertools.count()
         self._taps, self._watching, self._numbers = [], [], {}
         self._announced, self._closed = threading.Event(), False
         self._beside = []
