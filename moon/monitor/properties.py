@@ -102,6 +102,11 @@ class PropertyWatch:
         """Observations that came too late to be judged."""
         self.turns = 0
         """Turns at which there was something to look at."""
+        self.begins_with_first = False
+        """Whether what is received at the very instant at which listening begins belongs to it: in a file,
+        where the first entry is the beginning."""
+        self._unheard: frozenset[str] = frozenset()
+        """Channels of which nothing is received, whatever happens there."""
         self.withdrawn: Callable[[str, int], None] = lambda name, since_ns: None
         """Called with a violation (of which property, since when) that does not count any more."""
         self._latency_ns = latency_ns
@@ -122,8 +127,9 @@ class PropertyWatch:
         self.channels = frozenset(
             name for name in self._ordered.channels() if not name.startswith(PREFIX)
         )
-        self._losses: list[_Loss] = []
+        self._losses = [_Loss(0, FOREVER, channel) for channel in sorted(self._unheard)]
         self._reached_ns = -1
+        self._is_begun = True
         self._due_ns = 0
         """Nothing changes before all until this instant (ns) is known, if nothing is received."""
         self._presume_ns = 0
@@ -151,7 +157,15 @@ class PropertyWatch:
 
     def start(self, now_ns: int) -> list[Verdict]:
         """Listening begins at ``now_ns``; the verdicts that this brings about."""
+        if self.begins_with_first:
+            self._reached_ns, self._is_begun = now_ns - 1, False
+            return []
         return self._pass_to(now_ns - 1)
+
+    def miss(self, channels: Iterable[str]) -> None:
+        """Of ``channels`` nothing is received, whatever happens there."""
+        self._unheard = frozenset(channels)
+        self._clear()
 
     def concerns(self, channel: str) -> bool:
         """Whether some property listens to ``channel``."""
@@ -232,8 +246,19 @@ class PropertyWatch:
         self._losses.clear()
         found += self._pass_to(self._known_ns(now_ns))
         self._presume(now_ns)
-        self._due_ns = self._ordered.due_ns
+        self._due_ns = self._ordered.due_ns if self._is_begun else self._reached_ns + 1
         return found
+
+    def finish(self, known_ns: int, end_ns: int) -> list[Verdict]:
+        """Listening has ended; the verdicts that changed.
+
+        Args:
+            known_ns: all that was stamped until then (ns) was received, or is lost.
+            end_ns: nothing later was received.
+        """
+        found = self.advance(known_ns + self._latency_ns)
+        self._reached_ns = max(self._reached_ns, end_ns)
+        return found + self._changes(self._ordered.conclude(end_ns))
 
     def _known_ns(self, now_ns: int) -> int:
         """All that was stamped until then (ns) was received, or is lost."""
@@ -304,10 +329,14 @@ class PropertyWatch:
         """
         if instant <= self._reached_ns:
             return []
-        if self._reached_ns >= 0 and self._ordered.due_ns > instant:
+        found: list[Verdict] = []
+        if not self._is_begun:
+            self._is_begun = True
+            found = self._changes(self._ordered.seal(self._reached_ns + 1))
+        elif self._reached_ns >= 0 and self._ordered.due_ns > instant:
             return []
         self._reached_ns = instant
-        return self._changes(self._ordered.seal(instant))
+        return found + self._changes(self._ordered.seal(instant))
 
     # --- what is reported --------------------------------------------------------------------------
 
@@ -316,7 +345,11 @@ class PropertyWatch:
 
     def _news(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
         """What is certain now is reported, unless it was before."""
-        tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]
+        tally = self._tallies[name]
+        if verdict.status is not Status.FALSE and (unheard := tally.channels & self._unheard):
+            reason = f"{', '.join(sorted(unheard))}: not recorded"
+            verdict = PropertyVerdict(Status.INCONCLUSIVE, verdict.since_ns, reason=reason)
+        outcome = _OUTCOMES[verdict.status]
         if outcome is tally.outcome and outcome is not Outcome.VIOLATED:
             return []
         return self._report(name, verdict)

@@ -11,11 +11,13 @@ import msgspec
 from m2c.model.diagnostics import DiagnosticLog, Severity
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from m2c.suggestions import nearest
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.connection import Connection, Sink
 from moon.monitor.departures import Departures
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import (
+    SelectionError,
     interfaces_of,
     judgeable,
     no_system,
@@ -41,6 +43,7 @@ class Subject(msgspec.Struct, frozen=True):
         without: do not monitor these.
         bounds: what is assumed of the middleware.
         lenient: whether the models are read leniently.
+        property_ids: monitor these properties only; empty: all.
     """
 
     models: tuple[Path, ...]
@@ -50,6 +53,7 @@ class Subject(msgspec.Struct, frozen=True):
     without: tuple[str, ...]
     bounds: Bounds
     lenient: bool = False
+    property_ids: tuple[str, ...] = ()
 
 
 class Monitored(msgspec.Struct, frozen=True):
@@ -122,12 +126,22 @@ def read_subject(subject: Subject) -> Monitored:
     log = DiagnosticLog()
     interfaces = interfaces_of(system, subject.interfaces)
     properties = tuple(load_properties(*subject.properties, interfaces=interfaces, log=log))
+    properties = chosen(properties, subject.property_ids)
     notes = [str(item) for item in log.diagnostics if item.severity is Severity.WARNING]
     if not subject.models:
         return Monitored(system, (), properties, subject.bounds, tuple(notes))
     return monitored_of(
         system, properties, subject.bounds, subject.only, subject.without, tuple(notes)
     )
+
+
+def chosen(properties: tuple[Property, ...], ids: Sequence[str]) -> tuple[Property, ...]:
+    """Those of ``properties`` that ``ids`` name; all, if it is empty. SelectionError if one is not there."""
+    known = [item.name for item in properties]
+    for name in ids:
+        if name not in known:
+            raise SelectionError(f"there is no property {name}; {nearest(name, known)}")
+    return tuple(item for item in properties if not ids or item.name in ids)
 
 
 def monitored_of(

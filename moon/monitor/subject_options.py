@@ -66,8 +66,8 @@ class Choice(NamedTuple):  # msgspec's would cost each --help its import
     latency_bound: float
     lenient: bool
 
-    def subject(self, models: tuple[Path, ...]) -> Subject:
-        """These options, for ``models``."""
+    def subject(self, models: tuple[Path, ...], property_ids: tuple[str, ...] = ()) -> Subject:
+        """These options, for ``models``, and of the properties those of ``property_ids`` (empty: all)."""
         from moon.monitor.subject import Subject
         from moon.oracle.bounds import Bounds
 
@@ -82,6 +82,7 @@ class Choice(NamedTuple):  # msgspec's would cost each --help its import
             self.without,
             bounds,
             self.lenient,
+            property_ids,
         )
 
 

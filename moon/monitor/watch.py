@@ -193,6 +193,22 @@ class SystemWatch:
         wanted_ns = min(self._models.turn_ns, self._properties.turn_ns, silent_ns)
         self._turns.plan(0 if is_behind else wanted_ns)
 
+    def finish(self, known_ns: int, end_ns: int) -> None:
+        """Nothing is received any more.
+
+        Args:
+            known_ns: all that happened until then (ns) was received, or is lost.
+            end_ns: what was received last was received then; what happened since ``known_ns`` may be missing.
+        """
+        if end_ns < self._order.since_ns:
+            return
+        reach_ns = known_ns + self._bounds.latency
+        for gap in self._order.sources.advance(reach_ns):
+            self.gap(gap)
+        self._take(self._models.advance(reach_ns))
+        self._report_properties(self._properties.finish(known_ns, end_ns))
+        self._report_changes(end_ns)
+
     def _answered(self, node: str, answer: Answer) -> None:
         """``node`` says up to where it has reported everything."""
         reach_ns = self._clock.reach_ns(self._transport.now_ns())

@@ -16,6 +16,7 @@ from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.offline.engine import EmptyRecordingError, check_recording
 from moon.offline.expected import expected_entries
 from moon.offline.result import CheckResult
+from moon.offline.view import View
 from moon.recording.reader import RecordingError
 
 _REFRESH_S = 0.2
@@ -26,7 +27,12 @@ Advance = Callable[[int], None]
 
 
 def check_all(
-    paths: Sequence[Path], subject: Subject, monitored: Monitored, jobs: int, with_timelines: bool
+    paths: Sequence[Path],
+    subject: Subject,
+    monitored: Monitored,
+    jobs: int,
+    with_timelines: bool,
+    view: View,
 ) -> Iterator[tuple[Path, Outcome]]:
     """Each of ``paths`` with what was found, in their order.
 
@@ -36,20 +42,26 @@ def check_all(
         monitored: the same, read.
         jobs: how many are checked at once.
         with_timelines: whether results are to have them.
+        view: which part of each, and by which time.
     """
     with _bar(paths) as advance:
         if jobs == 1 or len(paths) == 1:
             for path in paths:
-                yield path, _check(path, subject, monitored, with_timelines, advance)
+                yield path, _check(path, subject, monitored, with_timelines, view, advance)
         else:
-            yield from _side_by_side(paths, subject, jobs, with_timelines, advance)
+            yield from _side_by_side(paths, subject, jobs, with_timelines, view, advance)
 
 
 def _check(
-    path: Path, subject: Subject, monitored: Monitored, with_timelines: bool, advance: Advance
+    path: Path,
+    subject: Subject,
+    monitored: Monitored,
+    with_timelines: bool,
+    view: View,
+    advance: Advance,
 ) -> Outcome:
     try:
-        return check_recording(path, subject, monitored, with_timelines, advance)
+        return check_recording(path, subject, monitored, with_timelines, advance, view)
     except (RecordingError, EmptyRecordingError) as error:
         return str(error)
 
@@ -70,12 +82,18 @@ def _begin(subject: Subject, progress: Any) -> None:
     _Worker.monitored = read_subject(subject)
 
 
-def _work(path: Path, with_timelines: bool) -> Outcome:
-    return _check(path, _Worker.subject, _Worker.monitored, with_timelines, _Worker.progress.put)
+def _work(path: Path, with_timelines: bool, view: View) -> Outcome:
+    worker = _Worker
+    return _check(path, worker.subject, worker.monitored, with_timelines, view, worker.progress.put)
 
 
 def _side_by_side(
-    paths: Sequence[Path], subject: Subject, jobs: int, with_timelines: bool, advance: Advance
+    paths: Sequence[Path],
+    subject: Subject,
+    jobs: int,
+    with_timelines: bool,
+    view: View,
+    advance: Advance,
 ) -> Iterator[tuple[Path, Outcome]]:
     # a policy's tree has threads, and behaviortreepy its own: a fork would have halves of them
     context = multiprocessing.get_context("spawn")
@@ -83,7 +101,7 @@ def _side_by_side(
     with ProcessPoolExecutor(
         min(jobs, len(paths)), context, initializer=_begin, initargs=(subject, progress)
     ) as pool:
-        futures = [pool.submit(_work, path, with_timelines) for path in paths]
+        futures = [pool.submit(_work, path, with_timelines, view) for path in paths]
         for path, future in zip(paths, futures, strict=True):
             while not future.done():
                 wait([future], _REFRESH_S)

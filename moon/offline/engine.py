@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from moon.monitor.status import PROPERTY
@@ -11,18 +11,19 @@ from moon.monitor.subject import Monitored, Subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.playing import Player
 from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
+from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
+from moon.offline.view import Part, View
+from moon.ordering.judge import Gap
 from moon.ordering.on_time import received_on_time
-from moon.recording.attribution import Attribution
+from moon.ordering.time_base import in_time
 from moon.recording.entries import Entry, ReportedVerdict
-from moon.recording.reader import OWN, ROSBAG, Recording, open_recording
+from moon.recording.reader import OWN, Recording, open_recording
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
 
 PROGRESS_EVERY = 2_000
 """Entries between two reports of progress."""
-_START_MARGIN = 1
-"""Latency bounds by which a monitor would have been there before the first entry of a bag."""
 
 Progress = Callable[[int], None]
 """Takes how many entries were read since it was last called."""
@@ -66,6 +67,7 @@ def check_recording(
     monitored: Monitored,
     with_timelines: bool = False,
     progress: Progress | None = None,
+    view: View | None = None,
 ) -> CheckResult:
     """What a monitor of ``monitored`` would have reported of the run in ``path``.
 
@@ -75,18 +77,25 @@ def check_recording(
         monitored: what is monitored.
         with_timelines: whether the result is to have them; that takes some more time.
         progress: called now and then.
+        view: which part of it, and by which time; by default all, by the one that evidence speaks for.
 
     Raises:
-        RecordingError: there is no recording at ``path``, or nothing of it can be read.
+        RecordingError: there is no recording at ``path``, or nothing of it can be read or judged.
         EmptyRecordingError: nothing is in it.
     """
     began = time.monotonic()
+    view = view or View()
+    properties = monitored.property_watch()
+    named = _channels(monitored)
+    surveyed = survey(path, monitored, properties, named, view)
     recording = open_recording(path, monitored.system.library)
-    attribution = _attribution(path, recording.form, monitored)
-    player = Player(_START_MARGIN * monitored.bounds.latency)
+    base, attribution = surveyed.base, surveyed.attribution
+    player = Player()
     collector = _Collector(player)
     notes: list[str] = []
-    properties = monitored.property_watch()
+    unrecorded = surveyed.unrecorded(properties)
+    properties.begins_with_first = base is not None
+    properties.miss(unrecorded)
     watch = SystemWatch(
         player,
         monitored.system,
@@ -101,21 +110,37 @@ def check_recording(
     )
     properties.withdrawn = collector.withdraw
     timelines = Timelines(watch, player) if with_timelines else None
-    first, last, recorded = _play(recording, watch, player, timelines, progress, attribution)
+    played = _Played(recording, watch, player, surveyed, view)
+    played.play(monitored.bounds.latency, timelines, progress)
     faults = tuple(recording.faults())
-    if first is None or last is None:
-        why = "; ".join(faults) or "it holds nothing"
+    if played.first is None or played.last is None:
+        why = "; ".join(faults) or (
+            "nothing is in that part of it" if view.is_part else "it holds nothing"
+        )
         raise EmptyRecordingError(f"{path}: {why}")
+    if recording.is_of_two:
+        raise NotJudgedError(f"{path}: {TWO_RUNS}")
     summary = watch.summary()
     facts = RecordingFacts(
         path=str(path),
         form=recording.form,
         observations=recording.contents.count,
-        first_ns=first.received_ns,
-        last_ns=last.received_ns,
-        complete=not faults and (recording.ended or recording.form != OWN),
+        first_ns=played.first.received_ns,
+        last_ns=played.last.received_ns,
+        complete=not faults
+        and (recording.ended or recording.form != OWN or bool(played.part.ends_ns)),
         faults=faults,
-        limits=(*recording.limits(), *player.limits(), *_assumed(attribution)),
+        limits=(
+            *recording.limits(base is not None and base.is_on_arrival),
+            *(base.limits if base is not None else ()),
+            *player.limits(),
+            *(unrecorded.values() or silent(recording, properties, named)),
+            *assumed(attribution),
+        ),
+        time="" if base is None else base.sentence,
+        unrecorded=tuple(
+            dict.fromkeys([*unrecorded, *(attribution.unrecorded if attribution else ())])
+        ),
     )
     return CheckResult(
         recording=facts,
@@ -125,68 +150,104 @@ def check_recording(
         interfaces=tuple(map(str, subject.interfaces)),
         verdicts=tuple(collector.reported),
         machines=summary.machines,
-        timelines=timelines.finished(last.received_ns) if timelines is not None else (),
+        timelines=timelines.finished(played.last.received_ns) if timelines is not None else (),
         counts=summary.counts,
         problems=summary.problems,
-        recorded=recorded,
+        recorded=played.is_judged_before,
         seconds=time.monotonic() - began,
         counted=tuple(collector.counted),
         unmonitored=monitored.unmonitored,
     )
 
 
-def _attribution(path: Path, form: str, monitored: Monitored) -> Attribution | None:
-    """Who did what in a recording that names nobody; None for our own, which does.
+def _channels(monitored: Monitored) -> list[str]:
+    """Those that the models name."""
+    machines = (*monitored.system.nodes, *monitored.system.plugins)
+    return [
+        interface.channel
+        for machine in machines
+        for interface in machine.interfaces
+        if interface.channel is not None
+    ]
 
-    The recording is read once for it: whether a machine can be judged depends on all of it.
+
+class _Played:
+    """A recording that is played to a watch.
+
+    Attributes:
+        first, last: its first and last entry; None before there is one.
+        is_judged_before: whether it has verdicts of its own.
+        part: what of it is played.
     """
-    if form == OWN or not monitored.machines:
-        return None
-    recording = open_recording(path, monitored.system.library)
-    for _ in recording.entries():
-        pass  # its contents take note
-    machines = monitored.machines if form == ROSBAG else ()
-    return recording.attribution(monitored.system.nodes, machines)
 
+    def __init__(
+        self,
+        recording: Recording,
+        watch: SystemWatch,
+        player: Player,
+        surveyed: Surveyed,
+        view: View,
+    ) -> None:
+        self.first: Entry | None = None
+        self.last: Entry | None = None
+        self.is_judged_before = False
+        self.part = Part(view)
+        self._recording = recording
+        self._watch = watch
+        self._player = player
+        self._surveyed = surveyed
+        self._late_ns = 0
+        """By how much at most something was received after it happened."""
 
-def _assumed(attribution: Attribution | None) -> list[str]:
-    """What is assumed by it, and whom it leaves out, one sentence each."""
-    if attribution is None:
-        return []
-    return [*filter(None, [attribution.assumption()]), *attribution.unjudged]
-
-
-def _play(
-    recording: Recording,
-    watch: SystemWatch,
-    player: Player,
-    timelines: Timelines | None,
-    progress: Progress | None,
-    attribution: Attribution | None,
-) -> tuple[Entry | None, Entry | None, bool]:
-    """Play all of it: the first entry, the last, and whether it has verdicts of its own."""
-    first: Entry | None = None
-    entry: Entry | None = None
-    recorded = False
-    count = 0
-    play = player.play
-    for entry in received_on_time(recording.entries()):
-        if first is None:
-            first = entry
-            player.start(entry, watch.start)
-        if attribution is not None and isinstance(entry, Observation):
-            entry = attribution(entry)  # noqa: PLW2901 - the same, with names
-        play(entry)
-        if timelines is not None:
-            timelines.look(entry)
-        if type(entry) is ReportedVerdict:
-            recorded = True
+    def play(self, latency_ns: int, timelines: Timelines | None, progress: Progress | None) -> None:
+        """Play all of it, to its end."""
+        count = 0
+        play, attribution = self._player.play, self._surveyed.attribution
+        for entry in self.part.of(self._entries()):
+            if isinstance(entry, Gap):
+                self._watch.gap(entry)
+                continue
+            if self.first is None:
+                self.first = entry
+                self._player.start(entry, self._watch.start)
+            self.last = entry
+            if type(entry) is Observation:
+                self._late_ns = max(self._late_ns, entry.received_ns - entry.stamp_ns)
+                if attribution is not None:
+                    entry = attribution(entry)  # noqa: PLW2901 - the same, with names
+            play(entry)
+            if timelines is not None:
+                timelines.look(entry)
+            if type(entry) is ReportedVerdict:
+                self.is_judged_before = True
+            if progress is not None:
+                count += 1
+                if count == PROGRESS_EVERY:
+                    progress(count)
+                    count = 0
+        self._end(latency_ns)
         if progress is not None:
-            count += 1
-            if count == PROGRESS_EVERY:
-                progress(count)
-                count = 0
-    player.finish()
-    if progress is not None:
-        progress(count)
-    return first, entry, recorded
+            progress(count)
+
+    def _entries(self) -> Iterator[Entry | Gap]:
+        base, entries = self._surveyed.base, self._recording.entries()
+        return received_on_time(entries) if base is None else in_time(entries, base)
+
+    def _end(self, latency_ns: int) -> None:
+        """All is played: nothing comes later.
+
+        A monitor that ended in good order had judged before what it had received. Any other file is whole
+        up to its last entry, but for what was under way: that takes as long as anything in it took.
+        """
+        last = self.last
+        if last is None:
+            return
+        end_ns = self.part.ends_ns or last.received_ns
+        self._player.finish(end_ns)
+        if self._player.is_paced and self._recording.ended and not self.part.ends_ns:
+            return
+        known_ns = end_ns - min(self._late_ns, latency_ns)
+        base = self._surveyed.base
+        if base is not None and base.known_ns and not self.part.ends_ns:
+            known_ns = min(known_ns, base.known_ns)
+        self._watch.finish(known_ns, end_ns)

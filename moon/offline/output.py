@@ -27,6 +27,8 @@ def lines_of(result: CheckResult, colour: bool = False) -> list[str]:
             "not all of the recording could be read; this is what the readable part shows:"
         )
         lines += [f"  {printable(fault)}" for fault in recording.faults]
+    if recording.time:
+        lines.append(f"time: {printable(recording.time)}")
     lines += [f"limit: {printable(limit)}" for limit in recording.limits]
     lines += [f"warning: {printable(problem)}" for problem in result.problems]
     speed = recording.seconds / max(result.seconds, 1e-3)

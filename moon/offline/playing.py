@@ -47,7 +47,7 @@ class Player:
         repair_s: of the middleware that was recorded (``Transport.repair_s``).
     """
 
-    def __init__(self, early_ns: int) -> None:
+    def __init__(self, early_ns: int = 0) -> None:
         self.repair_s = 0.0
         self._early_ns = early_ns
         self._now_ns = 0
@@ -146,6 +146,11 @@ class Player:
         """It will not run."""
         self._timer = None
 
+    @property
+    def is_paced(self) -> bool:
+        """Whether the turns of a monitor are taken."""
+        return self._paced
+
     # --- for who reads the recording ---------------------------------------------------------------
 
     def start(self, first: Entry, begin: Callable[[], None]) -> None:
@@ -164,11 +169,12 @@ class Player:
         else:
             begin()
 
-    def finish(self) -> None:
-        """The recording is over: the watch is started if it was not."""
+    def finish(self, end_ns: int = 0) -> None:
+        """The recording is over at ``end_ns``: the watch is started if it was not."""
         if self._waiting is not None:
             self._stop_waiting(self._waiting[-1].received_ns if self._waiting else self._now_ns)
             self._is_over = True
+        self._move_to(max(self._now_ns, end_ns))
 
     def limits(self) -> list[str]:
         """What is not judged as it was not recorded, or not received by the recorder, one sentence each."""

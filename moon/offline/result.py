@@ -60,6 +60,8 @@ class RecordingFacts(msgspec.Struct, frozen=True):
         complete: whether all of it was read, and it was ended in good order.
         faults: what could not be read, one sentence each, with its place in the file.
         limits: what cannot be concluded from what was recorded, one sentence each.
+        time: by which of its times it was judged, and why, where a recording may have several.
+        unrecorded: channels that are needed, and were not recorded.
     """
 
     path: str
@@ -70,6 +72,8 @@ class RecordingFacts(msgspec.Struct, frozen=True):
     complete: bool
     faults: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
+    time: str = ""
+    unrecorded: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -130,6 +134,11 @@ class CheckResult(msgspec.Struct, frozen=True):
             for machine in self.machines
             if not machine.violations and machine.verdict in (UNSEEN, str(Outcome.INCONCLUSIVE))
         )
+
+    @property
+    def is_open(self) -> bool:
+        """Whether something is not known in the end, or cannot be as it was not recorded."""
+        return bool(self.undecided or self.recording.unrecorded)
 
     @property
     def violated(self) -> tuple[ReportedVerdict, ...]:

@@ -17,5 +17,6 @@ first of these that applies (decisions 13, 29 and 30):
 * ``held``: what is not handed over yet, in order of stamps;
 * ``event_time_clock``: the clock of the judges, never ahead of what can have been received;
 * ``silence``: asks nodes how far they have reported, where only that stands in the way;
-* ``on_time``: what a recorder that is no monitor received late, where a monitor would have received it.
+* ``on_time``: what a recorder that is no monitor received late, where a monitor would have received it;
+* ``time_base``: by which of its times a recording that others made is judged.
 """

@@ -121,7 +121,7 @@ class EventOrder:
             if judged.reason:
                 self._miss(seen, clock.clock_ns, now_ns, judged.reason)
             return None
-        if judged.stamp_ns < self.since_ns:
+        if seen.stamp_ns < self.since_ns:
             self._counts.before += 1
             return None
         lag_ns = now_ns - judged.stamp_ns

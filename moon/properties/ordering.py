@@ -109,6 +109,24 @@ class OrderedProperties:
             found += self._each(lambda: self._set.advance(limit))
         return found
 
+    def conclude(self, until_ns: int) -> Sequence[tuple[str, Verdict]]:
+        """What is false by what was received up to ``until_ns``, whatever else happened since :meth:`seal`.
+
+        Nothing follows: observation has ended, and what was under way is not known.
+        """
+        if self._uncertainty_ns or until_ns <= self._closed_ns:
+            return ()
+        state = self._set.snapshot()
+        found: list[Change] = []
+        for channel in sorted(self._channels):
+            self._set.lose(channel, self._closed_ns + 1, until_ns + 1)
+        for item in self._held.take(self._held.count(until_ns)):
+            found += self._set.observe(item)
+        found += self._set.advance(until_ns)
+        self._set.restore(state)
+        self._closed_ns = until_ns
+        return [change for change in found if _is_wrong(change[1]) and self._is_news(*change)]
+
     def presume(self, until_ns: int) -> Sequence[tuple[str, Verdict]]:
         """What :meth:`seal` will find false if nothing stamped up to ``until_ns`` is on its way.
 

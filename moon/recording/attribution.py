@@ -34,10 +34,12 @@ class Attribution:
         nodes: all machines of the system.
         machines: those that are to be judged.
         on_arrival: whether messages are stamped when they were recorded, not when they were published.
+        is_ordered: whether stamps tell in which order a node did what it did.
 
     Attributes:
         machines: those of them that can be.
         unjudged: why each of the others cannot be, one sentence each.
+        unrecorded: the topics that were not recorded, where that is why.
     """
 
     def __init__(
@@ -47,6 +49,7 @@ class Attribution:
         nodes: Iterable[Machine],
         machines: Iterable[Machine],
         on_arrival: bool,
+        is_ordered: bool = True,
     ) -> None:
         self._contents = contents
         self._topics = frozenset(topics)
@@ -57,8 +60,11 @@ class Attribution:
                 self._who[role].append(node.name)
         self.machines: tuple[Machine, ...] = ()
         self.unjudged: list[str] = []
+        self.unrecorded: list[str] = []
         for machine in machines:
             why = next(filter(None, map(self._what_is_open, _roles(machine))), "")
+            if not why and not is_ordered:
+                why = "in which order its node did what it did is known to the latency bound only"
             if why:
                 self.unjudged.append(f"{machine.name} is not judged: {why}")
             else:
@@ -97,6 +103,7 @@ class Attribution:
         what, channel = role
         topic = channel if what in (_PUBLISHES, _RECEIVES) else channel + EVENT_SUFFIX
         if topic not in self._topics:
+            self.unrecorded.append(topic)
             return f"{topic} was not recorded"
         if what == _RECEIVES:
             return ""

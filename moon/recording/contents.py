@@ -8,6 +8,7 @@ import msgspec
 
 from moon.recording.stored import plural
 from transports.interface import Observation, ObservationKind
+from transports.service_events import EVENT_SUFFIX
 
 _MAX_CHANNELS = 10_000
 MADE_UP = "client-"
@@ -89,6 +90,13 @@ class Contents:
             found.unnumbered += 1
         if seen.data is None and not seen.error:
             found.hollow += 1
+
+    def topics(self) -> list[str]:
+        """Where that was in a bag: events of a service have a topic of their own."""
+        return [
+            name if ObservationKind.MESSAGE in found.kinds else name + EVENT_SUFFIX
+            for name, found in self.channels.items()
+        ]
 
     def limits(self) -> list[str]:
         """What cannot be concluded from what was found, one sentence each."""

@@ -22,9 +22,17 @@ from transports.interface import Observation
 Instant = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 """ns since the epoch; what is read of a file is one that arithmetic and calendars can bear."""
 
+END_OF_TIME_NS = 9_214_646_400_000_000_000
+"""The year 2262, in which 64 bits of ns end: what is stamped so late has a broken stamp."""
+
 UNUSUAL_NS = 100_000_000
 """After this long without a turn or an observation, both clocks are looked at: the reader has to know whether
 nothing happened or the clock was set."""
+
+
+def makes_sense(stamp_ns: int) -> bool:
+    """Whether something can have happened then."""
+    return 0 <= stamp_ns < END_OF_TIME_NS
 
 
 class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
@@ -38,6 +46,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
             recording takes its own turns.
         repair_s: the middleware's (``Transport.repair_s``).
         whole: whether all is received from here on, not only from where it says so (:class:`Whole`).
+        globs: the channels that are recorded (``moon.tap.selection.matches``); empty: all.
     """
 
     received_ns: Instant
@@ -46,6 +55,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
     paced: bool = False
     repair_s: float = 0.0
     whole: bool = True
+    globs: tuple[str, ...] = ()
 
 
 class Whole(msgspec.Struct, frozen=True, tag="whole", tag_field="entry"):

@@ -23,6 +23,7 @@ from moon.recording.stored import (
     StoredMessage,
     TooLargeError,
     ZstdError,
+    absolute,
     plural,
     unzstd,
 )
@@ -102,6 +103,8 @@ class McapFile:
         self.offers: dict[str, set[str]] = {}
         self.complete = False
         """Whether the file was read to its very end."""
+        self.is_of_two = False
+        """Whether another file begins in it."""
         self._all_read = False
         self._file = opened
         self._name = name
@@ -123,6 +126,9 @@ class McapFile:
             frame = self._read(_FRAME_BYTES)
             if len(frame) < _FRAME_BYTES:
                 self._cut(offset if frame else self._offset)
+                return
+            if frame.startswith(MAGIC):
+                self._second(offset)
                 return
             opcode, length = _frame(frame)
             if not 0 < opcode <= _LAST_OPCODE and opcode < _PRIVATE_OPCODES:
@@ -152,6 +158,9 @@ class McapFile:
             if not whole:
                 self._cut(offset)
                 return
+        offset = self._offset + len(MAGIC)
+        if self._read(2 * len(MAGIC)) == MAGIC + MAGIC:
+            self._second(offset)
 
     def skim(self) -> None:
         """Read the metadata at the beginning, and no more."""
@@ -184,6 +193,11 @@ class McapFile:
 
     def _fault(self, offset: int, what: str) -> None:
         self.faults.append(f"{self._name}: byte {offset}: {what}")
+
+    def _second(self, offset: int) -> None:
+        """Another file was written behind this one."""
+        self.is_of_two = True
+        self._fault(offset, "a second MCAP file begins here; it is not read")
 
     def _cut(self, offset: int) -> None:
         read = "all messages were read" if self._all_read else "what comes before was read"
@@ -221,7 +235,7 @@ class McapFile:
     def _channel(self, data: bytes) -> None:
         fields = _Fields(data)
         number, schema = fields.number(2), fields.number(2)
-        topic, encoding, metadata = fields.text(), fields.text(), fields.texts()
+        topic, encoding, metadata = absolute(fields.text()), fields.text(), fields.texts()
         name, schema_encoding, text = self._schemas.get(schema, ("", "", ""))
         self.topics.add(topic)
         note_offer(self.offers, topic, metadata.get(OFFERED, ""))

@@ -23,6 +23,7 @@ from moon.recording.format import FORMAT_NAME, Form, form_of
 from moon.recording.jsonlines import JsonLines
 from moon.recording.offers import Offer, offer_of
 from moon.recording.rosbag import BagFiles
+from moon.recording.sorting import Sorting
 from moon.recording.stored import ZSTD_MAGIC, StoredChannel, Unpacked
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX
@@ -49,6 +50,8 @@ class Recording:
         form: what it is: ``moon recording``, ``rosbag2``, ``JSON lines``.
         contents: what was found in it, as far as it was read.
         ended: whether what was read last says that the recorder stopped in good order.
+        is_of_two: whether a second run is in the file: another file is behind it, or a recorder began or
+            ended after one had ended.
     """
 
     def __init__(self, path: Path, form: str, library: InterfaceLibrary | None) -> None:
@@ -63,6 +66,8 @@ class Recording:
         self._definitions = Definitions(library)
         self._conversion = Conversion(self._definitions)
         self._lines: JsonLines | None = None
+        self._lines_order = Sorting()
+        self.is_of_two = False
 
     @classmethod
     def open(cls, path: Path | str, library: InterfaceLibrary | None = None) -> Recording:
@@ -88,15 +93,20 @@ class Recording:
         Args:
             wanted: whether the observations on a channel are wanted; by default all are.
         """
-        note = self.contents.note
+        note, has_ended = self.contents.note, False
         source = self._read_lines() if self._bag is None else self._read_bag(wanted or _everything)
         for entry in source:
             if type(entry) is not Observation:
+                if has_ended and isinstance(entry, Began | Ended):
+                    self.is_of_two = True
+                has_ended = has_ended or isinstance(entry, Ended)
                 self.ended = isinstance(entry, Ended)
                 yield entry
             elif wanted is None or wanted(entry.channel):
                 note(entry)
                 yield entry
+        if self._bag is not None and self._bag.is_of_two:
+            self.is_of_two = True
         self._at_end = True
 
     def faults(self) -> list[str]:
@@ -110,10 +120,16 @@ class Recording:
             found.append(f"{self.path}: it was cut off: its recorder did not end it in good order")
         return found
 
-    def limits(self) -> list[str]:
-        """What cannot be concluded from what was read so far, one sentence each."""
+    def limits(self, on_arrival: bool = False) -> list[str]:
+        """What cannot be concluded from what was read so far, one sentence each.
+
+        Args:
+            on_arrival: whether messages are taken to have happened when they were recorded, although the
+                file has another stamp.
+        """
         found = self.contents.limits()
-        if self.form == ROSBAG and self.contents.on_arrival and self.contents.count:
+        on_arrival = on_arrival or (self.form == ROSBAG and self.contents.on_arrival)
+        if on_arrival and self.form != JSON_LINES and self.contents.count:
             found.append(
                 "messages on topics are stamped when they were recorded, not when they were published: "
                 "their order against other channels is known to the latency bound"
@@ -132,8 +148,33 @@ class Recording:
 
     def attribution(self, nodes: Iterable[Machine], machines: Iterable[Machine]) -> Attribution:
         """Who did what, if this is a bag and was read to its end; see :class:`Attribution`."""
-        topics = self._bag.topics if self._bag is not None else ()
-        return Attribution(self.contents, topics, nodes, machines, self.contents.on_arrival)
+        return self.attributed(nodes, machines, self.contents.on_arrival)
+
+    def attributed(
+        self,
+        nodes: Iterable[Machine],
+        machines: Iterable[Machine],
+        on_arrival: bool,
+        is_ordered: bool = True,
+    ) -> Attribution:
+        """The same; for ``on_arrival`` and ``is_ordered`` see :class:`Attribution`."""
+        topics: Iterable[str] = self._bag.topics if self._bag is not None else ()
+        if self.form == OWN:
+            topics = self.contents.topics()
+        return Attribution(self.contents, topics, nodes, machines, on_arrival, is_ordered)
+
+    @property
+    def late(self) -> int:
+        """How many entries stand far from their place in time, so far as it was read."""
+        if self._lines is not None:
+            return 0 if self._lines_order.set_back else self._lines_order.late
+        return self._bag.late if self._bag is not None else 0
+
+    def topics(self) -> list[str]:
+        """The channels that were recorded, as far as it was read."""
+        topics = self._bag.topics if self._bag is not None else frozenset[str]()
+        found = {topic.removesuffix(EVENT_SUFFIX) for topic in topics}
+        return sorted(found | self.contents.channels.keys())
 
     def offer(self, topic: str) -> Offer:
         """What the publishers of ``topic`` offered, as far as that was read; the usual if it is not known."""
@@ -173,7 +214,7 @@ class Recording:
         raw = Unpacked(self.path) if packed else self.path.open("rb", buffering=0)
         with raw, io.BufferedReader(raw) as lines:
             self._lines = JsonLines(lines, str(self.path))
-            yield from self._lines.observations()
+            yield from self._lines_order(self._lines.observations())
             self._lines.finish(raw.fault if isinstance(raw, Unpacked) else "")
 
 

@@ -9,7 +9,7 @@ from moon.recording.entries import UNUSUAL_NS, Began, Ended, Missed, NodeChange,
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
 from moon.tap.notices import Standing
-from moon.tap.selection import Selection, check, matches
+from moon.tap.selection import Selection, check, is_recorded
 from transports.interface import Observation, Tap, Transport
 
 MAX_KNOWN = 100_000
@@ -64,7 +64,16 @@ class Recorder:
         self.listener = tap = connection.tap(Selection(self._globs).tapped(), self._observe)
         whole = tap.is_complete
         repair_s = connection.repair_s
-        writer.add(Began(now_ns, connection.node, self._transport, repair_s=repair_s, whole=whole))
+        writer.add(
+            Began(
+                now_ns,
+                connection.node,
+                self._transport,
+                repair_s=repair_s,
+                whole=whole,
+                globs=self._globs,
+            )
+        )
         self._look_at_clocks()
         connection.watch_nodes(self._node_changed)
         if not whole:
@@ -110,8 +119,7 @@ class Recorder:
         channel = seen.channel
         wanted = self._wanted.get(channel)
         if wanted is None:
-            names = (channel, channel.partition("/_action/")[0])
-            wanted = any(matches(name, glob) for name in names for glob in self._globs)
+            wanted = is_recorded(channel, self._globs)
             if len(self._wanted) < MAX_KNOWN:
                 self._wanted[channel] = wanted
         if wanted:

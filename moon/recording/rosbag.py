@@ -54,6 +54,7 @@ class BagFiles:
         faults: what could not be read so far.
         topics: those that the files declare, as far as they were read.
         offers: what was offered on each, as it is written there (``offers.offer_of``).
+        is_of_two: whether one of the files was written behind another, in one, as far as they were read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -61,6 +62,7 @@ class BagFiles:
         self.topics: set[str] = set()
         self.offers: dict[str, set[str]] = {}
         self.files = self._in_folder(path) if path.is_dir() else [path]
+        self.is_of_two = False
         self._sorting: Sorting | None = Sorting()
 
     def messages(self, wanted: Wanted) -> Iterator[StoredMessage]:
@@ -72,10 +74,14 @@ class BagFiles:
                 self.faults.append(f"{path}: cannot be read: {error.strerror or error}")
             except TooLargeError as error:
                 self.faults.append(f"{path}: {error}")
-        if self._sorting is not None and self._sorting.late:
-            self.faults.append(
-                f"{plural(self._sorting.late, 'message')} stood far from their place in time"
-            )
+        if self.late:
+            self.faults.append(f"{plural(self.late, 'message')} stood far from their place in time")
+
+    @property
+    def late(self) -> int:
+        """How many messages stood far from their place in time, so far, although no clock was set back."""
+        sorting = self._sorting
+        return 0 if sorting is None or sorting.set_back else sorting.late
 
     def leading_metadata(self) -> Mapping[str, Mapping[str, str]]:
         """The named maps at the beginning of the first file, if that is MCAP."""
@@ -130,9 +136,9 @@ class BagFiles:
             yield from self._compressed(path, wanted)
         elif head.startswith(mcap_file.MAGIC):
             with path.open("rb") as opened:
-                yield from self._mcap(McapFile(opened, str(path), path.stat().st_size), wanted)
+                yield from self._read(McapFile(opened, str(path), path.stat().st_size), wanted)
         elif head.startswith(sqlite_file.MAGIC):
-            yield from self._sqlite(SqliteFile(path), wanted)
+            yield from self._read(SqliteFile(path), wanted)
         elif not head:
             self.faults.append(f"{path}: is empty (0 bytes)")
         else:
@@ -144,14 +150,14 @@ class BagFiles:
         if head.startswith(mcap_file.MAGIC):
             with Unpacked(path) as raw:
                 file = McapFile(io.BufferedReader(raw), str(path), path.stat().st_size)
-                yield from self._mcap(file, wanted)
+                yield from self._read(file, wanted)
                 self._damage(path, raw)
         elif head.startswith(sqlite_file.MAGIC):
             with tempfile.TemporaryDirectory(prefix="moon-") as folder:
                 unpacked = Path(folder, path.name.removesuffix(".zstd"))
                 self._unpack(path, unpacked)
                 stored = SqliteFile(unpacked, str(path), path.stat().st_size)
-                yield from self._sqlite(stored, wanted)
+                yield from self._read(stored, wanted)
         else:
             self.faults.append(
                 f"{path}: holds neither MCAP nor SQLite; it begins with {head[:8]!r}"
@@ -178,14 +184,11 @@ class BagFiles:
         """What is found is reported as it is met."""
         file.faults, file.topics, file.offers = self.faults, self.topics, self.offers
 
-    def _mcap(self, file: McapFile, wanted: Wanted) -> Iterator[StoredMessage]:
+    def _read(self, file: Storage, wanted: Wanted) -> Iterator[StoredMessage]:
         self._share_with(file)
         found = file.messages(wanted)
         yield from found if self._sorting is None else self._sorting(found)
-
-    def _sqlite(self, file: SqliteFile, wanted: Wanted) -> Iterator[StoredMessage]:
-        self._share_with(file)
-        yield from file.messages(wanted)
+        self.is_of_two = self.is_of_two or file.is_of_two
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:

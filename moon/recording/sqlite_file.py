@@ -14,6 +14,7 @@ from moon.recording.stored import (
     StoredChannel,
     StoredMessage,
     TooLargeError,
+    absolute,
     plural,
 )
 
@@ -42,6 +43,7 @@ class SqliteFile:
         self.metadata: dict[str, Mapping[str, str]] = {}
         self.topics: set[str] = set()
         self.offers: dict[str, set[str]] = {}
+        self.is_of_two = False
         self._path = path
         self._name = name or str(path)
         beside = self._beside = Path(f"{path}-wal")
@@ -50,7 +52,7 @@ class SqliteFile:
         self._too_many = ""
 
     def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
-        """The messages of the channels that are ``wanted``, in the order of their stamps."""
+        """The messages of the channels that are ``wanted``, in the order in which they were written."""
         try:
             connection = self._connect()
         except sqlite3.Error as error:
@@ -125,28 +127,30 @@ class SqliteFile:
             for topic, text in connection.execute(
                 "SELECT name, offered_qos_profiles FROM topics"
             ).fetchmany(_MAX_TOPICS):
-                note_offer(self.offers, str(topic), str(text))
+                note_offer(self.offers, absolute(str(topic)), str(text))
         for number, topic, type_name, encoding in connection.execute(
             "SELECT id, name, type, serialization_format FROM topics"
         ).fetchmany(_MAX_TOPICS):
             # the definition of an event's service is stored under the service's name
             base = str(type_name).removesuffix("_Event")
             defined = definitions.get(str(type_name)) or definitions.get(base) or ("", "")
-            found[number] = StoredChannel(str(topic), str(type_name), str(encoding), *defined)
+            found[number] = StoredChannel(
+                absolute(str(topic)), str(type_name), str(encoding), *defined
+            )
         return found
 
     def _read(
         self, connection: sqlite3.Connection, channels: Mapping[int, StoredChannel]
     ) -> Iterator[StoredMessage]:
-        """By the index of stamps; where that is damaged, what else is found in the table."""
-        last_ns, delivered = -1, 0
+        """In the order of rows, as it was received; where these are damaged, what its index still finds."""
+        last_row, delivered = -1, 0
         try:
-            for number, stamp_ns, data in connection.execute(
-                "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"
+            for row, number, stamp_ns, data in connection.execute(
+                "SELECT rowid, topic_id, timestamp, data FROM messages ORDER BY rowid"
             ):
                 made = self._message(channels, number, stamp_ns, data)
                 if made is not None:
-                    last_ns, delivered = made.received_ns, delivered + 1
+                    last_row, delivered = row, delivered + 1
                     yield made
         except sqlite3.DatabaseError as error:
             if self._too_many:
@@ -154,9 +158,8 @@ class SqliteFile:
             what = f"after {plural(delivered, 'message')} the file is damaged: {error}"
             self._fault(f"{what}; what else is found in it follows")
             rows = connection.execute(
-                "SELECT topic_id, timestamp, data FROM messages NOT INDEXED "
-                "WHERE timestamp > ? ORDER BY rowid",
-                (last_ns,),
+                "SELECT topic_id, timestamp, data FROM messages WHERE rowid > ? ORDER BY timestamp",
+                (last_row,),
             )
             for number, stamp_ns, data in rows:
                 made = self._message(channels, number, stamp_ns, data)

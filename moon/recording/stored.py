@@ -73,12 +73,14 @@ class Storage(Protocol):
         metadata: named maps that the writer left in the file, as far as it was read.
         topics: those that it declares, as far as it was read.
         offers: what was offered on each, as it is written there (``offers.offer_of``).
+        is_of_two: whether another file begins in it, as far as it was read.
     """
 
     faults: list[str]
     metadata: dict[str, Mapping[str, str]]
     topics: set[str]
     offers: dict[str, set[str]]
+    is_of_two: bool
 
     def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
         """The messages of the channels that are ``wanted``, in order; once."""
@@ -178,6 +180,11 @@ def unzstd(data: bytes, limit: int = MAX_BYTES) -> bytes:
     return bytes(made)
 
 
-def plural(count: int, noun: str) -> str:
-    """``1 message``, ``2 messages``."""
-    return f"{count} {noun}{'s' * (count != 1)}"
+def absolute(topic: str) -> str:
+    """``topic`` with the ``/`` before it that tools other than ROS 2's leave out."""
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def plural(count: int, noun: str, several: str = "") -> str:
+    """``1 message``, ``2 messages``; ``several``: where more is than another ``s``."""
+    return f"{count} {noun if count == 1 else several or noun + 's'}"

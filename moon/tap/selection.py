@@ -85,6 +85,12 @@ def check(glob: str) -> None:
         raise GlobError(f"{glob!r} matches no channel: no channel has {bad!r} in its name")
 
 
+def is_recorded(channel: str, globs: Sequence[str]) -> bool:
+    """Whether a recorder of ``globs`` (empty: of all) records ``channel``; an action stands for its parts."""
+    names = (channel, channel.partition("/_action/")[0])
+    return not globs or any(matches(name, glob) for name in names for glob in globs)
+
+
 def matches(channel: str, glob: str) -> bool:
     """Whether ``channel`` matches ``glob``.
 

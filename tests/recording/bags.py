@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -179,14 +180,21 @@ def foreign(
     folder: Path,
     plugin: StoragePlugin = StoragePlugin.MCAP,
     mode: CompressionMode = CompressionMode.NONE,
+    silent: Iterable[tuple[str, str]] = (),
 ) -> Path:
-    """What ``ros2 bag record --all`` would have kept of the same run: no names, no numbers."""
+    """What ``ros2 bag record --all`` would have kept of the same run: no names, no numbers.
+
+    Also of the topics (and their types) that were ``silent`` it says that they were recorded.
+    """
     with recording.open("rb") as opened:
         kept = list(McapFile(opened, "").messages(_as_ros2_has_it))
     writer = Writer(folder, version=9, storage_plugin=plugin)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         connections: dict[str, Any] = {}
+        for topic, type_name in silent:
+            if topic not in {message.channel.topic for message in kept}:
+                writer.add_connection(topic, type_name, msgdef="", rihs01="RIHS01_0")
         for message in kept:
             channel = message.channel
             connection = connections.get(channel.topic)

@@ -8,15 +8,18 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
+from m2c.model.machine import InterfaceKind
 from moon.monitor.subject import Subject, read_subject
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
 from moon.recording.reader import open_recording
+from tests.offline.live import monitored
 from tests.recording import bags
 from tests.recordings.make import HERE as GOLDEN
 from tests.recordings.make import load
 from transports.interface import Observation
+from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX
 
 TOUR = Path(__file__).parents[2] / "examples" / "lab_tour"
 KNOWN = load()
@@ -30,6 +33,16 @@ CASES = [
 def checked(path: Path, models: tuple[Path, ...], properties: tuple[Path, ...]) -> CheckResult:
     subject = Subject(models, properties, (), (), (), Bounds())
     return check_recording(path, subject, read_subject(subject))
+
+
+def services() -> list[tuple[str, str]]:
+    """Topic and type of the events of each service: who was there offered them, asked or not."""
+    return [
+        (f"{interface.channel}{EVENT_SUFFIX}", f"{interface.type_name}{TYPE_SUFFIX}")
+        for machine in monitored().system.nodes
+        for interface in machine.interfaces
+        if interface.kind is InterfaceKind.SERVER
+    ]
 
 
 @pytest.mark.parametrize(("plugin", "mode"), CASES)
@@ -81,10 +94,18 @@ def test_of_a_bag_nobody_is_blamed_for_what_is_not_recorded(tmp_path: Path, name
 def test_properties_find_in_a_bag_what_they_find_in_our_own_recording(tmp_path: Path, name: str):
     properties = (TOUR / "properties.yaml",)
     ours = checked(GOLDEN / name, (), properties)
-    theirs = checked(bags.foreign(GOLDEN / name, tmp_path / "bag"), (), properties)
+    bag = bags.foreign(GOLDEN / name, tmp_path / "bag", silent=services())
+    theirs = checked(bag, (), properties)
     violated = {item.machine for item in ours.machines if item.violations}
     assert violated
     assert {item.machine for item in theirs.machines if item.violations} == violated
+
+
+def test_in_a_bag_without_a_service_nothing_is_concluded_of_it(tmp_path: Path):
+    bag = bags.foreign(GOLDEN / "zenoh-T6.mcap", tmp_path / "bag")
+    found = {item.machine: item for item in checked(bag, (), (TOUR / "properties.yaml",)).machines}
+    assert (found["A3"].verdict, found["A3"].violations) == ("inconclusive", 0)
+    assert found["A3"].last == "/BlackboardComponent/GetInt: not recorded"
 
 
 def test_of_a_log_without_types_and_senders_no_model_is_judged(tmp_path: Path):

@@ -1,0 +1,179 @@
+"""What is found in a recording before it is judged: by which time, who did what, which channels are missing.
+
+A recording of moon says all of that itself, and is read once. Any other is read twice.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+
+from m2c.suggestions import nearest
+from moon.monitor.properties import PropertyWatch
+from moon.monitor.subject import Monitored
+from moon.offline.view import View
+from moon.ordering.time_base import PUBLISH, Survey, TimeBase, TimeError, time_base
+from moon.properties.predicates import ANY_CHANNEL
+from moon.recording.attribution import Attribution
+from moon.recording.entries import Began
+from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
+from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
+from moon.tap.selection import is_recorded
+from transports.interface import Observation
+
+MISTYPED = 2
+"""So many letters are mistyped in a name; what differs more is another one."""
+OWN_TOPICS = {EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC}
+
+
+class NotJudgedError(RecordingError):
+    """Nothing in a recording can be judged, or not by the time that was chosen; the text says why."""
+
+
+class Surveyed(msgspec.Struct, frozen=True):
+    """What was found.
+
+    Attributes:
+        base: by which time it is judged; None: a recording of moon has one time only.
+        attribution: who did what; None: it says so itself, or there are no machines.
+        recorded: the channels that were recorded, if only to show that nothing happened on them.
+    """
+
+    base: TimeBase | None
+    attribution: Attribution | None
+    recorded: tuple[str, ...]
+
+    def unrecorded(self, properties: PropertyWatch) -> dict[str, str]:
+        """Each channel that ``properties`` need and that was not recorded, with what is said of it."""
+        return {
+            channel: _unrecorded(channel, properties, self.recorded)
+            for channel in sorted(properties.channels - {*self.recorded, ANY_CHANNEL})
+        }
+
+
+def silent(recording: Recording, properties: PropertyWatch, named: Iterable[str]) -> list[str]:
+    """Where nothing happened that ``properties`` need and no model names, by a recording of moon."""
+    if recording.form != OWN:
+        return []
+    found = recording.contents.channels
+    return [
+        f"nothing was recorded on {channel}{'; ' if hint else ''}{hint}"
+        for channel in sorted(properties.channels - {*found, *named, ANY_CHANNEL})
+        for hint in [nearest(channel, found)]
+    ]
+
+
+def _unrecorded(channel: str, properties: PropertyWatch, recorded: Iterable[str]) -> str:
+    users = [
+        name
+        for name, item in properties.properties.items()
+        if any(port.channel == channel for port in item.ports)
+    ]
+    hint = nearest(channel, recorded)
+    return (
+        f"{channel} was not recorded: what depends on it cannot be known ({', '.join(users)})"
+        f"{'; ' if hint else ''}{hint}"
+    )
+
+
+def survey(
+    path: Path,
+    monitored: Monitored,
+    properties: PropertyWatch,
+    named: Iterable[str],
+    view: View,
+) -> Surveyed:
+    """Read the recording at ``path``, as far as it has to be known before it is judged.
+
+    Args:
+        path: the recording.
+        monitored: what is monitored.
+        properties: of these.
+        named: the channels that the models name.
+        view: how it is judged.
+
+    Raises:
+        RecordingError: there is no recording, or nothing of it can be judged.
+    """
+    recording = open_recording(path, monitored.system.library)
+    if recording.form == OWN and view.time.kind in ("", PUBLISH):
+        return _own(recording, properties, named)
+    found = Survey(view.time)
+    for entry in recording.entries():
+        if type(entry) is Observation:
+            found.note(entry)
+    if recording.is_of_two:
+        raise NotJudgedError(f"{path}: {TWO_RUNS}")
+    if not found.log.count:
+        return Surveyed(None, None, ())
+    is_lines = recording.form == JSON_LINES
+    try:
+        base = time_base(found, view.time, monitored.bounds.latency, is_lines, late=recording.late)
+    except TimeError as error:
+        raise NotJudgedError(f"{path}: {error}") from error
+    return Surveyed(
+        base, _attribution(recording, monitored, base, found), tuple(recording.topics())
+    )
+
+
+TWO_RUNS = "it holds two runs, and nothing can be judged of both together; check each by itself"
+
+
+def _own(recording: Recording, properties: PropertyWatch, named: Iterable[str]) -> Surveyed:
+    """Which channels a recording of moon has, of those that ``properties`` need.
+
+    It has all that happened on channels that were to be recorded: on those that it does not show nothing
+    did, unless their names are mistyped. A monitor heard all, whatever the names.
+    """
+    wanted = properties.channels - {ANY_CHANNEL}
+    found, globs = recording.contents.channels, tuple[str, ...]()
+    for entry in recording.entries(wanted.__contains__) if wanted else ():
+        if isinstance(entry, Began):
+            globs = entry.globs
+            if entry.paced:
+                return Surveyed(None, None, tuple(sorted(wanted)))
+        if found.keys() >= wanted:
+            break
+    shown = {*found, *recording.topics()} - OWN_TOPICS
+    silent = {
+        channel
+        for channel in wanted - shown
+        if is_recorded(channel, globs)
+        and (channel in named or not any(_is_mistyped(channel, other) for other in shown))
+    }
+    return Surveyed(None, None, tuple(sorted(shown | silent)))
+
+
+def _is_mistyped(name: str, other: str) -> bool:
+    """Whether ``name`` is ``other`` but for a letter or two."""
+    longest = max(len(name), len(other))
+    if longest - min(len(name), len(other)) > MISTYPED:
+        return False
+    blocks = difflib.SequenceMatcher(None, name, other, autojunk=False).get_matching_blocks()
+    wrong = longest - sum(block.size for block in blocks)
+    return wrong <= min(MISTYPED, longest // 3)
+
+
+def _attribution(
+    recording: Recording, monitored: Monitored, base: TimeBase, found: Survey
+) -> Attribution | None:
+    """Who did what in ``recording``, which was read to its end; None if there are no machines."""
+    if not monitored.machines:
+        return None
+    machines = monitored.machines if recording.form in (ROSBAG, OWN) else ()
+    return recording.attributed(
+        monitored.system.nodes,
+        machines,
+        on_arrival=base.is_on_arrival or recording.contents.on_arrival,
+        is_ordered=found.is_on_arrival or not base.is_on_arrival,
+    )
+
+
+def assumed(attribution: Attribution | None) -> list[str]:
+    """What is assumed by it, and whom it leaves out, one sentence each."""
+    if attribution is None:
+        return []
+    return [*filter(None, [attribution.assumption()]), *attribution.unjudged]

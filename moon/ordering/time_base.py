@@ -1,0 +1,466 @@
+"""The time of a recording that others made: of one entry a file has several, and not all can be relied on.
+
+A bag has of each message when it was recorded (``log_time``), by the recorder's clock, and may have when it
+was published (``publish_time``), by the publisher's. Events of services are stamped by their nodes. Such
+stamps tell in which order things happened, where they agree with the times of recording. Where they
+contradict them (clocks that differ, simulated time on one side), nothing can be concluded from how they lie
+to each other, and when an entry was recorded is its time.
+
+A recording is read once for that (:class:`Survey`), before it is judged (:func:`in_time`). It is a whole:
+what is later than usual in it is not late, it is put where it belongs.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from moon.ordering.judge import Gap
+from moon.recording.entries import END_OF_TIME_NS, makes_sense
+from moon.recording.sorting import JITTER_NS
+from moon.recording.stored import plural
+from transports.interface import Observation, ObservationKind
+
+LOG, PUBLISH, HEADER, CLOCK = "log", "publish", "header", "clock"
+CLOCK_TOPIC = "/clock"
+_CLOCK_PLACE = (CLOCK_TOPIC, ObservationKind.MESSAGE)
+LATEST_NS = 10_000_000_000
+"""A recorder may stand still, and receive late; what is later than this was not late: clocks differ."""
+MAX_HELD = 200_000
+"""Entries held at once, whatever the time."""
+_MAX_PLACES = 10_000
+
+
+class TimeError(ValueError):
+    """A recording has no such time, or none that makes sense; the text says which it has."""
+
+
+class TimeChoice(msgspec.Struct, frozen=True):
+    """Which time of its entries a recording is judged by.
+
+    Attributes:
+        kind: :data:`LOG`, :data:`PUBLISH`, :data:`HEADER`, :data:`CLOCK`; empty: by evidence.
+        field: of :data:`HEADER`: the path of the field with the stamp, or with a header that has one.
+    """
+
+    kind: str = ""
+    field: str = ""
+
+
+def time_choice(text: str) -> TimeChoice:
+    """The choice that is written as ``text``: ``log``, ``publish``, ``header:FIELD`` or ``clock``.
+
+    Raises:
+        TimeError: it is none of them.
+    """
+    kind, colon, field = text.partition(":")
+    if kind == HEADER and all(field.split(".")):
+        return TimeChoice(HEADER, field)
+    if kind in (LOG, PUBLISH, CLOCK) and not colon:
+        return TimeChoice(kind)
+    raise TimeError(f"`{text}` is no time; expected log, publish, header:FIELD or clock")
+
+
+class Range:
+    """What was found of one time of the entries, in the order in which they were recorded.
+
+    Attributes:
+        first_ns, last_ns: the first one, and the last one; -1 before there is one.
+        count: how many entries have it.
+        senseless: how many have one that makes no sense.
+        disorder_ns: by how much at most it goes back from one entry to a later one.
+    """
+
+    __slots__ = (
+        "_least_ns",
+        "_most_ns",
+        "_newest_ns",
+        "count",
+        "disorder_ns",
+        "first_ns",
+        "last_ns",
+        "senseless",
+    )
+
+    def __init__(self) -> None:
+        self.first_ns = self.last_ns = -1
+        self.count = self.senseless = self.disorder_ns = 0
+        self._newest_ns = self._most_ns = -1
+        self._least_ns = END_OF_TIME_NS
+
+    def note(self, stamp_ns: int) -> None:
+        """Take note of the next one."""
+        self.count += 1
+        if not makes_sense(stamp_ns):
+            self.senseless += 1
+            return
+        if self.first_ns < 0:
+            self.first_ns = stamp_ns
+        self.last_ns = stamp_ns
+        self._least_ns = min(self._least_ns, stamp_ns)
+        self._most_ns = max(self._most_ns, stamp_ns)
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+        self.disorder_ns = max(self.disorder_ns, self._newest_ns - stamp_ns)
+
+    def begin_again(self) -> None:
+        """A clock was set back: what comes is not compared with what was."""
+        self._newest_ns = -1
+
+    @property
+    def what_is_wrong(self) -> str:
+        """Why nothing can be said by it, in words; "" if something can."""
+        if self.count and self.senseless == self.count:
+            return "none of them is one (negative, or at the end of time)"
+        if self.count > 1 and self._least_ns == self._most_ns:
+            return f"all of them are the same ({self._least_ns / 1e9:.9g} s)"
+        return ""
+
+
+class _Lags:
+    """By how much some entries were recorded after they were stamped (ns)."""
+
+    __slots__ = ("count", "least_ns", "most_ns")
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.least_ns = self.most_ns = 0
+
+    def note(self, lag_ns: int) -> None:
+        self.least_ns = lag_ns if not self.count else min(self.least_ns, lag_ns)
+        self.most_ns = lag_ns if not self.count else max(self.most_ns, lag_ns)
+        self.count += 1
+
+
+class Survey:
+    """What the times of a recording are, found by reading all of it.
+
+    Args:
+        choice: what was chosen; of its time note is taken, too.
+
+    Attributes:
+        log: when entries were recorded.
+        stamps: when they were published, or happened.
+        fresh: the same of those that happened while it was recorded.
+        chosen: by a field of a header, or by ``/clock``; only if that was chosen.
+        told: the first of these, and when that was recorded.
+        set_back: how often the recorder's clock was.
+        is_on_arrival: whether entries are stamped with the time at which they were recorded.
+        most_late_ns: by how much at most something fresh was recorded after it happened.
+    """
+
+    def __init__(self, choice: TimeChoice) -> None:
+        self.log, self.stamps, self.fresh, self.chosen = Range(), Range(), Range(), Range()
+        self.told = (0, 0)
+        self.set_back = 0
+        self.is_on_arrival = True
+        self.most_late_ns = 0
+        self._choice = choice
+        self._lags: dict[tuple[str, str, str], _Lags] = {}
+        """By channel, kind and client: each end of a call has a clock of its own."""
+
+    def note(self, seen: Observation) -> None:
+        """Take note of the next entry."""
+        received_ns, stamp_ns = seen.received_ns, seen.stamp_ns
+        if makes_sense(received_ns) and received_ns < self.log.last_ns - JITTER_NS:
+            self.set_back += 1
+            for found in (self.log, self.stamps, self.fresh):
+                found.begin_again()
+        self.log.note(received_ns)
+        self.stamps.note(stamp_ns)
+        told_ns = read_time(seen, self._choice)
+        if told_ns is not None:
+            self.told = self.told if self.chosen.count else (told_ns, received_ns)
+            self.chosen.note(told_ns)
+        self.is_on_arrival = self.is_on_arrival and received_ns == stamp_ns
+        if makes_sense(received_ns) and makes_sense(stamp_ns):
+            self._note_lag(seen, received_ns - stamp_ns)
+
+    def _note_lag(self, seen: Observation, lag_ns: int) -> None:
+        if seen.stamp_ns >= self.log.first_ns:
+            self.fresh.note(seen.stamp_ns)
+            self.most_late_ns = max(self.most_late_ns, lag_ns)
+        place = (seen.channel, str(seen.kind), seen.client)
+        lags = self._lags.get(place)
+        if lags is None:
+            if len(self._lags) >= _MAX_PLACES:
+                return
+            lags = self._lags[place] = _Lags()
+        lags.note(lag_ns)
+
+    def contradiction(self, latency_ns: int) -> str:
+        """Where stamps contradict the times of recording, in words; "" if they nowhere do.
+
+        Args:
+            latency_ns: a message is received within this time.
+        """
+        if self.stamps.senseless:
+            what = f"{self.stamps.senseless} of {plural(self.stamps.count, 'stamp')}"
+            return f"{what} make no sense (negative, or at the end of time)"
+        for (channel, _, _), lags in sorted(self._lags.items()):
+            if lags.least_ns < -latency_ns // 2:
+                return f"{channel} is stamped {_seconds(-lags.least_ns)} after it was recorded"
+            if lags.least_ns > latency_ns and lags.count > 1:
+                return f"{channel} is stamped {_seconds(lags.least_ns)} before it was recorded"
+        if max(self.fresh.disorder_ns, self.most_late_ns) > LATEST_NS:
+            return "stamps are in another order than what was recorded"
+        return ""
+
+
+def _seconds(duration_ns: int) -> str:
+    return f"{duration_ns / 1e9:,.1f} s"
+
+
+class TimeBase(msgspec.Struct, frozen=True):
+    """By which time a recording is judged, and why.
+
+    Attributes:
+        kind: :data:`LOG`, :data:`PUBLISH`, :data:`HEADER` or :data:`CLOCK`.
+        field: of :data:`HEADER`.
+        text: the same in words.
+        why: what speaks against a better one; "" if nothing does, or it was chosen.
+        is_chosen: whether somebody has chosen it.
+        is_on_arrival: whether it tells when entries were recorded only.
+        first_ns: when the first entry was recorded.
+        window_ns: by so much entries are out of the order of their times.
+        known_ns: what happened up to then is in the recording, if it was recorded at all; 0: all is.
+        told: of :data:`HEADER` and :data:`CLOCK`: the first time that is told, and when that was recorded.
+        limits: what cannot be concluded, one sentence each.
+    """
+
+    kind: str
+    text: str
+    field: str = ""
+    why: str = ""
+    is_chosen: bool = False
+    is_on_arrival: bool = False
+    first_ns: int = 0
+    window_ns: int = 0
+    known_ns: int = 0
+    told: tuple[int, int] = (0, 0)
+    limits: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """What is said of it."""
+        return f"{self.text}: {self.why}" if self.why else self.text
+
+
+_LOG_TEXT = "log_time, when each entry was recorded"
+_PUBLISH_TEXT = "publish_time, when each message was published, and the stamps of service events"
+_LINES_TEXT = "of each line"
+
+
+def time_base(
+    survey: Survey,
+    choice: TimeChoice,
+    latency_ns: int,
+    is_lines: bool = False,
+    late: int = 0,
+) -> TimeBase:
+    """The time by which a recording is judged.
+
+    Args:
+        survey: of the recording.
+        choice: what was chosen.
+        latency_ns: a message is received within this time.
+        is_lines: whether it is a log of JSON lines: these have one time each.
+        late: how many entries stand far from their place, although each channel is in order.
+
+    Raises:
+        TimeError: there is no such time, or none that makes sense, or entries are in no order of time.
+    """
+    limits = _order(survey, late)
+    if choice.kind in (HEADER, CLOCK):
+        return _told_by_messages(survey, choice, limits)
+    kind, why = _kind(survey, choice, latency_ns, is_lines)
+    found = survey.log if kind == LOG else survey.stamps
+    if found.what_is_wrong:
+        where = "times" if is_lines else ("log_time" if kind == LOG else "stamps")
+        raise TimeError(f"its {where} are nonsense: {found.what_is_wrong}; nothing can be judged")
+    if found.senseless:
+        what = plural(found.senseless, "entry", "entries")
+        limits += (f"{what} with a time that makes no sense: left out, as if not received",)
+    text = _LINES_TEXT if is_lines else (_LOG_TEXT if kind == LOG else _PUBLISH_TEXT)
+    if kind == LOG:
+        return TimeBase(LOG, text, "", why, bool(choice.kind), True, limits=limits)
+    if choice.kind:
+        window_ns = min(survey.stamps.disorder_ns, LATEST_NS)
+        return TimeBase(PUBLISH, text, "", why, True, window_ns=window_ns, limits=limits)
+    return TimeBase(
+        PUBLISH,
+        text,
+        why=why,
+        first_ns=survey.log.first_ns,
+        window_ns=survey.fresh.disorder_ns,
+        known_ns=max(survey.log.last_ns - min(survey.most_late_ns, latency_ns), 0),
+        limits=limits,
+    )
+
+
+def _kind(survey: Survey, choice: TimeChoice, latency_ns: int, is_lines: bool) -> tuple[str, str]:
+    """:data:`LOG` or :data:`PUBLISH`, and what speaks against the other; TimeError if it cannot be had."""
+    if survey.is_on_arrival or is_lines:
+        if choice.kind == PUBLISH and not is_lines:
+            what = "it has no publish_time, only when entries were recorded"
+            raise TimeError(f"{what}; expected --time log")
+        return LOG, ""
+    if choice.kind:
+        return choice.kind, ""
+    wrong = survey.log.what_is_wrong
+    if wrong and not survey.stamps.what_is_wrong:
+        return PUBLISH, f"log_time is nonsense: {wrong}"
+    why = survey.contradiction(latency_ns)
+    return (LOG, why) if why else (PUBLISH, "")
+
+
+def _order(survey: Survey, late: int) -> tuple[str, ...]:
+    """What is said of the order of entries; TimeError if there is none."""
+    if survey.set_back > 1 or late:
+        count = plural(max(survey.set_back, late), "time")
+        raise TimeError(
+            f"its entries are in no order of time (it goes back {count}): two runs in one file, or one that "
+            "was shuffled; nothing can be judged. Take them apart, or sort them (`mcap sort`)"
+        )
+    if survey.set_back:
+        return ("its clock was set back once: what comes after that is judged anew",)
+    return ()
+
+
+def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...]) -> TimeBase:
+    found = survey.chosen
+    if not found.count:
+        what = f"no message has a field {choice.field} with a stamp"
+        if choice.kind == CLOCK:
+            what = f"no time on {CLOCK_TOPIC} was recorded"
+        raise TimeError(f"{what}; expected --time log or --time publish")
+    if found.what_is_wrong:
+        raise TimeError(f"its stamps are nonsense: {found.what_is_wrong}; nothing can be judged")
+    text = f"{choice.field} of messages, and of others when they were recorded"
+    if choice.kind == CLOCK:
+        text = f"that of {CLOCK_TOPIC} when each entry was recorded"
+    window_ns = min(found.disorder_ns, LATEST_NS) if choice.kind == HEADER else 0
+    return TimeBase(
+        choice.kind,
+        text,
+        choice.field,
+        "",
+        True,
+        True,
+        window_ns=window_ns,
+        told=survey.told,
+        limits=limits,
+    )
+
+
+# --- the times of an entry ------------------------------------------------------------------------
+
+
+def read_time(seen: Observation, choice: TimeChoice) -> int | None:
+    """The time that the contents of ``seen`` tell (ns); None if they tell none, or none was chosen."""
+    if choice.kind == HEADER:
+        return _stamp_in(seen.data, choice.field)
+    if choice.kind == CLOCK and (seen.channel, seen.kind) == _CLOCK_PLACE:
+        return _stamp_in(seen.data, "clock")
+    return None
+
+
+def _stamp_in(data: Any, path: str) -> int | None:
+    """The stamp at ``path``: a time, a header with one, or seconds."""
+    for name in path.split("."):
+        data = data.get(name) if isinstance(data, dict) else None
+    if isinstance(data, dict) and "stamp" in data:
+        data = data["stamp"]
+    if isinstance(data, dict):
+        sec, nanosec = data.get("sec"), data.get("nanosec", 0)
+        if isinstance(sec, int) and isinstance(nanosec, int):
+            return sec * 10**9 + nanosec
+        return None
+    if isinstance(data, int | float) and not isinstance(data, bool) and abs(data) < 1e10:
+        return round(data * 1e9)
+    return None
+
+
+class _Times:
+    """The time of each entry of a recording, by its base."""
+
+    def __init__(self, base: TimeBase) -> None:
+        self._base = base
+        self._choice = TimeChoice(base.kind, base.field)
+        self._told_ns, self._told_at_ns = base.told
+
+    def of(self, seen: Observation) -> int:
+        """When ``seen`` happened."""
+        base = self._base
+        if base.kind == LOG:
+            return seen.received_ns
+        if base.kind == PUBLISH:
+            # what its publisher kept for who comes later is known when it comes
+            return seen.stamp_ns if seen.stamp_ns >= base.first_ns else seen.received_ns
+        told_ns = read_time(seen, self._choice)
+        if told_ns is not None:
+            self._told_ns, self._told_at_ns = told_ns, seen.received_ns
+        if base.kind == CLOCK:
+            return self._told_ns
+        return self._told_ns + seen.received_ns - self._told_at_ns
+
+
+def in_time(entries: Iterable[Any], base: TimeBase) -> Iterator[Observation | Gap]:
+    """The observations of ``entries``, each when it happened by ``base``, in that order.
+
+    What has a time that makes no sense is left out, and reported as missing between what was recorded before
+    and after it.
+
+    Args:
+        entries: a recording, in the order in which it was received.
+        base: by which time.
+    """
+    times = _Times(base)
+    held: list[tuple[int, int, Observation]] = []
+    left_out: list[Observation] = []
+    newest_ns = last_received_ns = passed_ns = 0
+    for number, seen in enumerate(entries):
+        if type(seen) is not Observation:
+            continue
+        now_ns = times.of(seen)
+        if not makes_sense(now_ns):
+            left_out.append(seen)
+            continue
+        if _is_set_back(seen, now_ns, base, last_received_ns, newest_ns):
+            while held:
+                yield heapq.heappop(held)[2]
+            newest_ns = 0
+        if makes_sense(seen.received_ns):
+            last_received_ns = seen.received_ns
+        for missing in left_out:
+            yield _gap(missing, passed_ns, now_ns)
+        left_out.clear()
+        newest_ns = max(newest_ns, now_ns)
+        heapq.heappush(held, (now_ns, number, replace(seen, stamp_ns=now_ns, received_ns=now_ns)))
+        while held and (held[0][0] <= newest_ns - base.window_ns or len(held) > MAX_HELD):
+            passed_ns, _, found = heapq.heappop(held)
+            yield found
+    while held:
+        passed_ns, _, found = heapq.heappop(held)
+        yield found
+    for missing in left_out:
+        yield _gap(missing, passed_ns, passed_ns)
+
+
+def _is_set_back(
+    seen: Observation, now_ns: int, base: TimeBase, received_ns: int, newest_ns: int
+) -> bool:
+    """Whether a clock was set back before ``seen``: what comes is not mixed with what was."""
+    if base.kind == CLOCK:
+        return now_ns < newest_ns
+    if makes_sense(seen.received_ns) and seen.received_ns < received_ns - JITTER_NS:
+        return True
+    return now_ns < newest_ns - LATEST_NS
+
+
+def _gap(missing: Observation, from_ns: int, until_ns: int) -> Gap:
+    why = f"the time of a message on {missing.channel} makes no sense"
+    return Gap(missing.channel, missing.source, from_ns, max(from_ns, until_ns) + 1, why)

@@ -1,0 +1,247 @@
+"""A recording has several times: it is judged by the one that evidence speaks for, which is said, or by the chosen."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from tests.offline.logs import (
+    FOREIGN,
+    LEVEL,
+    NS,
+    T0,
+    Form,
+    Line,
+    Stored,
+    check,
+    foreign_mcap,
+    json_lines,
+    ours,
+    sqlite_bag,
+    stored,
+    write_mcap,
+)
+
+PROPERTIES = """\
+  - {id: A, pattern: absence, of: level >= 9}
+  - {id: R, pattern: recurrence, of: lv, within: 1500 ms}
+"""
+RESPONSE = "  - {id: R, pattern: response, request: go, response: alarm, within: 500 ms}\n"
+FOUND = {"A": "violated", "R": "conforming"}
+SIM_NS = 10 * NS
+HOUR = 3600
+
+
+def levels(published: float | None = None, count: int = 8) -> list[Line]:
+    """A level that is 9 once, published so much after it was recorded (s)."""
+    return [
+        Line(n, 9 if n == 3 else 1, published_s=None if published is None else n + published)
+        for n in range(count)
+    ]
+
+
+def on_simulated_time(log: bool, publish: bool) -> list[Stored]:
+    return [
+        Stored(
+            item.topic,
+            item.log_ns - (T0 - SIM_NS) * log,
+            item.publish_ns - (T0 - SIM_NS) * publish,
+            item.data,
+        )
+        for item in stored(levels())
+    ]
+
+
+@pytest.mark.parametrize(("log", "publish"), [(True, False), (False, True), (True, True)])
+def test_simulated_time_on_one_side_or_both_loses_nothing(tmp_path: Path, log: bool, publish: bool):
+    run = write_mcap(tmp_path / "run.mcap", on_simulated_time(log, publish))
+    said = check(tmp_path, run, PROPERTIES)
+    assert (said.code, said.verdicts) == (1, FOUND), said.out
+    assert said.time.startswith("log_time")
+    assert ("/level is stamped" in said.time) == (log != publish)
+    assert f"\ntime: {said.time}\n" in said.out
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "why"),
+    [
+        (-HOUR, "/level is stamped 3,600.0 s before it was recorded"),
+        (-0.5, "/level is stamped 0.5 s before it was recorded"),
+        (0.3, "/level is stamped 0.3 s after it was recorded"),
+        (HOUR, "/level is stamped 3,600.0 s after it was recorded"),
+    ],
+)
+def test_a_publisher_whose_clock_differs_is_heard_when_it_was_recorded(
+    tmp_path: Path, ahead_s: float, why: str
+):
+    lines = levels(ahead_s) + [Line(n + 0.1, 1, "/go") for n in range(8)]
+    lines.sort(key=lambda line: line.at_s)
+    said = check(tmp_path, foreign_mcap(tmp_path, lines), PROPERTIES)
+    assert (said.code, said.verdicts) == (1, FOUND), said.out
+    assert said.time == f"log_time, when each entry was recorded: {why}"
+
+
+def test_stamps_that_agree_tell_the_order(tmp_path: Path):
+    lines = [
+        Line(0, 0, "/alarm", -0.001),
+        Line(1.0, 1, "/alarm", 0.98),
+        Line(1.001, 1, "/go", 0.97),  # published before, recorded after
+        Line(3.0, 1, published_s=2.99),
+    ]
+    run = foreign_mcap(tmp_path, lines)
+    said = check(tmp_path, run, RESPONSE)
+    assert (said.code, said.verdicts) == (0, {"R": "conforming"}), said.out
+    assert said.time.startswith("publish_time")
+    said = check(tmp_path, run, RESPONSE, "--time", "log")
+    assert (said.code, said.verdicts) == (1, {"R": "violated"}), said.out
+    assert said.time == "log_time, when each entry was recorded"
+
+
+def test_what_was_latched_before_the_recording_counts_from_its_beginning(tmp_path: Path):
+    lines = [
+        Line(0, 5, "/go", -HOUR),
+        *(Line(0.01 + n * 0.5, n == 4, published_s=n * 0.5) for n in range(8)),
+    ]
+    said = check(
+        tmp_path,
+        foreign_mcap(tmp_path, lines),
+        "  - {id: G, pattern: existence, of: go, within: 100 ms}\n"
+        "  - {id: R, pattern: recurrence, of: lv, within: 600 ms}\n",
+    )
+    assert said.verdicts == {"G": "conforming", "R": "conforming"}, said.out
+    assert said.time.startswith("publish_time")
+
+
+def test_a_recorder_that_stood_still_makes_no_silence(tmp_path: Path):
+    lines = [Line(max(t, 4.0) if 1 < t < 4 else t, 1, published_s=t) for t in range(9)]
+    run = foreign_mcap(tmp_path, [Line(i.at_s + 0.01, 1, published_s=i.published_s) for i in lines])
+    said = check(tmp_path, run, PROPERTIES)
+    assert said.verdicts == {"A": "conforming", "R": "conforming"}, said.out
+    assert check(tmp_path, run, PROPERTIES, "--time", "log").verdicts["R"] == "violated"
+
+
+HEADER = (
+    "std_msgs/Header header\nint32 data\n"
+    + "=" * 80
+    + (
+        "\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+        + "=" * 80
+        + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
+)
+
+
+def stamped(log_s: float, stamp_s: float, data: int) -> Stored:
+    sec, nanosec = divmod(round(stamp_s * NS), NS)
+    body = b"\0\1\0\0" + struct.pack("<iIIc3xi", sec, nanosec, 1, b"\0", data)
+    at = T0 + round(log_s * NS)
+    return Stored(LEVEL, at, at, body, "demo/msg/Stamped", HEADER)
+
+
+def clock(log_s: float, time_s: float) -> Stored:
+    sec, nanosec = divmod(round(time_s * NS), NS)
+    definition = (
+        "builtin_interfaces/Time clock\n"
+        + "=" * 80
+        + ("\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n")
+    )
+    at = T0 + round(log_s * NS)
+    body = b"\0\1\0\0" + struct.pack("<iI", sec, nanosec)
+    return Stored("/clock", at, at, body, "rosgraph_msgs/msg/Clock", definition)
+
+
+@pytest.mark.parametrize("field", ["header", "header.stamp"])
+def test_the_time_of_headers_can_be_chosen(tmp_path: Path, field: str):
+    """Measured every second, and recorded in bursts."""
+    run = write_mcap(
+        tmp_path / "run.mcap",
+        [stamped(4 * (n // 4) + n * 0.001, 100 + n, 9 if n == 3 else 1) for n in range(8)],
+    )
+    assert check(tmp_path, run, PROPERTIES).verdicts["R"] == "violated"
+    said = check(tmp_path, run, PROPERTIES, "--time", f"header:{field}")
+    assert (said.code, said.verdicts) == (1, FOUND), said.out
+    assert "00:01:43" in said.out
+    assert said.time.startswith(f"{field} of messages")
+
+
+def test_the_time_of_a_simulation_can_be_chosen(tmp_path: Path):
+    """It runs at a tenth of the speed: a second takes ten."""
+    run = write_mcap(
+        tmp_path / "run.mcap",
+        [
+            item
+            for n in range(8)
+            for item in (
+                clock(10 * n, 50 + n),
+                *stored([Line(10 * n + 0.5, 9 if n == 3 else 1)]),
+            )
+        ],
+    )
+    assert check(tmp_path, run, PROPERTIES).verdicts["R"] == "violated"
+    said = check(tmp_path, run, PROPERTIES, "--time", "clock")
+    assert (said.code, said.verdicts) == (1, FOUND), said.out
+    assert said.time.startswith("that of /clock")
+
+
+@pytest.mark.parametrize("form", [*FOREIGN, ours])
+@pytest.mark.parametrize(
+    ("choice", "why"),
+    [
+        ("header:stamp", "no message has a field stamp with a stamp"),
+        ("clock", "no time on /clock was recorded"),
+    ],
+)
+def test_a_time_that_is_not_there_is_one_error(tmp_path: Path, form: Form, choice: str, why: str):
+    said = check(tmp_path, form(tmp_path, levels()), PROPERTIES, "--time", choice)
+    assert said.code == 2
+    (line,) = said.out.splitlines()
+    assert line.startswith("error: ")
+    assert line.endswith(f": {why}; expected --time log or --time publish")
+
+
+def test_a_bag_without_times_of_publication_says_so(tmp_path: Path):
+    said = check(tmp_path, sqlite_bag(tmp_path, levels()), PROPERTIES, "--time", "publish")
+    assert said.code == 2
+    assert "it has no publish_time" in said.out
+
+
+@pytest.mark.parametrize("text", ["", "never", "header", "header:", "header:a..b", "log:x"][1:])
+def test_a_time_that_cannot_be_is_a_wrong_option(tmp_path: Path, text: str):
+    said = check(tmp_path, json_lines(tmp_path, levels()), PROPERTIES, "--time", text)
+    assert said.code == 2
+    assert "expected log, publish, header:FIELD or clock" in said.out
+
+
+@pytest.mark.parametrize("form", [*FOREIGN, ours])
+def test_a_part_can_be_chosen(tmp_path: Path, form: Form):
+    run = form(tmp_path, levels())
+    for options, expected in (
+        (("--from", "4"), "conforming"),
+        (("--to", "2.9"), "conforming"),
+        (("--from", "2", "--to", "4"), "violated"),
+        (("--from", "2023-11-14T22:13:24+00:00"), "conforming"),
+        (("--from", str(T0 // NS + 3)), "violated"),
+        (("--to", str(T0 // NS + 2)), "conforming"),
+    ):
+        said = check(tmp_path, run, PROPERTIES, *options)
+        assert said.verdicts == {"A": expected, "R": "conforming"}, (options, said.out)
+    said = check(tmp_path, run, PROPERTIES, "--from", "100")
+    assert said.code == 2
+    assert "nothing is in that part of it" in said.out
+    assert check(tmp_path, run, PROPERTIES, "--from", "soon").code == 2
+
+
+def test_what_is_silent_until_the_chosen_end_is_found(tmp_path: Path):
+    run = json_lines(tmp_path, [Line(0, 0, "/alarm"), Line(1, 1, "/go"), Line(5, 1)])
+    assert check(tmp_path, run, RESPONSE, "--to", "1.4").verdicts == {"R": "conforming"}
+    assert check(tmp_path, run, RESPONSE, "--to", "1.6").verdicts == {"R": "violated"}
+
+
+def test_a_property_can_be_chosen(tmp_path: Path):
+    run = json_lines(tmp_path, levels())
+    assert check(tmp_path, run, PROPERTIES, "--property", "R").verdicts == {"R": "conforming"}
+    said = check(tmp_path, run, PROPERTIES, "--property", "RR")
+    assert said.code == 2
+    assert "there is no property RR; did you mean R?" in said.out or "known: A, R" in said.out
