@@ -27,6 +27,9 @@ MAX_FIELDS = 10_000
 """Of a type, with those of its parts; the largest standard one has some 200. Each level of a definition may
 have the next one twice, so that without a limit some lines are a type of 2**30 fields."""
 
+_UNSAID = ("", "unknown")
+_IDL = re.compile(r"^\s*module\s+\w+", re.MULTILINE)
+_RULE = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _DIVIDER = re.compile(r"^={20,}[ \t]*$", re.MULTILINE)
 _HEADER = re.compile(r"\s*(MSG|IDL|SRV|ACTION): ([\w/]+)[ \t]*\n?")
 _PARTS = {"SRV": ("_Request", "_Response"), "ACTION": ("_Goal", "_Result", "_Feedback")}
@@ -65,15 +68,19 @@ class Definitions:
 
         Args:
             type_name: of the topic's messages.
-            encoding: ``ros2msg``, ``ros2idl``; others say nothing.
+            encoding: ``ros2msg``, ``ros2idl``; ``unknown`` where the recorder does not say (it writes the
+                whole text of a service so); others say nothing.
             text: the definition.
         """
-        if encoding not in ("ros2msg", "ros2idl", "omgidl") or not text.strip():
+        if encoding not in ("ros2msg", "ros2idl", "omgidl", *_UNSAID) or not text.strip():
             return
+        text = text.replace("\r\n", "\n")
         if len(text) > MAX_TEXT:
             self._faults[_key(type_name)] = f"its definition has more than {MAX_TEXT} characters"
             return
         kind = "MSG" if encoding == "ros2msg" else "IDL"
+        if encoding in _UNSAID:
+            kind = "IDL" if _IDL.search(text) else "MSG"
         for number, section in enumerate(_DIVIDER.split(text)):
             header = _HEADER.match(section)
             if header is not None:
@@ -81,7 +88,7 @@ class Definitions:
             elif (number == 0 and section.strip(" \n\r\t=")) or (
                 number == 0 and not _DIVIDER.search(text)
             ):
-                self._section(kind, type_name, section)
+                self._section(*_whole(kind, type_name, section), section)
 
     def _section(self, kind: str, name: str, text: str) -> None:
         from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
@@ -105,7 +112,7 @@ class Definitions:
                 self._read.add((kind, name))
                 return
             parts = _PARTS.get(kind, ("",))
-            pieces = re.split(r"^---[ \t]*$", text, flags=re.MULTILINE) if kind != "MSG" else [text]
+            pieces = _RULE.split(text) if kind != "MSG" else [text]
             pieces += [""] * (len(parts) - len(pieces))
             for part, piece in zip(parts, pieces, strict=False):
                 package, last = _key(name)
@@ -236,6 +243,15 @@ class Definitions:
             raise UnknownTypeError(
                 f"{full}: the recording does not define it, nor do the models' interfaces"
             ) from error
+
+
+def _whole(kind: str, name: str, text: str) -> tuple[str, str]:
+    """Kind and name of what ``text`` defines: of a service's events, all of the service may be stored."""
+    base, _, part = name.rpartition("_")
+    count = len(_RULE.findall(text))
+    if kind != "MSG" or not count or part not in ("Event", "Request", "Response"):
+        return ("SRV", name) if kind == "MSG" and count == 1 else (kind, name)
+    return "SRV", base
 
 
 def _without_blanks(text: str) -> str:
