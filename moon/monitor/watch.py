@@ -189,6 +189,8 @@ class SystemWatch:
         silent_ns = FOREVER
         if self.listener is not None:
             silent_ns = self._silence.look(self.listener, self._models.watched, clock_ns)
+            for asked in self._models.to_ask():
+                self._silence.ask(self.listener, asked)
         is_behind = clock_ns < now_ns
         wanted_ns = min(self._models.turn_ns, self._properties.turn_ns, silent_ns)
         self._turns.plan(0 if is_behind else wanted_ns)
@@ -216,6 +218,7 @@ class SystemWatch:
         oracle = self._models.watched.get(node)
         if oracle is not None:
             self._take(oracle.reported(answer.next_order, answer.stamp_ns, reach_ns))
+        self._take(self._models.told())
         self._advance_properties(reach_ns)
 
     def _advance_properties(self, now_ns: int) -> None:
@@ -249,6 +252,7 @@ class SystemWatch:
             others=self._others.values(),
             numbers=self._order.numbers,
             programs=self._compiled.programs,
+            sources=self._order.sources,
         )
         for name in models.oracles:
             models.node_found(name, FOREVER)  # it is not known to be there
@@ -267,8 +271,7 @@ class SystemWatch:
         node = self._nodes.get(name)
         if up and self._transport.up_since(name) < self._order.since_ns:
             # what it did before is not known, so nothing is reported of what should have been before
-            since_ns = self._order.since_ns
-            self._properties.lose_all(since_ns, max(since_ns, now_ns) + 1)
+            self._properties.lose_all(0, max(self._order.since_ns, now_ns) + 1)
         if node is None:
             if up and name in self._others:
                 self._others_up.add(name)

@@ -11,7 +11,7 @@ import msgspec
 
 from m2c.model.walk import variables_of
 from moon.properties.compiler import BEGINNING, Program, compile_network
-from moon.properties.network import NEVER, Network, build_network, stays_false
+from moon.properties.network import NEVER, Network, build_network, obligations, stays_false
 from moon.properties.predicates import (
     ANY_CHANNEL,
     ENVIRONMENT,
@@ -47,6 +47,7 @@ class Snapshot(NamedTuple):  # not msgspec's: mypyc would leave out the module
     three_valued: ThreeValued | None
     unknown: dict[str, str]
     scalars: tuple[int, int, int, int, int]
+    began: int
     lost: str
     lost_ports: dict[str, str]
     coming: tuple[Gap, ...]
@@ -71,7 +72,9 @@ class MonitorGroup:
     """Monitors properties that begin at the same instant.
 
     They begin when every state they use has been observed (or has an initial value): before, nothing
-    is known that a verdict could rest on.
+    is known that a verdict could rest on. What happened before is remembered all the same, as far as it was
+    observed: three-valued, as not all states are known yet. Only whether a formula was false before is not
+    asked.
     """
 
     def __init__(self, properties: Sequence[Property], ports: Sequence[Port]) -> None:
@@ -79,7 +82,10 @@ class MonitorGroup:
         self._formulas = [item.formula for item in properties]
         self.binding = bind(self._formulas, ports)
         self._network = build_network(self._formulas)
-        nodes = enumerate(self._network.nodes)
+        nodes = tuple(enumerate(self._network.nodes))
+        remembering = {i for i, n in nodes if n.kind in ("once", "since")}
+        self._remembers = not remembering <= set(obligations(self._network))
+        """Whether it matters what was before the beginning."""
         self._index = {node.text: number for number, node in nodes if node.kind == "atom"}
         self._logs: dict[str, deque[Change]] = {
             text: deque(maxlen=REMEMBERED_CHANGES) for text in self._index
@@ -145,8 +151,10 @@ class MonitorGroup:
 
     def next_deadline(self) -> int:
         """The earliest instant at which something can change by itself, or ``NEVER``."""
-        if self.started < 0:
-            return NEVER
+        return NEVER if self.started < 0 else self._next_instant()
+
+    def _next_instant(self) -> int:
+        """The next instant at which something is to be evaluated, or ``NEVER``."""
         if self._three_valued is not None:
             return min(self._three_valued.next_deadline(), self._gaps.next_ns)
         return self.heap[0][0]
@@ -166,7 +174,9 @@ class MonitorGroup:
         """
         stamp = seen.stamp_ns
         found: list[tuple[str, Verdict]] = []
-        if self.started >= 0:
+        if self.started < 0:
+            self._look_back(stamp, group)
+        if self.started >= 0 or self._three_valued is not None:
             found = self.catch_up(stamp - 1)
             if self._three_valued is None:
                 self._enter_three_valued()
@@ -177,10 +187,11 @@ class MonitorGroup:
         for port in group.ports:
             if not port.event:
                 self._known.take(port, seen.data)
-        if self.started < 0:
-            if self._known.waiting:
+        if self.started < 0 and self._known.waiting:
+            if self._three_valued is None:
                 self._known.lose(self._open(group))
                 return found
+        elif self.started < 0:
             self.begin(stamp, seen, group.atoms)
             if self._three_valued is None:
                 try:
@@ -244,6 +255,9 @@ class MonitorGroup:
         ``seen`` is what brought the values of the predicates ``texts``.
         """
         self.started = stamp
+        if self._three_valued is not None:
+            self._three_valued.forget_obligations()
+            return
         for text in self._index:
             if text in self.binding.events:
                 # so that a witness knows it did not happen before
@@ -274,11 +288,19 @@ class MonitorGroup:
     def advance(self, now: int) -> list[tuple[str, Verdict]]:
         """Make every change that is due up to ``now``; the verdicts that changed on the way."""
         if self.started < 0:
-            self._pass_gaps(now)
+            self._look_back(now)
+            is_early = self._three_valued is not None
             if self._known.waiting:
+                if self._three_valued is not None:
+                    self.catch_up(now)
+                    self._three_valued.settle(now)
                 self.reached = self.sealed = now
                 return []
+            if is_early:
+                self.catch_up(now - 1)
             self.begin(now)
+            if self._three_valued is not None and is_early:
+                self._three_valued.step(now)
         found = self.catch_up(now)
         if self._three_valued is None:
             self._program.settle(now)
@@ -301,7 +323,7 @@ class MonitorGroup:
                 if self.changed:
                     found += self.report()
             return found
-        while (instant := self.next_deadline()) <= until:
+        while (instant := self._next_instant()) <= until:
             values = self._pass_gaps(instant)
             if values:
                 self._log(instant, values, None)
@@ -329,10 +351,11 @@ class MonitorGroup:
             return []
         self._lost = f"messages on {channel} were missed"
         self._gaps.add(names, start, end, self._lost)
-        if self.started < 0:
-            self._pass_gaps(self.reached)
-            return []
-        if self._three_valued is None:
+        if self._three_valued is None and self.started < 0:
+            if self.reached < 0:
+                return []  # nothing is remembered yet
+            self._enter_three_valued(self.reached)
+        elif self._three_valued is None:
             self._enter_three_valued()
         now = self.now
         if start > now:
@@ -354,6 +377,21 @@ class MonitorGroup:
             if verdict.since_ns >= start and value is not False and not constant:
                 self.verdicts[number] = msgspec.structs.replace(verdict, final=False)
         return self.report()
+
+    def _look_back(self, now: int, group: PortGroup | None = None) -> None:
+        """Something happens at ``now``, before the beginning: it is remembered if it may matter."""
+        if self._three_valued is not None:
+            return
+        is_to_remember = False
+        if group is not None and self._remembers:  # what makes it begin is not from before
+            is_to_remember = not self._known.waiting <= {port.name for port in group.ports}
+        if self._gaps.is_empty and not is_to_remember:
+            return
+        first = self.reached
+        if first < 0:
+            lost = [start for start, _, _, _ in self._gaps.coming]
+            first = min(now, *lost) if lost else now
+        self._enter_three_valued(first)
 
     def _pass_gaps(self, now: int) -> dict[str, bool | None]:
         """The time is ``now``: the values of predicates that became unknown, or known, by that."""
@@ -391,15 +429,17 @@ class MonitorGroup:
         gaps = self._gaps.open
         return {port.name: gaps[port.name][1] for port in group.ports if port.name in gaps}
 
-    def _enter_three_valued(self) -> None:
-        """Go on with the best and the worst of what is not known."""
-        if self._runs is None:
-            self._runs = ThreeValued(self._formulas, self.binding.events, self._network)
-        runs = self._three_valued = self._runs
-        runs.reset(self.started)
+    def _enter_three_valued(self, first: int = -1) -> None:
+        """Go on with the best and the worst of what is not known.
+
+        ``first``: where the formulas have not begun, the first instant that is remembered.
+        """
+        began = self.started if first < 0 else first
+        runs = self._three_valued = self._two_runs()
+        runs.reset(began)
         read = self._program.read()
         fresh = read["now"] < 0
-        now = self.started if fresh else read["now"]
+        now = began if fresh else read["now"]
         self.reached = now
         atoms: dict[str, bool | None] = {}
         if not fresh:
@@ -428,7 +468,12 @@ class MonitorGroup:
         self._until_try -= 1
         runs = self._three_valued
         assert runs is not None
-        if runs.unknown or not (force or self._until_try <= 0) or not self._gaps.is_empty:
+        if (
+            self.started < 0
+            or runs.unknown
+            or not (force or self._until_try <= 0)
+            or not self._gaps.is_empty
+        ):
             return
         self._until_try = _TRY_EVERY
         states = runs.resolved(now)
@@ -462,6 +507,7 @@ class MonitorGroup:
             three_valued=runs,
             unknown=dict(runs.unknown) if runs is not None else {},
             scalars=(self.started, self.sealed, self.reached, self._until_try, self._reported),
+            began=runs.began if runs is not None else -1,
             lost=self._lost,
             lost_ports=dict(self._known.lost),
             coming=tuple(self._gaps.coming),
@@ -478,9 +524,11 @@ class MonitorGroup:
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to ``snapshot``."""
-        self._three_valued = snapshot.three_valued
-        if self._three_valued is not None:
+        self._three_valued = None
+        if snapshot.three_valued is not None:
+            self._three_valued = self._two_runs()
             self._three_valued.unknown = dict(snapshot.unknown)
+            self._three_valued.began_at(snapshot.began)
         for program, state in zip(self._programs(), snapshot.networks, strict=True):
             program.go_back(state)
         scalars = snapshot.scalars
@@ -494,6 +542,12 @@ class MonitorGroup:
         for text, changes in snapshot.logs.items():
             self._logs[text].clear()
             self._logs[text].extend(changes)
+
+    def _two_runs(self) -> ThreeValued:
+        """Compiled once: that takes longer than most losses last."""
+        if self._runs is None:
+            self._runs = ThreeValued(self._formulas, self.binding.events, self._network)
+        return self._runs
 
     def _networks(self) -> list[Network]:
         split = [self._three_valued.network] * 2 if self._three_valued is not None else []

@@ -205,6 +205,36 @@ def stays_false(network: Network, root: int) -> bool:
     return inner.kind == "once" and mode(inner) in ("ever", "lower")
 
 
+def obligations(network: Network) -> list[int]:
+    """The nodes that remember whether a root was false at any time: what it says has never happened.
+
+    Not those that other formulas, or other parts of these, look at as well.
+    """
+    found: list[int] = []
+    path: set[int] = set()
+    todo = [(root, False) for root in network.roots]
+    while todo:
+        index, negated = todo.pop()
+        path.add(index)
+        node = network.nodes[index]
+        if node.kind == "not":
+            todo.append((node.inputs[0], not negated))
+        elif node.kind == "and" and not negated:
+            todo.extend((item, negated) for item in node.inputs)
+        elif node.kind == "once" and negated and mode(node) in ("ever", "lower"):
+            found.append(index)
+    others = {
+        item
+        for index, node in enumerate(network.nodes)
+        if index not in path or index in found
+        for item in node.inputs
+    }
+    for index in sorted(path, reverse=True):  # a node comes after its inputs
+        if index in others and index not in found:
+            others.update(network.nodes[index].inputs)
+    return [index for index in found if index not in others]
+
+
 _SPELLS = """\
 if <P>:
     if not c#:

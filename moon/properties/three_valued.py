@@ -59,6 +59,7 @@ from moon.properties.network import (
     Node,
     build_network,
     mode,
+    obligations,
     state_names,
 )
 
@@ -239,6 +240,7 @@ class ThreeValued:
         self._wanted = sum(node.kind in ("once", "since") for node in plain.nodes)
         self._began = -1
         self._initial = self.best.snapshot(), self.worst.snapshot()
+        self._obligations = {f"l{index}": NEVER for index in obligations(self.network)}
         self._grows = _grows(self.network)
         self._spells: dict[bool, list[str]] = {True: [], False: []}
         """Where nodes keep the instant at which their input became true, by :func:`_grows`."""
@@ -271,6 +273,20 @@ class ThreeValued:
         for text, value in atoms.items():
             self._set(text, value, now, held=value is None)
 
+    @property
+    def began(self) -> int:
+        """The first instant of which anything is remembered."""
+        return self._began
+
+    def began_at(self, instant: int) -> None:
+        """What is remembered may be of ``instant``, or later."""
+        self._began = instant
+
+    def forget_obligations(self) -> None:
+        """The formulas begin: whether they were false before is not asked."""
+        for program in (self.best, self.worst):
+            program.write(self._obligations)
+
     def begin(self, now: int) -> None:
         """The first step of all is due at ``now``."""
         for program in (self.best, self.worst):
@@ -282,6 +298,7 @@ class ThreeValued:
         What was due at an instant of an observation may also have been evaluated before it, if a
         message that was lost had that instant, too: then nothing that was computed since stands.
         """
+        self._began = min(self._began, start)
         if self.met >= start:
             self._forget(range(len(self.network.nodes)), start, now)
             return

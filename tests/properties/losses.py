@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from moon.properties.formula import predicates, text
 from moon.properties.monitor import PropertySet
+from moon.properties.network import NEVER, obligations
 from moon.properties.property import Fact, Port, Property, Status, Verdict
 from moon.properties.syntax import parse_formula
 from tests.properties.differential import random_formula
@@ -196,6 +197,8 @@ class Claims:
         self.begun: dict[int, int] = {}
         """Per property, the place in the actions at which it began."""
         self.started: dict[int, int] = {}
+        self.remembered: dict[int, tuple[int, bool]] = {}
+        """Per property that remembers something from before it began: since when, that instant included."""
         self.reported: set[int] = set()
         self.monitors = PropertySet(triple.properties)
         self.names = [item.name for item in triple.properties]
@@ -212,6 +215,7 @@ class Claims:
 
     def take(self, place: int, action: tuple[str, int]) -> None:
         what, number = action
+        reached = [group.reached for group in self.groups]
         if what == "lose":
             loss = self.triple.losses[number]
             changes = self.monitors.lose(f"/{loss.name}", loss.start, loss.end)
@@ -225,6 +229,9 @@ class Claims:
             changes = self.monitors.observe(self.triple.observation(message))
             self.changed(changes, message.stamp, number, None)
         for item, group in enumerate(self.groups):
+            runs = group._three_valued
+            if item not in self.begun and item not in self.remembered and runs is not None:
+                self.remembered[item] = max(runs.began, reached[item]), reached[item] < 0
             if item not in self.begun and group.started >= 0:
                 self.begun[item], self.started[item] = place, group.started
 
@@ -286,6 +293,7 @@ class Reference:
         self.triple = triple
         self.item = triple.properties[number]
         self.start = claims.started[number]
+        self.remembered = claims.remembered.get(number)
         self.begun_by = triple.actions[claims.begun[number]]
         ports = (
             port if port.event else Port(port.name, port.channel, path=port.path, initial=False)
@@ -295,44 +303,63 @@ class Reference:
         self.fresh = self.monitors.snapshot()
 
     def of(self, messages: list[tuple[Message, int | None]]) -> tuple[Values, Values]:
-        """The formula's value after each observation and at the end of each tick, of ``messages``."""
+        """The formula's value after each observation and at the end of each tick, of ``messages``.
+
+        What happened before it began is remembered, with some value of each state that was not known yet;
+        only whether the formula was false then is not asked.
+        """
         after: Values = {}
         ends: Values = {}
         what, at = self.begun_by
         rest = deque(messages)
+        self.monitors.restore(self.fresh)
+        (group,) = self.monitors.groups
+        first, includes_first = self.remembered or (self.start, False)
         values = {
             port.name: port.initial for port in self.item.ports if isinstance(port.initial, bool)
         }
-        while rest and (rest[0][1] != at if what == "observe" else rest[0][0].stamp <= self.start):
+        while rest and (
+            rest[0][0].stamp < first + (not includes_first)
+            if self.remembered
+            else rest[0][1] != at
+            if what == "observe"
+            else rest[0][0].stamp <= first
+        ):
             message, _ = rest.popleft()
             values[message.name] = message.value
-        self.monitors.restore(self.fresh)
-        (group,) = self.monitors.groups
         known = {name: value for name, value in values.items() if name in group.binding.ports}
         group._known.values.update(known)  # as if observed before
-        if what == "advance":
-            self.monitors.advance(self.start)
-        else:
-            message, place = rest.popleft()
-            self.monitors.observe(self.triple.observation(message))
-            if group.started < 0:  # what made it begin is of a property that shares its network
-                group.begin(self.start)
-                group._program.settle(self.start)
-            if place is not None:
-                after[place] = bool(group._program.values()[0])
-        # from here on without verdicts and their witnesses: the network's functions are asked
+        # without verdicts and their witnesses: the network's functions are asked
         program = group._program
         handlers = {ports.channel: group.handlers[ports.name] for ports in group.binding.groups}
-        for tick in range(self.start, self.triple.end + 1):
+        group.begin(first)
+        has_begun = False
+
+        def begin() -> None:
+            nonlocal has_begun
+            program.write({f"l{index}": NEVER for index in obligations(group._network)})
+            has_begun = True
+
+        for tick in range(first, self.triple.end + 1):
             while rest and rest[0][0].stamp == tick:
                 message, place = rest.popleft()
+                if what == "observe" and place == at:
+                    begin()
                 if f"/{message.name}" in handlers:
                     observation = self.triple.observation(message)
                     handlers[f"/{message.name}"](tick, observation.data, observation)
-                if place is not None:
+                if what == "observe" and place == at:
+                    # it may have changed nothing, or be of a property that shares the network
+                    program.at(tick)
+                    program.step(tick)
+                if place is not None and has_begun:
                     after[place] = program.values()[0]
             program.settle(tick)
-            ends[tick] = program.values()[0]
+            if what == "advance" and tick == self.start:
+                begin()
+                program.step(tick)
+            if has_begun:
+                ends[tick] = program.values()[0]
         program.changed.clear()
         return after, ends
 
@@ -380,9 +407,11 @@ def contradiction(seed: int, tally: Tally | None = None, edges: bool = False) ->
             stamps = [message.stamp for message, _ in messages]
             if len(set(stamps)) < len(stamps):
                 continue  # ticks have no more than one value
-            rows = reference.rows(messages)
             start = claims.started[number]
             formula = triple.properties[number].formula
+            if reference.remembered:  # the definitions know nothing of a time before the first
+                continue
+            rows = reference.rows(messages)
             if place == 0 and any(
                 holds(formula, rows, t - start) != values[0][1][t] for t in values[0][1]
             ):

@@ -88,16 +88,18 @@ def look_at_a_loss(choice: random.Random, formula: Formula, events: frozenset[st
     lost = choice.choice("pqr")
     first = choice.randrange(3, len(changes))
     after = choice.randrange(first, len(changes) + 1)
-    values: dict[str, bool] = {}
+    values = dict.fromkeys("pqr", False)
     trace = []
     for _, name, value in changes:
         values = {**values, **dict.fromkeys(events, False), name: value or name in events}
         trace.append(values)
-    start = 2  # all three are known from here on
-    ports = tuple(port(name, name in events) for name in "pqr")
+    ports = tuple(
+        port(name, True)
+        if name in events
+        else Port(name, f"/{name}", path=("value",), initial=False)
+        for name in "pqr"
+    )
     monitor = PropertyMonitor(Property("x", formula, ports))
-    used = {name for name in "pqr" if f"{{{name}}}" in text(formula)}
-    begun = max((["p", "q", "r"].index(name) for name in used - events), default=0)
     for t, name, value in changes:
         if t == after:
             monitor.lose(f"/{lost}", first, after)
@@ -105,8 +107,8 @@ def look_at_a_loss(choice: random.Random, formula: Formula, events: frozenset[st
             continue
         monitor.observe(seen(t, f"/{name}", value=value))
         verdict = monitor.advance(t)  # a name that the formula does not use tells no time
-        if (t >= max(after, start) or t < first) and t >= begun:
-            expected = holds(formula, trace[begun:], t - begun)
+        if t >= after or t < first:
+            expected = holds(formula, trace, t)
             assert agrees(verdict.status, expected), f"{text(formula, 1)} at {t}"
 
 
