@@ -37,6 +37,7 @@ def steps(seed: int) -> list[list[str]]:
         ),
         ["-m", "tests.properties.soak", *LONG_PROPERTIES, "--seed", first],
         ["-m", "tests.offline.losing", "--patterns", "10000", "--seed", first],
+        ["-m", "tests.offline.single_losses", "200", first],
         ["-m", "tests.attacks.soak", "--seconds", "3600", "--seed", first],
         ["-m", "tests.recording.damage", "--seconds", "1800", "--seed", first],
         ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", "soak"],

@@ -14,6 +14,7 @@ from moon.oracle.delivery import Clock
 from moon.oracle.oracle import Oracle
 from moon.oracle.program import Program
 from moon.ordering.numbers import Numbers
+from moon.ordering.sources import Sources
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
@@ -34,6 +35,7 @@ class ModelMonitor:
         others: the models of further nodes of the system, for what they publish.
         numbers: those of all sources, where whoever feeds it follows them, and says how each does.
         programs: the machines by name, ready to be stepped, if they are already.
+        sources: how far all nodes have reported, where whoever feeds it follows that.
     """
 
     def __init__(
@@ -47,6 +49,7 @@ class ModelMonitor:
         others: Iterable[Machine] = (),
         numbers: Numbers | None = None,
         programs: Mapping[str, Program] | None = None,
+        sources: Sources | None = None,
     ) -> None:
         machines = tuple(machines)
         programs = programs or {}
@@ -69,6 +72,7 @@ class ModelMonitor:
                 self._publishers,
                 numbers,
                 programs.get(machine.name),
+                sources,
             )
             for machine in machines
         }
@@ -137,7 +141,16 @@ class ModelMonitor:
                 if oracle.wake < wake:
                     wake = oracle.wake
             clock.wake = wake
+        verdicts += self.told()
         return verdicts if self.policy is None else verdicts + self.policy.advance(now_ns)
+
+    def told(self) -> list[Verdict]:
+        """Nodes have reported something: violations of others that are certain by that."""
+        return [verdict for oracle in self._all for verdict in oracle.told()]
+
+    def to_ask(self) -> list[str]:
+        """The nodes to be asked now how far they have reported, to make violations certain."""
+        return sorted({name for oracle in self._all for name in oracle.to_ask()})
 
     @property
     def turn_ns(self) -> int:

@@ -14,6 +14,7 @@ The search, by composition; a module uses only those above it:
 
 * ``calls``: calls, as their two ends know them;
 * ``trace_events``: what an observation is to the machine, an input or an output; source streams;
+* ``evidence``: who shows that something is missing of what the machine takes, for every kind of input;
 * ``unknowns``: values of which only a range is known, and when a value is what was expected;
 * ``expressions``, ``compiling``, ``program``: the machine ready to be stepped, and one step;
 * ``state``: hypotheses, which are values, and the goals in them;

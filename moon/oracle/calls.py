@@ -73,9 +73,13 @@ class KnownCalls:
         self.count -= 1
         return stamp
 
-    def stamps(self) -> Iterator[int]:
-        """When it happened to each (ns)."""
-        return (stamp for known in self._calls.values() for _, stamp in known)
+    def items(self) -> Iterator[tuple[Where, Call, int]]:
+        """What happened, to which call, and when (ns)."""
+        return (
+            (where, call, stamp)
+            for (where, _), known in self._calls.items()
+            for call, stamp in known
+        )
 
     def clear(self) -> None:
         """Forget all."""

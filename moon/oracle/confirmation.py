@@ -12,15 +12,19 @@ Both halves of an oracle share the ``Conclusion``: the judge reports to it what 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 
+from m2c.model.machine import EventKind
 from moon.oracle.bounds import Bounds
 from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
+from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import TakenMessages
 from moon.oracle.trace_events import SourceStreams
 from moon.ordering.numbers import Count, Place
 from moon.ordering.progress import Progress
+from moon.ordering.sources import Sources
 from moon.verdict import Outcome, Verdict
+from transports.interface import ObservationKind
 
 KEPT_VIOLATIONS = 16
 """More of them do not wait; the oldest go."""
@@ -98,12 +102,26 @@ class Waiting:
         reported_ns: all that the node did until then has to be received, by the order of its reports;
             ``NOT_NEEDED`` where it is, or where the node counts per channel only.
         since_ns: since when it was known what the machine does.
+        until_ns: all that happened until then may explain it.
         call: the request that was not answered; its client's giving up shows the
             silence as well as the node's own next report does.
         answer: the place at which the answer would have come.
+        ends: what the other ends of its calls say that the node did, about when the violation happened; its
+            own report of each says whether that was later.
+        is_asked: whether those that may show that it is certain were asked how far they have reported.
     """
 
-    __slots__ = ("answer", "call", "places", "reported_ns", "since_ns", "verdict")
+    __slots__ = (
+        "answer",
+        "call",
+        "ends",
+        "is_asked",
+        "places",
+        "reported_ns",
+        "since_ns",
+        "until_ns",
+        "verdict",
+    )
 
     def __init__(
         self,
@@ -111,18 +129,22 @@ class Waiting:
         places: dict[Place, int] | None = None,
         reported_ns: int = NOT_NEEDED,
         since_ns: int = 0,
+        until_ns: int = 0,
     ) -> None:
         self.verdict = verdict
         self.places = {} if places is None else places
         self.reported_ns = reported_ns
         self.since_ns = since_ns
+        self.until_ns = until_ns
+        self.is_asked = False
+        self.ends: set[tuple[Where, Call]] = set()
         self.call: Call | None = None
         self.answer: Place | None = None
 
     @property
     def is_over(self) -> bool:
         """Whether nothing is left to wait for."""
-        return not self.places and self.reported_ns == NOT_NEEDED
+        return not self.places and not self.ends and self.reported_ns == NOT_NEEDED
 
 
 class Unconfirmed:
@@ -169,6 +191,34 @@ class Unconfirmed:
                 waiting.reported_ns = NOT_NEEDED
         return self._certain()
 
+    def settled(self, other_ends: OtherEnds, stamp: int) -> list[Verdict]:
+        """The node reported what it did at ``stamp``; what is open of the other ends is in ``other_ends``."""
+        for waiting in tuple(self.kept):
+            told = {end for end in waiting.ends if not other_ends.is_open(*end)}
+            if told and stamp <= waiting.until_ns:
+                self.kept.remove(waiting)
+            waiting.ends -= told
+        return self._certain()
+
+    def to_ask(self, node: str) -> set[str]:
+        """Who may show that a violation of ``node`` is certain, by saying how far they have reported."""
+        found: set[str] = set()
+        for waiting in self.kept:
+            if not waiting.is_asked:
+                waiting.is_asked = True
+                found.update(place[0] for place in waiting.places)
+                found.update((node,) if waiting.reported_ns != NOT_NEEDED else ())
+        return found
+
+    def told(self, sources: Sources, node: str, skew_ns: int) -> list[Verdict]:
+        """What other nodes than ``node`` did was received up to some time, by the order of their reports."""
+        for waiting in self.kept:
+            until_ns = waiting.until_ns + skew_ns
+            for place in tuple(waiting.places):
+                if place[0] != node and sources.is_whole(place[0], waiting.since_ns, until_ns):
+                    del waiting.places[place]
+        return self._certain()
+
     def counts_per_channel(self) -> list[Verdict]:
         """The node, of which something is received now, does not number all that it reports."""
         for waiting in self.kept:
@@ -199,13 +249,17 @@ class OtherEnds:
     """What the other ends of a node's calls show that it did, and it did not report.
 
     For nodes that number their reports per channel only. One report of two on the same event is enough.
+
+    Args:
+        latency: an end of a call reports of it within this time of what the other end reports (ns).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, latency: int) -> None:
+        self._latency = latency
         self._reported = KnownCalls()
         self._implied = KnownCalls()
         self._dropped_ns = 0
-        """Of what is not remembered, the newest is from then."""
+        """What is not remembered happened until then."""
 
     def report(self, where: Where, call: Call, stamp: int) -> None:
         """The node itself reported that something happened to ``call`` at ``stamp`` (ns)."""
@@ -224,13 +278,36 @@ class OtherEnds:
             self._dropped_ns = max(self._dropped_ns, self._implied.drop_oldest())
 
     def are_missing(self, since_ns: int, until_ns: int) -> bool:
-        """Whether the node did something after ``since_ns``, and by ``until_ns``, that it did not report.
+        """Whether the node may have done something since ``since_ns`` that it did not report.
+
+        All that the other ends did by ``until_ns`` counts. What they did later, see ``unsettled``.
+        """
+        if self._dropped_ns > since_ns - self._latency:
+            return True
+        return any(
+            since_ns < self._latest(where, stamp) and stamp <= until_ns
+            for where, _, stamp in self._implied.items()
+        )
+
+    def _latest(self, where: Where, stamp: int) -> int:
+        """When it happened at the latest: a response is received later than it was sent."""
+        return stamp + self._latency if where[0] == ObservationKind.RESPONSE_RECEIVED else stamp
+
+    def unsettled(self, until_ns: int) -> set[tuple[Where, Call]]:
+        """What the node did not report yet, and may have done by ``until_ns`` or after that.
 
         Of what it does now, the other end's report may be received first.
         """
-        if self._dropped_ns > since_ns:
-            return True
-        return any(since_ns < stamp <= until_ns for stamp in self._implied.stamps())
+        last_ns = until_ns + self._latency
+        return {
+            (where, call)
+            for where, call, stamp in self._implied.items()
+            if until_ns < stamp <= last_ns
+        }
+
+    def is_open(self, where: Where, call: Call) -> bool:
+        """Whether the node has not reported yet what is ``unsettled``."""
+        return self._implied.has(where, call)
 
     def clear(self) -> None:
         """The node has started anew."""
@@ -278,28 +355,31 @@ class Confirmation:
     Args:
         node: the node that runs the machine.
         bounds: what is assumed of the middleware.
-        taken_topics: the channels of the topics that can make a difference to the machine.
+        taken_topics: the channels of the topics that can make a difference to the machine; as which input.
         streams: what was received, and its numbers.
         progress: of all that the node reports, where it numbers that.
         other_ends: what others report of the node's calls.
         publishers: who may publish although nothing was received from them.
         losses: what is known of the tap.
-        takes: whether the node reports which messages it takes; then those of others show nothing more.
+        takes: whether the node reports which messages it takes.
+        sources: how far all nodes have reported, where they number that.
     """
 
     def __init__(
         self,
         node: str,
         bounds: Bounds,
-        taken_topics: Collection[str],
+        taken_topics: Mapping[str, EventKind],
         streams: SourceStreams,
         progress: Progress,
         other_ends: OtherEnds,
         publishers: Publishers,
         losses: Losses,
         takes: TakenMessages,
+        sources: Sources,
     ) -> None:
         self._node = node
+        self._sources = sources
         self._skew = bounds.skew
         self._silent_ns = bounds.deadline + bounds.latency
         self._taken_topics = taken_topics
@@ -318,7 +398,7 @@ class Confirmation:
         after, since = violation.until_ns, violation.since_ns
         is_silence, expected = violation.is_silence, violation.expected
         places: dict[Place, int] = {}
-        known = self._takes.reported or self._wait_for_others(places, after, since)
+        known = self._wait_for_others(places, after, since)
         counted = self._progress.reported_ns
         if counted:  # its node numbers all that it reports
             known = known and self._progress.gap <= since
@@ -339,7 +419,9 @@ class Confirmation:
                     known = self._wait_for(places, count, after, since) and known
         if not known:
             return None
-        waiting = Waiting(verdict, places, reported, since)
+        waiting = Waiting(verdict, places, reported, since, after)
+        if not counted:
+            waiting.ends = self._other_ends.unsettled(after + self._skew)
         # what came before the request may be missing
         if reported == NOT_NEEDED or self._progress.reported_ns >= violation.asked_ns:
             waiting.call = violation.call
@@ -352,18 +434,32 @@ class Confirmation:
         return self._streams.may_have_missed(channels, by_ns - self._silent_ns)
 
     def _wait_for_others(self, places: dict[Place, int], after: int, since: int) -> bool:
-        """Add the topics of others that it takes; False: some of what they sent is not known."""
+        """Add the topics of others whose numbers alone show what the machine took of them.
+
+        Returns:
+            Whether it is known what they sent; not where some of that is missing.
+        """
         counts = self._streams.counts
         known = True
+        reported = self._takes.reported
+        shown = {
+            channel
+            for channel, kind in self._taken_topics.items()
+            if evidence_of(kind, reported) is Shown.BY_SENDER
+        }
         for count in counts.values():
             source, channel, is_message = count.place
-            if source != self._node and is_message and channel in self._taken_topics:
+            if source != self._node and is_message and channel in shown:
                 known = self._wait_for(places, count, after, since) and known
-        for channel in self._taken_topics:
+        for channel in shown:
             for source in self._publishers.on(channel):
                 place = (source, channel, True)
                 if source != self._node and place not in counts:
                     places[place] = 0
+        until = after + self._skew
+        for place in tuple(places):
+            if self._sources.is_whole(place[0], since, until):
+                del places[place]
         return known
 
     def _wait_for(self, places: dict[Place, int], count: Count, after: int, since: int) -> bool:
@@ -479,6 +575,14 @@ class Conclusion:
     def reported(self, until_ns: int, gap_ns: int) -> list[Verdict]:
         """All that the node did until ``until_ns`` was received but what happened before ``gap_ns``."""
         return self._confirmed(self.unconfirmed.reported(until_ns, gap_ns))
+
+    def settled(self, other_ends: OtherEnds, stamp_ns: int) -> list[Verdict]:
+        """The node reported its end of a call, at ``stamp_ns``."""
+        return self._confirmed(self.unconfirmed.settled(other_ends, stamp_ns))
+
+    def told(self, sources: Sources, skew_ns: int) -> list[Verdict]:
+        """Other nodes have reported something, by ``sources``."""
+        return self._confirmed(self.unconfirmed.told(sources, self._node, skew_ns))
 
     def counts_per_channel(self) -> list[Verdict]:
         """The node does not number all that it reports."""

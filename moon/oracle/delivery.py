@@ -9,9 +9,9 @@ was published, or as of when its node took it.
 
 from __future__ import annotations
 
-from m2c.model.machine import EventKind
 from moon.oracle.bounds import FOREVER
 from moon.oracle.confirmation import Conclusion, Publishers
+from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import RequestTracking, TakenMessages, reference_of
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.program import Program
@@ -363,7 +363,6 @@ class Delivery:
 # --- messages of topics ---------------------------------------------------------------------------
 
 _MESSAGE, _TAKEN, _INPUT = Role.MESSAGE, Role.TAKEN, Role.INPUT
-_MESSAGED = EventKind.MESSAGE
 
 
 class Topics:
@@ -397,7 +396,10 @@ class Topics:
         self._publishers = publishers
         self._takes = takes
         self._held = held
-        self._takes_none = not program.taken_topics()
+        taken = program.taken_topics().values()
+        self._takes_none = not taken
+        self._is_reported_whole = all(evidence_of(kind, True) is Shown.BY_NODE for kind in taken)
+        """Whether a node that reports what it takes reports all that its machine takes."""
         self.is_ordered = self._takes_none
 
     def restart(self) -> None:
@@ -414,13 +416,18 @@ class Topics:
         """
         if event.role is _TAKEN:
             return self._taken(event, since_ns)
-        if not self._takes.reported or event.event is None or event.event[0] is not _MESSAGED:
+        reported = self._takes.reported
+        if not reported or event.event is None:
             return event
-        if event.observation.sequence < 0:  # of such a message it is not reported when it is taken
-            self.is_ordered = False
-            return event
-        self._publish(event, since_ns)
-        return None
+        match evidence_of(event.event[0], reported, event.observation.sequence >= 0):
+            case Shown.BY_NODE:
+                self._publish(event, since_ns)
+                return None
+            case (
+                Shown.BY_NOBODY
+            ):  # it may have been taken before or after anything that is reported
+                self.is_ordered = False
+        return event
 
     def follow(self, since_ns: int) -> None:
         """The node can report what it takes: from here on, messages are taken when it does."""
@@ -461,18 +468,20 @@ class Topics:
 
     def _messages(self) -> list[TraceEvent]:
         """Those that are not judged yet, and that the node may still report to have taken."""
-        return [event for event in self._held.observations if _is_numbered_message(event)]
+        return [event for event in self._held.observations if _may_be_reported(event)]
 
     def _follow(self, since_ns: int) -> None:
         messages = self._messages()
         self._takes.reported = True
-        self.is_ordered = not self._program.takes_feedback
+        self.is_ordered = self._is_reported_whole
         for message in messages:
             self._held.remove(message)
             self._publish(message, since_ns)
 
 
-def _is_numbered_message(event: TraceEvent) -> bool:
+def _may_be_reported(event: TraceEvent) -> bool:
     """Whether its node may report that it took ``event``."""
-    is_message = event.event is not None and event.event[0] is _MESSAGED
-    return event.role is _MESSAGE and is_message and event.observation.sequence >= 0
+    if event.role is not _MESSAGE or event.event is None:
+        return False
+    shown = evidence_of(event.event[0], True, event.observation.sequence >= 0)
+    return shown is Shown.BY_NODE

@@ -63,16 +63,21 @@ _OUTPUTS = {
 }
 
 
+def survivors_of(search: Search, before: list[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
+    """What may have been so just before ``fact``, after ``before``."""
+    try:
+        return search.reachable(before, fact.stamp, 0)
+    except (TooManyError, TooOpenError):
+        return before
+
+
 def explanation_of(
-    search: Search, before: list[Hypothesis], fact: TraceEvent | None, history: Iterable[TraceEvent]
+    search: Search,
+    survivors: list[Hypothesis],
+    fact: TraceEvent | None,
+    history: Iterable[TraceEvent],
 ) -> Explanation:
-    """Why ``fact`` (None: that nothing came) cannot be after ``before``."""
-    survivors = before
-    if fact is not None:
-        try:
-            survivors = search.reachable(before, fact.stamp, 0)
-        except (TooManyError, TooOpenError):
-            survivors = before
+    """Why ``fact`` (None: that nothing came) cannot be after ``survivors``."""
     owed = [(h, h.owed[0]) for h in survivors if h.owed]
     expected: dict[str, None] = {}
     places: dict[str, None] = {}

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from m2c.model.machine import OutputKind
 from moon.oracle.bounds import FOREVER, TooManyError
 from moon.oracle.confirmation import Conclusion, Violation
-from moon.oracle.explain import described, explanation_of
+from moon.oracle.explain import described, explanation_of, survivors_of
 from moon.oracle.program import TooOpenError
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
@@ -253,9 +253,10 @@ class ModelOracle:
     def _unexplained(self, event: TraceEvent) -> Sequence[Verdict]:
         """``event`` cannot be: a violation; go on from what is still certain."""
         before = self.hypotheses or []
-        explanation = explanation_of(self.search, before, event, self._history)
+        survivors = survivors_of(self.search, before, event)
+        explanation = explanation_of(self.search, survivors, event, self._history)
         verdict = self._verdict_of(event.stamp, explanation)
-        violation = self._violation(verdict, event.stamp, False, self._places_of(before))
+        violation = self._violation(verdict, event.stamp, False, self._places_of(survivors))
         violation.is_certain = event.role is Role.UNDECLARED
         verdicts, is_known = self._conclusion.found(violation)
         self._history.append(event)

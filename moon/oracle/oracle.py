@@ -18,16 +18,25 @@ from m2c.model.system import library_for
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.confirmation import Conclusion, Confirmation, Losses, OtherEnds, Publishers
 from moon.oracle.delivery import Clock, Delivery, Topics
+from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
-from moon.oracle.trace_events import AmbiguousError, Channels, Role, SourceStreams, TraceEvent
+from moon.oracle.trace_events import (
+    AmbiguousError,
+    Channels,
+    Role,
+    SourceStream,
+    SourceStreams,
+    TraceEvent,
+)
 from moon.ordering.held import Held
 from moon.ordering.lives import ANOTHER, PAST, Lives
-from moon.ordering.numbers import Count, Numbers
+from moon.ordering.numbers import Numbers
 from moon.ordering.progress import Progress
+from moon.ordering.sources import Sources
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel
@@ -53,6 +62,7 @@ class Oracle:
         publishers: who publishes and calls, by the models of all nodes.
         numbers: those of all sources, where whoever feeds it follows them, and says how each does.
         program: the machine, ready to be stepped, if it is already.
+        sources: how far all nodes have reported, where whoever feeds it follows that.
 
     Attributes:
         judge: judges what happened, in order.
@@ -72,6 +82,7 @@ class Oracle:
         publishers: Publishers | None = None,
         numbers: Numbers | None = None,
         program: Program | None = None,
+        sources: Sources | None = None,
     ) -> None:
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
@@ -85,10 +96,11 @@ class Oracle:
         search = Search(machine, library, self.channels, bounds, program)
         self._program = program = search.program
         self._latency = bounds.latency
+        self._sources = sources or Sources(bounds.latency)
         self._streams = SourceStreams(self.channels, self.node, numbers)
         self._progress = Progress()
         self._lives = Lives()
-        self._other_ends = OtherEnds()
+        self._other_ends = OtherEnds(bounds.latency)
         held: Held[TraceEvent] = Held()
         self._takes = TakenMessages(bounds.deadline + bounds.skew)
         self._topics = Topics(program, self.channels, self._streams, publishers, self._takes, held)
@@ -103,6 +115,7 @@ class Oracle:
             publishers,
             self.losses,
             self._takes,
+            self._sources,
         )
         self._conclusion = Conclusion(machine.name, self.node, confirmation)
         self._unconfirmed = self._conclusion.unconfirmed
@@ -210,13 +223,13 @@ class Oracle:
             number = observation.sequence
             if sequel is not None:
                 if number >= 0 and (sequel is not _NEXT or self._unconfirmed.kept):
-                    self._look_at_number(observation, count, sequel, verdicts)
+                    self._look_at_number(observation, stream, sequel, verdicts)
             elif number >= 0:
                 sequel = count.sequel(number, observation.stamp_ns, observation.life)
                 if sequel is Sequel.AGAIN:
                     self.repeated += 1
                     return self.advance(observation.received_ns)
-                self._look_at_number(observation, count, sequel, verdicts)
+                self._look_at_number(observation, stream, sequel, verdicts)
         event: TraceEvent | None = None
         more: list[TraceEvent] | None = None
         read = stream.read
@@ -278,18 +291,22 @@ class Oracle:
         return verdicts + delivery.pass_until(until)
 
     def _look_at_number(
-        self, observation: Observation, count: Count, sequel: Sequel, verdicts: list[Verdict]
+        self,
+        observation: Observation,
+        stream: SourceStream,
+        sequel: Sequel,
+        verdicts: list[Verdict],
     ) -> None:
         """What the number of ``observation`` shows of losses goes to ``verdicts``."""
         stamp, number = observation.stamp_ns, observation.sequence
-        if self._unconfirmed.kept:
-            verdicts += self._conclusion.numbered(count.place, number, stamp)
+        if self._unconfirmed.kept and stream.count is not None:
+            verdicts += self._conclusion.numbered(stream.count.place, number, stamp)
         match sequel:
-            case Sequel.FIRST if number > 0 and self._is_expected(observation):
+            case Sequel.FIRST if number > 0 and self._is_expected(stream):
                 # a number above 0 comes first where a tap joins later, or where the first was lost
                 text = f"what came first on {observation.channel} was not received"
                 verdicts += self._delivery.lose(stamp, text)
-            case Sequel.AFTER_A_GAP if self._takes.reported and observation.source != self.node:
+            case Sequel.AFTER_A_GAP if self._is_shown_by_node(stream):
                 self.losses.happen = True  # what is missing matters when it has been taken
             case Sequel.AFTER_A_GAP:
                 self.losses.happen = True
@@ -308,13 +325,18 @@ class Oracle:
         self._topics.restart()
         verdicts += self._delivery.lose(stamp_ns, f"{self.node} was restarted")
 
-    def _is_expected(self, observation: Observation) -> bool:
-        """Whether its channel's first observation should have been received by now."""
-        if self._takes.reported and observation.source != self.node:
+    def _is_shown_by_node(self, stream: SourceStream) -> bool:
+        """Whether the machine's node itself reports which messages of ``stream`` it took."""
+        kind = stream.taken_as
+        return kind is not None and evidence_of(kind, self._takes.reported) is Shown.BY_NODE
+
+    def _is_expected(self, stream: SourceStream) -> bool:
+        """Whether the first observation of ``stream`` should have been received by now."""
+        if self._is_shown_by_node(stream):
             return False
         if self.losses.happen:
             return self.is_synchronised
-        return self.judge.since_start and observation.source == self.node
+        return self.judge.since_start and stream.own
 
     def _counts_per_channel(self, observation: Observation, verdicts: list[Verdict]) -> None:
         """The machine's node reports ``observation``, and does not number all that it reports."""
@@ -323,6 +345,7 @@ class Oracle:
             call = (observation.client, observation.call, observation.client_life)
             self._other_ends.report((kind, channel), call, observation.stamp_ns)
         if self._unconfirmed.kept and not self._progress.reported_ns:
+            verdicts += self._conclusion.settled(self._other_ends, observation.stamp_ns)
             verdicts += self._conclusion.counts_per_channel()
 
     def _of_topic(self, event: TraceEvent) -> TraceEvent | None:
@@ -411,6 +434,16 @@ class Oracle:
             now_ns: on the clock of ``Observation.received_ns``.
         """
         return self._delivery.pass_until(now_ns - self._latency)
+
+    def told(self) -> list[Verdict]:
+        """Other nodes may have reported something: violations that are certain by that."""
+        if not self._unconfirmed.kept:
+            return []
+        return self._conclusion.told(self._sources, self.bounds.skew)
+
+    def to_ask(self) -> set[str]:
+        """The nodes to be asked how far they have reported, to make a violation certain; each once."""
+        return self._unconfirmed.to_ask(self.node) if self._unconfirmed.kept else set()
 
     # --- how it stands --------------------------------------------------------------------------------
 

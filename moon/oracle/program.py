@@ -350,14 +350,9 @@ class Program:
         """Whether ``event`` can make a difference to what is seen, in any state."""
         return event in self._effective
 
-    @property
-    def takes_feedback(self) -> bool:
-        """Whether feedback of goals can make a difference to what is seen: its node does not report when."""
-        return any(event[0] is EventKind.FEEDBACK for event in self._effective)
-
-    def taken_topics(self) -> frozenset[str]:
-        """Channels of others whose messages can make a difference to what is seen."""
-        found = set()
+    def taken_topics(self) -> dict[str, EventKind]:
+        """Channels of others whose messages can make a difference to what is seen, and as which input."""
+        found: dict[str, EventKind] = {}
         for kind, ending, event in (
             (InterfaceKind.SUBSCRIBER, "", EventKind.MESSAGE),
             (InterfaceKind.ACTION_CLIENT, "/_action/feedback", EventKind.FEEDBACK),
@@ -369,8 +364,8 @@ class Program:
                     and channel
                     and self.changes_something((event, interface.name))
                 ):
-                    found.add(channel + ending)
-        return frozenset(found)
+                    found[channel + ending] = event
+        return found
 
     def declared_channel(self, kind: OutputKind, interface: str) -> str | None:
         """The channel by which an output leaves; None: it is only known at run time."""

@@ -460,6 +460,13 @@ class Channels:
         )
         return max(counts, default=0) <= 1
 
+    def taken_as(self, channel: str) -> EventKind | None:
+        """As which input messages of others on ``channel`` are taken; None: they are none."""
+        kinds = {port.kind for port in self.ports.get(channel, ())}
+        if InterfaceKind.ACTION_CLIENT in kinds:
+            return EventKind.FEEDBACK
+        return EventKind.MESSAGE if InterfaceKind.SUBSCRIBER in kinds else None
+
     def name_of(self, kind: InterfaceKind, interface: str) -> str:
         """The name under which the channel of ``interface`` is known: one per channel and kind."""
         return self.aliases.get((kind, interface), interface)
@@ -613,19 +620,26 @@ class SourceStream:
     Attributes:
         read: what makes trace events of them; None if nothing does.
         more: what makes further events of them, where they are part of several interfaces.
+        taken_as: as which input the machine takes them, where they are another node's messages.
         own: whether the machine's own node is their source.
         other_end: whether they are what a server reports of the machine's calls.
         count: their numbers; None for what others report of their calls, which only adds to what is
             known.
     """
 
-    __slots__ = ("count", "more", "other_end", "own", "read")
+    __slots__ = ("count", "more", "other_end", "own", "read", "taken_as")
 
     def __init__(
-        self, readers: tuple[Reader, ...], own: bool, other_end: bool, count: Count | None
+        self,
+        readers: tuple[Reader, ...],
+        own: bool,
+        other_end: bool,
+        count: Count | None,
+        taken_as: EventKind | None,
     ) -> None:
         self.read = readers[0] if readers else None
         self.more = readers[1:]
+        self.taken_as = taken_as
         self.own = own
         self.other_end = other_end
         self.count = count
@@ -670,7 +684,11 @@ class SourceStreams:
             place = (source, channel, message)
             count = self.counts[place] = self._numbers.add(place)
         stream = self.opened[source, channel, kind] = SourceStream(
-            readers, own, not own and kind in _AT_THE_SERVER, count
+            readers,
+            own,
+            not own and kind in _AT_THE_SERVER,
+            count,
+            None if own or not message else self._channels.taken_as(channel),
         )
         return stream
 

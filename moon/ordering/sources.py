@@ -22,9 +22,10 @@ class Source:
         is_numbered: whether it numbers all that it reports, as far as is known.
         is_up: whether it is there; None: only its observations say so.
         since_ns: since when it is there (ns), or when it went away; 0: that is not known.
+        anew_ns: it numbers anew since then (ns); what it did last before that may be missing.
     """
 
-    __slots__ = ("is_numbered", "is_up", "lives", "progress", "since_ns")
+    __slots__ = ("anew_ns", "is_numbered", "is_up", "lives", "progress", "since_ns")
 
     def __init__(self) -> None:
         self.progress = Progress()
@@ -32,6 +33,7 @@ class Source:
         self.is_numbered = True
         self.is_up: bool | None = None
         self.since_ns = 0
+        self.anew_ns = 0
 
 
 class Sources:
@@ -64,6 +66,7 @@ class Sources:
                 return None
             if which == ANOTHER:
                 progress.restart()
+                source.anew_ns = stamp
         if order == progress.next and not progress.ahead and progress.answer is None:
             progress.next, progress.reported_ns = order + 1, stamp
             return None
@@ -73,6 +76,7 @@ class Sources:
         source.is_numbered = True
         if order < progress.next and stamp > progress.reported_ns:
             progress.restart()  # it has started again, and numbers anew
+            source.anew_ns = stamp
         before = progress.reported_ns, progress.gap
         progress.take(order, stamp, now_ns - self._latency_ns)
         return _gap_of(seen.source, progress, before)
@@ -98,6 +102,7 @@ class Sources:
         if is_up:
             source.lives.start(when_ns)
         if is_up and source.progress.reported_ns < when_ns:
+            source.anew_ns = when_ns if source.progress.reported_ns else 0
             source.progress.restart()  # it numbers anew
         source.is_up, source.since_ns = is_up, when_ns
 
@@ -130,6 +135,14 @@ class Sources:
             if reported_ns < known_ns:
                 known_ns = reported_ns
         return known_ns if is_any else 0
+
+    def is_whole(self, name: str, since_ns: int, until_ns: int) -> bool:
+        """Whether all that ``name`` did from ``since_ns`` to ``until_ns`` was received, by its numbers."""
+        source = self.known.get(name)
+        if source is None or not source.is_numbered:
+            return False
+        progress = source.progress
+        return max(progress.gap, source.anew_ns) <= since_ns and progress.reported_ns > until_ns
 
     def behind(self, names: Iterable[str], until_ns: int, now_ns: int) -> list[str]:
         """Those of ``names`` of which it is not known what they did until ``until_ns``, and who can say so.

@@ -133,4 +133,5 @@ def test_a_violation_is_certain_though_a_later_call_was_heard_at_its_other_end_o
     called.passed(MS)
     called.hear(RECEIVED, 3)
     called.hear(ANSWERED, 3)
-    assert called.passed(Bounds().latency) == [Outcome.VIOLATED]
+    # until its own report came, it may have answered before
+    assert called.passed(Bounds().latency) == [Outcome.INCONCLUSIVE, Outcome.VIOLATED]
