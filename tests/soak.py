@@ -2,7 +2,7 @@
 
 The oracle against a brute-force checker, properties against Reelay and their readers against damaged
 files and lost observations, recordings of every form damaged, the nominal tour under every condition, on a
-busy machine and with observations lost, strangers against a live tour, models of hostile text, nodes started
+busy machine and with observations lost, systems and circumstances made at random, strangers against a live tour, models of hostile text, nodes started
 and stopped a thousand times, skills killed for ten minutes and started again, and what is tested on ROS 2
 twenty times. A step that fails prints the command that repeats it, and the others go on; exit code 1 then.
 """
@@ -21,6 +21,8 @@ from tests.systems import SYSTEMS
 SEEDS = 2**31
 """A fresh seed is less: it, and the seeds counted up from it, are a machine's integers everywhere."""
 LONG_PROPERTIES = ("--pairs", "100000", "--losses", "200000", "--seconds", "600")
+CAMPAIGN = 4000
+"""Systems made at random; each is run under five circumstances."""
 ROUNDS = 10
 """So often every property that hypothesis tests is tested with other examples."""
 
@@ -43,6 +45,7 @@ def steps(seed: int) -> list[list[str]]:
         ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", "soak"],
         *([*pytest, "--hypothesis-seed", str(seed + number)] for number in range(ROUNDS)),
         ["examples/lab_tour/faults/run.py", "--nominal", "1800", "--busy", "2"],
+        ["-m", "tests.campaign", "--seeds", f"{first}:{seed + CAMPAIGN}"],
         ["-m", "tests.hostile.soak", "20000", "--seed", first],
         ["-m", "tests.codegen.limits", "--models", "20000", "--seed", first],
         *(

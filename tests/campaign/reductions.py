@@ -17,7 +17,7 @@ _NEEDED = frozenset({"datamodel", "target", "else", "elseif", "field", "param"})
 
 def reductions(plan: Plan) -> Iterator[Plan]:
     """Valid plans that have less: fewer machines, properties, nodes of the tree, transitions, statements."""
-    for smaller in _smaller(plan):
+    for smaller in candidates(plan):
         if is_valid(smaller):
             yield smaller
 
@@ -33,7 +33,8 @@ def is_valid(plan: Plan) -> bool:
     return True
 
 
-def _smaller(plan: Plan) -> Iterator[Plan]:
+def candidates(plan: Plan) -> Iterator[Plan]:
+    """Plans that have less, in the order of :func:`reductions`; not all of them are valid."""
     yield from _with_fewer_machines(plan)
     yield from _with_fewer_properties(plan)
     if plan.policy is not None:

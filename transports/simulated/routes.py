@@ -203,7 +203,8 @@ class Routes:
     def _bear_witness(self, fields: dict[str, Any], payload: bytes | None) -> None:
         source = fields["source"]
         where = fields["channel"] + _SUFFIXES.get(fields["kind"], EVENT_SUFFIX)
-        stamp_ns = self._world.true_stamp()
+        world = self._world
+        stamp_ns = world.true_stamp() if world.clocks.differ else fields["stamp_ns"]
         true = {
             **fields,
             "stamp_ns": stamp_ns,

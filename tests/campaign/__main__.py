@@ -1,0 +1,211 @@
+"""The campaign: ``python -m tests.campaign --seeds FROM:TO``, or ``--seed N --size K --conditions JSON`` for one case.
+
+Each seed is a system, and some circumstances under which it is run. Ends with 1 if anything that was said is
+wrong; each failing case is made smaller and printed as the command that repeats it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+import msgspec
+
+from tests.campaign.circumstances import UNTIL_S, Circumstances, draw, nominal
+from tests.campaign.shrink import Case, run, shrunk
+from tests.campaign.systems import SIZES, make
+from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
+
+EACH = 5
+"""So many trials of each system: one in which nothing is wrong, one with a mutant, the others drawn."""
+MOST_STUCK = 0.1
+"""So great a share of the machines that should be judged again at most is not: silence would be sound, too."""
+_ENOUGH = 20
+"""A share of fewer is none."""
+_SIZES = (1, 1, 2, 2, 3)
+
+
+class Tried(msgspec.Struct):
+    """A case, and what came of it."""
+
+    case: Case
+    result: Result
+
+
+def size_of(seed: int) -> int:
+    """The size of the system of a seed."""
+    return random.Random(f"size {seed}").choice(_SIZES)
+
+
+def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
+    """Try the system of ``seed`` in ``each`` ways."""
+    size = size_of(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        plan = make(seed, size)
+        try:
+            prepared = Prepared(plan, Path(folder))
+            happened = prepared.happened(seed, UNTIL_S)
+        except (
+            Exception
+        ) as error:  # a system that cannot even run is a fault of m2c's, or of the campaign's
+            failure = Failure(Fault.RAISED, plan.name, f"{type(error).__name__}: {error}")
+            yield Tried(Case(seed, size, Circumstances()), Result((failure,), 0, 0, 0, ()))
+            return
+        for number in range(each):
+            choice = random.Random(f"{seed} {number}")
+            made = nominal(choice) if number < 2 else draw(choice, happened)
+            if number == 1:
+                made = msgspec.structs.replace(made, faulty=prepared.faulty(choice))
+            yield Tried(Case(seed, size, made), try_one(prepared, seed, made))
+
+
+def all_cases(seed: int, each: int) -> list[Tried]:
+    """The same at once, for another process."""
+    return list(cases(seed, each))
+
+
+class Summary:
+    """What came of all."""
+
+    def __init__(self) -> None:
+        self.trials = self.observations = self.judged = self.settled = self.stuck = 0
+        self.mutants = self.found = 0
+        self.faults: Counter[Fault] = Counter()
+
+    def take(self, result: Result) -> None:
+        """One more."""
+        self.trials += 1
+        self.observations += result.observations
+        self.judged += result.judged
+        self.settled += result.settled
+        self.stuck += len(result.stuck)
+        if result.detected is not None:
+            self.mutants += 1
+            self.found += result.detected
+        self.faults.update(failure.fault for failure in result.failures)
+
+    @property
+    def is_too_silent(self) -> bool:
+        """Whether too many machines stay inconclusive for no reason that lasts."""
+        return self.settled >= _ENOUGH and self.stuck > MOST_STUCK * self.settled
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether anything is wrong."""
+        return bool(self.faults) or self.is_too_silent
+
+    def table(self) -> str:
+        """For people."""
+        rows = [
+            ("trials", self.trials),
+            ("observations", self.observations),
+            ("machines, policies and properties judged", self.judged),
+            ("mutants that the run shows, found", f"{self.found} of {self.mutants}"),
+            (
+                "machines to be judged again at the end, that are not",
+                f"{self.stuck} of {self.settled}",
+            ),
+            *((f"wrong: {fault}", count) for fault, count in sorted(self.faults.items())),
+        ]
+        width = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name:{width}}  {value}" for name, value in rows)
+
+
+def campaign(
+    seeds: Iterable[int], seconds: float | None, each: int, processes: int, shrink_s: float
+) -> Summary:
+    """Try all ``seeds``, or as many as ``seconds`` allow."""
+    began_s = told_s = time.monotonic()
+    summary = Summary()
+    waiting = iter(seeds)
+    with ProcessPoolExecutor(processes) as pool:
+        running = {pool.submit(all_cases, seed, each) for seed in _some(waiting, 2 * processes)}
+        while running:
+            done = next(as_completed(running))
+            running.remove(done)
+            for tried in done.result():
+                summary.take(tried.result)
+                if tried.result.failures:
+                    tell(tried, shrink_s)
+            now_s = time.monotonic()
+            if seconds is None or now_s - began_s < seconds:
+                running |= {pool.submit(all_cases, seed, each) for seed in _some(waiting, 1)}
+            if now_s - told_s > 30:
+                told_s = now_s
+                wrong = sum(summary.faults.values())
+                print(f"{summary.trials} trials, {wrong} wrong", file=sys.stderr, flush=True)
+    return summary
+
+
+def _some(seeds: Iterator[int], count: int) -> list[int]:
+    return [seed for seed, _ in zip(seeds, range(count), strict=False)]
+
+
+def tell(tried: Tried, shrink_s: float) -> None:
+    """Print what is wrong, and how it is repeated."""
+    case = tried.case
+    for failure in tried.result.failures:
+        print(f"{failure.fault}: {failure.about}: {failure.text}", flush=True)
+    if shrink_s:
+        case = shrunk(case, tried.result.failures, shrink_s)
+    print(f"  again: {case.command()}", flush=True)
+
+
+def one(chosen: argparse.Namespace) -> int:
+    """Try one case, as the command line says; the exit code."""
+    made = msgspec.json.decode(chosen.conditions, type=Circumstances)
+    less = tuple(int(number) for number in chosen.less.split(",") if number)
+    size = size_of(chosen.seed) if chosen.size is None else chosen.size
+    case = Case(chosen.seed, size, made, less)
+    result = run(case, chosen.record, chosen.write)
+    if result.failures and chosen.shrink:
+        tell(Tried(case, result), chosen.shrink)
+    else:
+        for failure in result.failures:
+            print(f"{failure.fault}: {failure.about}: {failure.text}")
+    for name in result.stuck:
+        print(f"still inconclusive: {name}")
+    print(f"{result.observations} observations, {len(result.failures)} wrong")
+    return 1 if result.failures else 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.campaign", description=__doc__)
+    parser.add_argument("--seeds", help="FROM:TO, without TO")
+    parser.add_argument("--seconds", type=float, help="no new system is begun after so many")
+    parser.add_argument("--each", type=int, default=EACH, help="trials of each system")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--shrink", type=float, default=60.0, help="seconds for each failing case")
+    parser.add_argument("--seed", type=int, help="of one case")
+    parser.add_argument("--size", type=int, choices=SIZES)
+    parser.add_argument(
+        "--less", default="", help="which smaller system, as a failing case prints it"
+    )
+    parser.add_argument("--conditions", default="{}", help="of one case, JSON")
+    parser.add_argument("--record", type=Path, help="leave the recording of one case here")
+    parser.add_argument("--write", type=Path, help="leave the system of one case here")
+    chosen = parser.parse_args(arguments)
+    if (chosen.seed is None) == (chosen.seeds is None):
+        parser.error("give --seeds FROM:TO, or --seed N for one case")
+    if chosen.seed is not None:
+        return one(chosen)
+    first, _, last = chosen.seeds.partition(":")
+    summary = campaign(
+        range(int(first), int(last)), chosen.seconds, chosen.each, chosen.processes, chosen.shrink
+    )
+    print(summary.table())
+    if summary.is_too_silent:
+        print(f"{Fault.STUCK}: more than {MOST_STUCK:.0%}")
+    return 1 if summary.has_failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,154 @@
+"""The campaign's own machinery: a trial is repeatable, its command repeats it, and what is wrong is found."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from random import Random
+
+import msgspec
+import pytest
+
+from moon.verdict import Outcome, Verdict
+from tests.campaign import __main__ as command
+from tests.campaign import shrink
+from tests.campaign import trial as trials
+from tests.campaign.circumstances import (
+    UNTIL_S,
+    WEIGHTS,
+    Circumstances,
+    Faulty,
+    Happened,
+    Kind,
+    draw,
+    fewer,
+    nominal,
+)
+from tests.campaign.shrink import Case
+from tests.campaign.systems import make
+from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
+from transports.simulated import Conditions, Lost
+
+SEED = 0
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
+    return Prepared(make(SEED, 1), tmp_path_factory.mktemp("system"))
+
+
+@pytest.fixture(scope="module")
+def happened(prepared: Prepared) -> Happened:
+    return prepared.happened(SEED, UNTIL_S)
+
+
+def test_a_trial_is_a_function_of_its_case(prepared: Prepared, happened: Happened) -> None:
+    made = draw(Random(3), happened)
+    assert draw(Random(3), happened) == made
+    assert try_one(prepared, SEED, made) == try_one(prepared, SEED, made)
+
+
+def test_the_command_of_a_case_repeats_it(
+    happened: Happened, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = Case(SEED, 1, draw(Random(5), happened), (0,))
+    ran: list[Case] = []
+    real = command.run
+
+    def noted(case: Case, *more: object) -> object:
+        ran.append(case)
+        return real(case, *more)
+
+    monkeypatch.setattr(command, "run", noted)
+    _, _, module, *words = shlex.split(case.command())
+    assert module == "tests.campaign"
+    command.main(words)
+    assert ran == [case]
+    assert "observations" in capsys.readouterr().out
+
+
+def test_every_kind_of_circumstance_is_drawn(happened: Happened) -> None:
+    drawn = [draw(Random(seed), happened) for seed in range(300)]
+    usual = Conditions()
+    for name in Conditions.__struct_fields__:
+        if name != "busy_s":
+            values = [getattr(made.conditions, name) for made in drawn]
+            assert any(value != getattr(usual, name) for value in values), name
+    assert any(made.joins_s for made in drawn)
+    assert set(WEIGHTS) == set(Kind)
+
+
+def test_what_is_drawn_can_be_printed_and_made_less(happened: Happened) -> None:
+    for seed in range(50):
+        made = draw(Random(seed), happened)
+        text = msgspec.json.encode(made)
+        assert msgspec.json.decode(text, type=Circumstances) == made
+        assert made not in fewer(made)
+    assert fewer(Circumstances()) == []
+
+
+def test_a_failing_case_is_shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is left is what the fault needs: here a loss, a machine and two seconds."""
+
+    def accuses(case: Case) -> Result:
+        lost = any(one.source == "Part0" for one in case.made.conditions.lost)
+        there = any(model.name == "Part0" for model in case.plan().models)
+        wrong = lost and there and case.made.seconds > 2.0
+        failure = Failure(Fault.FALSE_ALARM, "Part0", "it was")
+        return Result((failure,) if wrong else (), 0, 0, 0, ())
+
+    monkeypatch.setattr(shrink, "run", accuses)
+    monkeypatch.setattr(shrink, "is_valid", lambda plan: True)
+    lost = (Lost("Part0", "/a", 1), Lost("Part1", "/a", 1))
+    conditions = Conditions(delay_s=(0.0, 0.02), duplication=0.1, hosts={"Part1": "b"}, lost=lost)
+    case = Case(SEED, 1, Circumstances(conditions, joins_s=1.0))
+    smaller = shrink.shrunk(case, accuses(case).failures, 300.0)
+    assert smaller.made.conditions == Conditions(lost=lost[:1])
+    assert 2.0 < smaller.made.seconds < 2.5
+    assert smaller.made.joins_s == 0
+    plan = smaller.plan()
+    assert [model.name for model in plan.models] == ["Part0"]
+    assert plan.properties == ()
+
+
+def test_what_raises_is_a_failure_and_ends_nothing(
+    prepared: Prepared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def go(trial: trials._Trial) -> None:
+        raise RuntimeError("no more")
+
+    monkeypatch.setattr(trials._Trial, "go", go)
+    (failure,) = try_one(prepared, SEED, Circumstances()).failures
+    assert failure.fault is Fault.RAISED
+    assert "no more" in failure.text
+
+
+def test_a_mutant_that_nobody_accuses_is_a_failure(
+    prepared: Prepared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def deaf(trial: trials._Trial, verdict: Verdict) -> None:
+        if verdict.outcome is not Outcome.VIOLATED:
+            trial.verdicts.append(verdict)
+
+    all_mutants = enumerate(prepared.mutants_of("Part0"))
+    first = next(at for at, mutant in all_mutants if mutant.operator == "duplicated output")
+    made = msgspec.structs.replace(nominal(Random(1)), seconds=4.0, faulty=Faulty("Part0", first))
+    seeing = try_one(prepared, SEED, made)
+    assert seeing.detected
+    assert not seeing.failures
+    monkeypatch.setattr(trials._Trial, "take", deaf)
+    blind = try_one(prepared, SEED, made)
+    assert Fault.MISSED_MUTANT in {failure.fault for failure in blind.failures}
+
+
+def test_what_a_recording_is_judged_is_compared(
+    prepared: Prepared, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def silent(trial: trials._Trial, verdict: Verdict) -> None:
+        pass
+
+    monkeypatch.setattr(trials._Trial, "take", silent)
+    made = Circumstances(seconds=3.0)
+    (failure,) = try_one(prepared, SEED, made, tmp_path / "run.mcap").failures
+    assert failure.fault is Fault.DIFFERS
+    assert (tmp_path / "run.mcap").exists()

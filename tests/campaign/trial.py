@@ -1,0 +1,348 @@
+"""One trial: a system run in one world with a monitor and a recorder, and what is said held against the truth."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import tempfile
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from random import Random
+
+import msgspec
+
+from m2c.launch.in_process import Program, SimulatedRun, compile_node, compile_system
+from m2c.model.machine import Machine
+from moon.monitor.status import UNSEEN
+from moon.monitor.subject import Monitored, Subject, read_subject
+from moon.monitor.watch import SystemWatch
+from moon.offline.engine import check_recording
+from moon.oracle.bounds import Bounds
+from moon.recording.definitions import Definitions
+from moon.recording.recorded import RecordedConnection, RecordedRun
+from moon.recording.writer import RecordingWriter
+from moon.verdict import Outcome, Verdict
+from tests.campaign import truth
+from tests.campaign.circumstances import MONITOR, NS, Circumstances, Faulty, Happened
+from tests.campaign.plans import PROPERTY_FILE, Plan, write
+from tests.mutation.operators import Mutant, mutants
+from transports.interface import Observation
+from transports.simulated import SimulatedTransport, SimulatedWorld
+from transports.simulated.world import START_NS
+
+BEFORE_S = 0.01
+"""The nodes begin to connect so long after a monitor listens that is there first."""
+SETTLED_S = 6.5
+"""So long after the last thing that was wrong every machine that does something is judged again."""
+MOST_HYPOTHESES = 64
+"""A monitor follows so many: fewer than by default, so that a trial takes half a second. It makes more
+inconclusive and nothing else."""
+_FLUSHES = 4
+
+
+class Fault(StrEnum):
+    """What is wrong with what a monitor says."""
+
+    FALSE_ALARM = "a node that does what its model does is violated"
+    CONTRADICTION = "a property that holds is violated"
+    MISSED = "a property that is broken is conforming, and nothing was missed"
+    WITHDRAWN = "a violation was withdrawn"
+    MISSED_MUTANT = "everything that happened shows a mutant, and its node is not violated"
+    DIFFERS = "the recording is judged otherwise than the run was"
+    RAISED = "something raised an exception"
+    STUCK = "a machine is still inconclusive long after the last thing that was wrong"
+
+
+class Failure(msgspec.Struct, frozen=True):
+    """One of them: of which node or property, and what was said."""
+
+    fault: Fault
+    about: str
+    text: str
+
+
+class Result(msgspec.Struct, frozen=True):
+    """What came of a trial.
+
+    Attributes:
+        failures: what is wrong.
+        observations: everything that happened.
+        judged: machines, policies and properties of which something was said.
+        settled: machines that should be judged again at the end.
+        stuck: those of them that are not, and why.
+        detected: whether the mutant, if one ran, was found; None: nothing that happened shows it.
+    """
+
+    failures: tuple[Failure, ...]
+    observations: int
+    judged: int
+    settled: int
+    stuck: tuple[str, ...]
+    detected: bool | None = None
+
+
+class Prepared:
+    """A system as it is written, read, generated and imported; for any number of trials.
+
+    Args:
+        plan: which.
+        folder: where it is written.
+    """
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        self.folder = folder
+        self.path = write(plan, folder)
+        file = folder / PROPERTY_FILE
+        self._subject = Subject(
+            (self.path,), (file,) if file.exists() else (), (), (), (), Bounds()
+        )
+        self._monitored = read_subject(self._subject)
+        self.program: Program = compile_system(self._monitored.system)
+
+    def subject(self, latency_s: float) -> tuple[Subject, Monitored]:
+        """What is monitored, with this latency bound."""
+        bounds = Bounds(latency=round(latency_s * NS), hypotheses=MOST_HYPOTHESES)
+        replace = msgspec.structs.replace
+        return replace(self._subject, bounds=bounds), replace(self._monitored, bounds=bounds)
+
+    @property
+    def machines(self) -> tuple[Machine, ...]:
+        """Of the nodes."""
+        return self._monitored.system.nodes
+
+    def happened(self, seed: int, seconds: float) -> Happened:
+        """What it does when nothing is wrong."""
+        seen: list[Observation] = []
+        world = SimulatedWorld(seed)
+        world.witness(seen.append)
+        with _quiet():
+            SimulatedRun(self.program, world).run(seconds)
+            world.close()
+        return Happened(tuple(machine.name for machine in self.machines), tuple(seen))
+
+    @functools.cache  # noqa: B019 - it lives as long as its system is tried
+    def mutants_of(self, node: str) -> tuple[Mutant, ...]:
+        """Of the machine of ``node``."""
+        (machine,) = [machine for machine in self.machines if machine.name == node]
+        return tuple(mutants(machine))
+
+    def faulty(self, random: Random) -> Faulty | None:
+        """One of all mutants."""
+        node = random.choice(self.machines).name
+        count = len(self.mutants_of(node))
+        return Faulty(node, random.randrange(count)) if count else None
+
+    def program_with(self, faulty: Faulty | None) -> Program:
+        """Its code, with a fault in one node."""
+        if faulty is None:
+            return self.program
+        mutant = self.mutants_of(faulty.node)[faulty.mutant]
+        node = compile_node(mutant.machine, self._monitored.system)
+        return self.program.replacing(faulty.node, node)
+
+
+class _Trial:
+    def __init__(self, prepared: Prepared, seed: int, made: Circumstances, path: Path) -> None:
+        self.prepared, self.made, self.path = prepared, made, path
+        self.subject, self.monitored = prepared.subject(made.latency_s)
+        self.world = SimulatedWorld(seed, made.conditions)
+        self.true: list[Observation] = []
+        self.world.witness(self.true.append)
+        self.verdicts: list[Verdict] = []
+        self.withdrawn: list[str] = []
+        self.watch: SystemWatch | None = None
+        self.run: RecordedRun | None = None
+
+    def take(self, verdict: Verdict) -> None:
+        """The monitor says something."""
+        self.verdicts.append(verdict)
+
+    def go(self) -> None:
+        """The whole run."""
+        made, world = self.made, self.world
+        self.writer = RecordingWriter(self.path, Definitions(self.monitored.system.library))
+        if not made.joins_s:
+            self._watch()
+        world.run_for(BEFORE_S)
+        nodes = SimulatedRun(self.prepared.program_with(made.faulty), world)
+        if made.joins_s:
+            nodes.run(max(made.joins_s - self.passed_s, 0.0))
+            self._watch()
+        for _ in range(_FLUSHES):
+            nodes.run((made.seconds - self.passed_s) / _FLUSHES)
+        assert self.watch is not None
+        assert self.run is not None
+        assert self.watch.listener is not None
+        self.end_ns = world.now_ns
+        self.standings = list(self.watch.standings())
+        self.run.end(self.watch.listener.problems())
+        self.writer.close()
+
+    @property
+    def passed_s(self) -> float:
+        """Since the world's begin."""
+        return (self.world.now_ns - START_NS) / NS
+
+    def _watch(self) -> None:
+        world = self.world
+        transport = SimulatedTransport(world, MONITOR)
+        connection = RecordedConnection(
+            transport, self.writer.add, "simulated", lambda: world.now_ns
+        )
+        self.run = RecordedRun(connection, self.writer)
+        properties = self.monitored.property_watch()
+        properties.withdrawn = lambda name, since_ns: self.withdrawn.append(name)
+        self.watch = SystemWatch(
+            connection,
+            self.monitored.system,
+            self.monitored.machines,
+            self.monitored.bounds,
+            [self.run, self],
+            lambda sentence: None,
+            properties,
+            policy=self.monitored.policy,
+            monotonic_ns=connection.monotonic_ns,
+        )
+        self.watch.start()
+
+    # --- what is wrong -----------------------------------------------------------------------------
+
+    def failures(self) -> Iterator[Failure]:
+        """Of what was said."""
+        faulty = None if self.made.faulty is None else self.made.faulty.node
+        for verdict in self.verdicts:
+            is_model = verdict.kind == "model"
+            if verdict.outcome is Outcome.VIOLATED and is_model and verdict.node != faulty:
+                yield Failure(Fault.FALSE_ALARM, verdict.node, verdict.reason)
+        for name in dict.fromkeys(self.withdrawn):
+            yield Failure(Fault.WITHDRAWN, name, "")
+        yield from self._of_properties()
+        yield from self._of_recording()
+
+    def _of_properties(self) -> Iterator[Failure]:
+        made = self.made
+        if not made.has_true_time:
+            return  # durations are measured by clocks that are wrong
+        true = truth.of_properties(self.monitored.properties, self.true, self.end_ns)
+        said = [verdict for verdict in self.verdicts if verdict.kind != "model"]
+        violated = {verdict.node: verdict for verdict in said if _is_violated(verdict)}
+        for name, verdict in violated.items():
+            if not true[name].may_be_broken:
+                yield Failure(Fault.CONTRADICTION, name, verdict.reason)
+        late_ns = self.end_ns - 2 * NS
+        outcomes = {name: text for name, kind, text, _ in self.standings if kind != "model"}
+        for name, outcome in outcomes.items():
+            is_broken = 0 < true[name].is_broken < late_ns
+            if made.is_whole and is_broken and outcome == Outcome.CONFORMING:
+                yield Failure(Fault.MISSED, name, f"broken since {self._at(true[name].is_broken)}")
+
+    def _of_recording(self) -> Iterator[Failure]:
+        result = check_recording(self.path, self.subject, self.monitored)
+        offline = [said.verdict for said in result.verdicts]
+        for number, (one, other) in enumerate(zip(self.verdicts, offline, strict=False)):
+            if one != other:
+                text = f"verdict {number}: {_short(one)}, from the recording {_short(other)}"
+                yield Failure(Fault.DIFFERS, one.node, text)
+                return
+        if len(self.verdicts) != len(offline):
+            longer = max(self.verdicts, offline, key=len)[min(len(self.verdicts), len(offline)) :]
+            where = "live" if len(self.verdicts) > len(offline) else "from the recording"
+            yield Failure(Fault.DIFFERS, longer[0].node, f"only {where}: {_short(longer[0])}")
+
+    def _at(self, stamp_ns: int) -> str:
+        return f"{(stamp_ns - START_NS) / NS:.3f} s"
+
+    def detected(self) -> bool | None:
+        """Whether the mutant was found; None: there is none, or nothing shows it."""
+        faulty = self.made.faulty
+        if faulty is None:
+            return None
+        if any(_is_violated(v) and v.node == faulty.node for v in self.verdicts):
+            return True
+        (machine,) = [one for one in self.prepared.machines if one.name == faulty.node]
+        system, end_ns = self.monitored.system, self.end_ns - 2 * NS
+        seen = [one for one in self.true if one.stamp_ns < end_ns]
+        shown = truth.is_violated(machine, system, seen, self.monitored.bounds, end_ns)
+        return False if shown else None
+
+    def settled(self) -> list[tuple[str, str]]:
+        """Machines that are to be judged again by the end, and how they stand."""
+        if self.made.over_s + SETTLED_S > self.made.seconds or self.made.faulty is not None:
+            return []
+        return [
+            (name, text)
+            for name, kind, text, _ in self.standings
+            if kind == "model" and text != UNSEEN
+        ]
+
+
+def _reason(verdicts: list[Verdict], node: str) -> str:
+    return next((one.reason for one in reversed(verdicts) if one.node == node), "")
+
+
+def try_one(prepared: Prepared, seed: int, made: Circumstances, keep: Path | None = None) -> Result:
+    """Run one trial.
+
+    Args:
+        prepared: the system.
+        seed: of the world.
+        made: what it is run under.
+        keep: where the recording is left; None: nowhere.
+    """
+    with tempfile.TemporaryDirectory() as folder, _quiet():
+        trial = _Trial(prepared, seed, made, keep or Path(folder) / "run.mcap")
+        try:
+            trial.go()
+            failures = list(trial.failures())
+            detected = trial.detected()
+        except Exception as error:
+            failed = Failure(Fault.RAISED, trial.world.failed or "", _described(error))
+            return Result((failed,), len(trial.true), 0, 0, ())
+        finally:
+            trial.world.close()
+        if detected is False and made.is_whole and made.faulty is not None:
+            mutant = prepared.mutants_of(made.faulty.node)[made.faulty.mutant]
+            failures.append(Failure(Fault.MISSED_MUTANT, made.faulty.node, mutant.description))
+        settled = trial.settled()
+        stuck = tuple(
+            f"{name}: {_reason(trial.verdicts, name)}"
+            for name, text in settled
+            if text == Outcome.INCONCLUSIVE
+        )
+        judged = sum(text != UNSEEN for _, _, text, _ in trial.standings)
+        return Result(_distinct(failures), len(trial.true), judged, len(settled), stuck, detected)
+
+
+def _distinct(failures: list[Failure]) -> tuple[Failure, ...]:
+    """The first of each kind about each node."""
+    first: dict[tuple[str, str], Failure] = {}
+    for failure in failures:
+        first.setdefault((failure.fault, failure.about), failure)
+    return tuple(first.values())
+
+
+def _is_violated(verdict: Verdict) -> bool:
+    return verdict.outcome is Outcome.VIOLATED
+
+
+def _short(verdict: Verdict) -> str:
+    return f"{verdict.node} {verdict.outcome} at {verdict.stamp_ns}: {verdict.reason}"
+
+
+def _described(error: Exception) -> str:
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({last.filename}:{last.lineno} in {last.name})"
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """What generated machines log of failing expressions is theirs."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(before)
