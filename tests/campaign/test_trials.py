@@ -132,7 +132,7 @@ def test_a_mutant_that_nobody_accuses_is_a_failure(
 
     all_mutants = enumerate(prepared.mutants_of("Part0"))
     first = next(at for at, mutant in all_mutants if mutant.operator == "duplicated output")
-    made = msgspec.structs.replace(nominal(Random(1)), seconds=4.0, faulty=Faulty("Part0", first))
+    made = msgspec.structs.replace(nominal(Random(1)), seconds=8.0, faulty=Faulty("Part0", first))
     seeing = try_one(prepared, SEED, made)
     assert seeing.detected
     assert not seeing.failures
