@@ -9,7 +9,7 @@ from m2c.codegen.context import MachineContext
 from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.ports import Port
 from m2c.codegen.source import Source, name, quoted
-from m2c.codegen.statements import StatementLowering, call
+from m2c.codegen.statements import ON_ELAPSED, StatementLowering, call
 from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
 from m2c.model.expressions import ObjectLiteral, PortInput, nodes
 from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
@@ -80,7 +80,7 @@ class _MachineLowering:
             methods=methods,
             eventless=eventless,
             takes_internal=self._takes_internal,
-            takes_named="send_self" in sends and not named,
+            takes_named=bool(sends & {"send_self", "cancel_send"}) and not named,
             uses_random=uses_random,
             uses_ports=uses_ports,
             sends=sends,
@@ -131,8 +131,10 @@ class _MachineLowering:
         for delay in _delays(state):
             assert delay.event is not None
             event = quoted(delay.event.name)
-            entry.append(self._statements.sent("start_delay", event, repr(delay.after_s)))
-            leaving.append(self._statements.sent("stop_delay", event))
+            entry.append(
+                self._statements.sent("start_delay", event, repr(delay.after_s), ON_ELAPSED)
+            )
+            leaving.append(self._statements.sent("stop_delay", event, ON_ELAPSED))
         entry += self._statements.block(state.on_entry, compiler, state.position)
         if state.final:
             said = quoted("the machine has reached its final state")

@@ -17,6 +17,8 @@ from m2c.model.machine import Assign, Cancel, Emit, Field, If, Log, OutputKind, 
 from m2c.model.typing import Scope, type_of
 
 OUTPUTS = "self._outputs"
+ON_EVENT, ON_ELAPSED = "self.on_event", "self.on_elapsed"
+"""What takes a delayed event, and a delay that is over: of the machine, or of one of its threads."""
 
 
 def place(position: Position) -> str:
@@ -104,7 +106,7 @@ class StatementLowering:
             case Raise():
                 return [self._raise(statement, compiler)]
             case Cancel(id=identifier):
-                return [self.sent("cancel_send", quoted(identifier))]
+                return [self.sent("cancel_send", quoted(identifier), ON_EVENT)]
 
     def _assign(
         self, location: Expression, value: Expression, compiler: ExpressionCompiler
@@ -229,7 +231,8 @@ class StatementLowering:
         if not statement.external:
             return call("self._internal.append", f"({quoted(statement.event)}, {data})")
         delay = "0.0" if statement.delay_s is None else self._delay(statement.delay_s, compiler)
-        return self.sent("send_self", quoted(statement.event), data, delay, quoted(statement.id))
+        event, identifier = quoted(statement.event), quoted(statement.id)
+        return self.sent("send_self", event, data, delay, identifier, ON_EVENT)
 
     def _delay(self, value: Expression, compiler: ExpressionCompiler) -> str:
         if isinstance(value, Literal) and isinstance(value.value, int | float):

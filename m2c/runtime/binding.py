@@ -94,8 +94,8 @@ class Binding:
         self._transport = transport
         self._settings = settings
         self._state = state
-        self._delays: dict[str, Timer] = {}
-        self._sends: dict[str, list[Timer]] = {}
+        self._delays: dict[tuple[Callable[[str], object], str], Timer] = {}
+        self._sends: dict[tuple[Callable[[str, Any], object], str], list[Timer]] = {}
         self._faults: set[str] = set()
         self._untaken: list[Callable[[], object]] = []
         self._stepping: set[Callable[[], bool]] = set()
@@ -225,14 +225,14 @@ class Binding:
                 return
 
     def start_delay(self, name: str, delay_s: float, handler: Callable[[str], object]) -> None:
-        """Start the delayed transition ``name``; see ``stop_delay``."""
-        self.stop_delay(name)
+        """Start the delayed transition ``name`` of the machine, or the thread, that ``handler`` is of."""
+        self.stop_delay(name, handler)
         guarded = self._guard(handler)
-        self._delays[name] = self._transport.after(delay_s, lambda: guarded(name))
+        self._delays[handler, name] = self._transport.after(delay_s, lambda: guarded(name))
 
-    def stop_delay(self, name: str) -> None:
-        """Cancel the delayed transition ``name`` if it is waiting."""
-        timer = self._delays.pop(name, None)
+    def stop_delay(self, name: str, handler: Callable[[str], object]) -> None:
+        """Cancel the delayed transition ``name`` of the same one if it is waiting."""
+        timer = self._delays.pop((handler, name), None)
         if timer is not None:
             timer.cancel()
 
@@ -244,18 +244,18 @@ class Binding:
         send_id: str,
         handler: Callable[[str, Any], object],
     ) -> None:
-        """Send ``event`` to the machine itself after ``delay_s``; ``send_id`` can cancel it."""
+        """Send ``event`` to ``handler``'s machine itself after ``delay_s``; ``send_id`` can cancel it."""
         guarded = self._guard(handler)
         if delay_s <= 0:
             self._transport.post(lambda: guarded(event, data))
             return
         timer = self._transport.after(delay_s, lambda: guarded(event, data))
         if send_id:
-            self._sends.setdefault(send_id, []).append(timer)
+            self._sends.setdefault((handler, send_id), []).append(timer)
 
-    def cancel_send(self, send_id: str) -> None:
-        """Cancel the delayed sends with this id that have not left."""
-        for timer in self._sends.pop(send_id, ()):
+    def cancel_send(self, send_id: str, handler: Callable[[str, Any], object]) -> None:
+        """Cancel the delayed sends with this id, of the same machine, that have not left."""
+        for timer in self._sends.pop((handler, send_id), ()):
             timer.cancel()
 
     def say(self, label: str, text: str) -> None:

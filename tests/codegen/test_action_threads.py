@@ -217,3 +217,57 @@ def test_a_thread_that_takes_a_message_otherwise_than_its_model_is_found(
         tmp_path, STOPPED, client=STOPPING, instead=STOPPED.replace(*change), seconds=3.0
     )
     assert {item.node for item in violations} == {"Server"}
+
+
+DELAYING = (
+    HEAD.format("Server")
+    + """
+<ros_action_server name="act" action_name="/do" type="t/Do"/>
+<ros_topic_publisher topic="/freed" type="std_msgs/Int32"/>
+<ros_action_thread name="act" n_threads="2" initial="ready">
+  <datamodel><data id="goal" type="int64"/><data id="me" type="int64"/></datamodel>
+  <state id="ready"><ros_action_handle_thread_start name="act" target="busy">
+    <assign location="goal" expr="_action.goal_id"/><assign location="me" expr="_event.thread_id"/>
+  </ros_action_handle_thread_start></state>
+  <state id="busy">{how}</state>
+  <state id="done"><transition target="ready">
+    <ros_action_succeed name="act" goal_id="goal"><field name="n" expr="me"/></ros_action_succeed>
+    <ros_action_thread_free name="act"/>
+  </transition></state>
+</ros_action_thread>
+<datamodel><data id="next" type="int64" expr="0"/></datamodel>
+<state id="idle">
+  <ros_action_handle_goal name="act">
+    <ros_action_accept_goal name="act" goal_id="_action.goal_id"/>
+    <ros_action_start_thread name="act" goal_id="_action.goal_id" thread_id="next"/>
+    <assign location="next" expr="1 - next"/>
+  </ros_action_handle_goal>
+  {own}
+</state></scxml>"""
+)
+TWO_GOALS = (
+    HEAD.format("Client")
+    + """
+<ros_action_client name="act" action_name="do" type="t/Do"/>
+<ros_topic_publisher topic="/got" type="std_msgs/Int32MultiArray"/>
+<state id="idle"><onentry>
+  <ros_action_send_goal name="act"/><ros_action_send_goal name="act"/></onentry>
+  <ros_action_handle_success_result name="act"><ros_topic_publish name="/got">
+    <field name="data" expr="[_wrapped_result.result.n]"/></ros_topic_publish>
+  </ros_action_handle_success_result>
+</state></scxml>"""
+)
+AFTER = '<transition after="{}" target="done"/>'
+SENT = '<onentry><send event="over" delay="{}"/></onentry><transition event="over" target="done"/>'
+CANCELLED = """<onentry><send event="over" delay="{}" id="s"/>
+  <if cond="me == 1"><cancel sendid="s"/><send event="over" delay="{}"/></if></onentry>
+  <transition event="over" target="done"/>"""
+
+
+@pytest.mark.parametrize("how", [AFTER, SENT, CANCELLED], ids=["after", "send", "cancel"])
+@pytest.mark.parametrize("own", ["", AFTER.replace("done", "idle").format("70ms")], ids=["", "own"])
+def test_each_thread_has_delays_of_its_own(tmp_path: Path, how: str, own: str) -> None:
+    text = DELAYING.format(how=how.replace("{}", "300ms"), own=own)
+    published, violations = ran(tmp_path, text, client=TWO_GOALS)
+    assert sorted(published["/got"]) == [[0], [1]], "one thread's delay is another's"
+    assert violations == []

@@ -67,10 +67,10 @@ def test_after_is_a_delay_and_is_cancelled_on_leaving(tmp_path: Path) -> None:
       <state id="late"/><state id="early"/></scxml>"""
     made = Generated(tmp_path, text)
     assert made.it.state.value == "idle"
-    assert made.outputs.sent == [("start_delay", "idle#0", 5.0)]
+    assert made.outputs.sent == [("start_delay", "idle#0", 5.0, made.it.on_elapsed)]
     made.it.on_event("go")
     assert made.it.state.value == "early"
-    assert made.outputs.sent[-1] == ("stop_delay", "idle#0")
+    assert made.outputs.sent[-1] == ("stop_delay", "idle#0", made.it.on_elapsed)
     made.it.on_elapsed("idle#0")
     assert made.it.state.value == "early"
 
