@@ -279,13 +279,15 @@ class _Server:
             e("data", id="amount", type=amount.name, expr="0"),
             e("data", id="on", type="bool", expr=draw.choice(("true", "false"))),
         )
-        done = e("ros_action_thread_free", name=name, goal_id="goal")
+        number = draw.choice((None, "0"))
+        done = e("ros_action_thread_free", name=name, goal_id="goal", thread_id=number)
         start = e(
             "ros_action_handle_thread_start",
             _set("goal", "_action.goal_id"),
             _set("amount", f"_goal.{field}"),
             _set("steps", str(draw.randint(1, 4))),
             name=name,
+            cond=draw.choice((None, f"_goal.{field} >= -1 || steps < 9")),
             target="working",
         )
         step = e(

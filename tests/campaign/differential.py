@@ -191,7 +191,10 @@ class _Pair:
             pass  # the node reports it, and lives
         except Exception as error:  # whatever it raises ends its node
             return f"{type(error).__name__}: {error}"
-        heard = [(item[0], *map(_plain, item[1:])) for item in self._recorder.sent]
+        heard = [
+            (item[0], *(_plain(value) for value in item[1:] if not callable(value)))
+            for item in self._recorder.sent
+        ]
         return Done(
             self._it.state.value,
             {name: value for name, value in self._all_data().items() if self._is_live(name)},

@@ -117,6 +117,8 @@ class Machine:
     def declare(self, tag: str, channel: str, kind: str, attribute: str) -> str:
         """Declare an interface; by what name it is referred to."""
         name = channel.strip("/").replace("/", "_").lower()
+        if happens(self.draw, "short attribute"):
+            attribute = attribute.removesuffix("_name")
         if happens(self.draw, "named by channel"):
             self.declarations.append(e(tag, **{attribute: channel, "type": kind}))
             return channel

@@ -46,7 +46,7 @@ def _channels(declaration: Element) -> dict[str, str]:
     """What it calls its channel, and the channel."""
     if not declaration.tag.startswith(_DECLARATIONS):
         return {}
-    for key in ("topic", "service_name"):
+    for key in ("topic", "service_name", "service"):
         channel = declaration.get(key)
         for child in declaration.children:
             channel = child.text if child.tag == key else channel

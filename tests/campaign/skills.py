@@ -175,7 +175,8 @@ def plugin(draw: Random, number: int) -> tuple[Model, Leaf]:
         states = (e("state", e("bt_tick", read, write, fail, by_data), id="idle"),)
     else:
         go = e("bt_tick", read, write, e("bt_return_status", status="RUNNING"), target="busy")
-        halt = e("bt_halt", e("bt_return_halted"), target="idle")
+        always = draw.choice((None, "left > -9"))
+        halt = e("bt_halt", e("bt_return_halted"), target="idle", cond=always)
         done = e("bt_tick", draw.choice((status, by_data)), target="idle")
         more = e(
             "bt_tick",
@@ -215,7 +216,8 @@ def decorator(draw: Random, number: int) -> Model:
     fresh = e("bt_tick", e("assign", location="count", expr="0"), e("bt_tick_child", id=0),
               target="ticking")  # fmt: skip
     halt = e("bt_halt", e("bt_halt_child", id=0), target="halting")
-    halted = e("bt_child_halted", e("bt_return_halted"), id=0, target="idle")
+    always = draw.choice((None, "count < 99"))
+    halted = e("bt_child_halted", e("bt_return_halted"), id=0, target="idle", cond=always)
     states = (
         e("state", fresh, id="idle"),
         e("state", *answered, id="ticking"),

@@ -165,7 +165,7 @@ class _Maker:
             model, leaf = plugin(draw, number)
             self._plugins.append(model)
             self._leaves.append(leaf)
-        wraps = [decorator(draw, number) for number in range(draw.randint(0, 1))]
+        wraps = [decorator(draw, number) for number in range(draw.randint(0, 2))]
         tree = Tree(draw, self._leaves, [item.name for item in wraps]).root()
         named = {item.get("ID") for item in tree.all()}
         self._plugins += [item for item in wraps if item.name in named]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from random import Random
 
+import msgspec
+
 from tests.campaign.elements import Element, e
 from tests.campaign.skills import Leaf
-from tests.campaign.weights import CONTROLS, DECORATORS, pick
+from tests.campaign.weights import CONTROLS, DECORATORS, FILLERS, SCRIPTS, happens, pick
 
 DEPTH = 4
 
@@ -49,8 +51,13 @@ class Tree:
         if depth >= DEPTH or draw.random() < 0.25:
             return inner
         if draw.random() < 0.55:
-            return self._above(self._decorated(inner, pick(draw, DECORATORS)), depth + 1)
-        return self._above(self._control(inner, pick(draw, CONTROLS)), depth + 1)
+            around = self._decorated(inner, pick(draw, DECORATORS))
+        else:
+            around = self._control(inner, pick(draw, CONTROLS))
+        if happens(draw, "scripted node"):
+            script = draw.choice(list(SCRIPTS.items()))
+            around = msgspec.structs.replace(around, attributes=(*around.attributes, script))
+        return self._above(around, depth + 1)
 
     def _decorated(self, inner: Element, tag: str) -> Element:
         draw = self._draw
@@ -69,6 +76,21 @@ class Tree:
                 name = f"Sub{len(self._trees)}"
                 self._trees.append(e("BehaviorTree", inner, ID=name))
                 return e("SubTree", ID=name, _autoremap="true")
+            case "Precondition":
+                otherwise = draw.choice(("FAILURE", "RUNNING", "SKIPPED"))
+                return e(tag, inner, **{"if": "level < 5", "else": otherwise})
+            case "SkipUnlessUpdated" | "WaitValueUpdate":
+                return e(tag, inner, entry="{level}")
+            case "BlackboardCheckInt":
+                return e(tag, inner, value_A="{level}", value_B="2")
+            case "LoopInt" | "LoopDouble" | "LoopBool" | "LoopString":
+                queue = {"LoopInt": "1;2", "LoopDouble": "0.5", "LoopBool": "true;false"}
+                return e(tag, inner, queue=queue.get(tag, "a;b"), value=f"{{{tag}}}")
+            case _ if tag.startswith("Switch"):
+                count = int(tag[-1])
+                others = [self._filler() for _ in range(count)]
+                cases = {f"case_{number}": number + 1 for number in range(1, count + 1)}
+                return e(tag, inner, *others, variable="{level}", **cases)
             case "plugin" if self._wraps:
                 return e("Action", inner, ID=draw.choice(self._wraps))
             case "plugin":
@@ -107,16 +129,18 @@ class Tree:
 
     def _filler(self) -> Element:
         draw = self._draw
-        match draw.randint(0, 7):
-            case 0:
+        match pick(draw, FILLERS):
+            case "Sleep":
                 return e("Sleep", msec=draw.choice((30, 300)))
-            case 1:
+            case "Script":
                 return e("Script", code="other := other + 1")
-            case 2:
+            case "SetBlackboard":
                 return e("SetBlackboard", value=draw.randint(1, 9), output_key="mark")
-            case 3:
-                return e("AlwaysFailure")
-            case 4:
-                return e("AlwaysSuccess")
-            case _:
+            case "UnsetBlackboard":
+                return e("UnsetBlackboard", key="mark")
+            case "WasEntryUpdated":
+                return e("WasEntryUpdated", entry="{level}")
+            case "test":
                 return self._test()
+            case tag:
+                return e(tag)

@@ -29,11 +29,11 @@ CHANCE = {
     "wildcard": 0.1,
     "declared by child elements": 0.15,
     "named by channel": 0.3,
+    "short attribute": 0.2,
     "bounds": 0.1,
     # what a system has
     "policy": 0.85,
-    "second main tree": 0.4,
-    "subscriber of a topic": 0.5,
+    "scripted node": 0.1,
     "best effort": 0.04,
     "ascxml": 0.4,
     "plain": 0.6,
@@ -85,8 +85,40 @@ DECORATORS = {
     "RunOnce": 1,
     "SubTree": 3,
     "plugin": 3,
+    "Precondition": 2,
+    "Switch2": 2,
+    "Switch3": 1,
+    "Switch4": 1,
+    "Switch5": 1,
+    "Switch6": 1,
+    "LoopInt": 1,
+    "LoopDouble": 1,
+    "LoopBool": 1,
+    "LoopString": 1,
+    "SkipUnlessUpdated": 1,
+    "WaitValueUpdate": 1,
+    "BlackboardCheckInt": 1,
 }
-TREE = {"control": 5, "decorator": 5, "leaf": 7, "clock": 1, "script": 2}
+FILLERS = {
+    "Sleep": 2,
+    "Script": 2,
+    "SetBlackboard": 2,
+    "UnsetBlackboard": 1,
+    "WasEntryUpdated": 1,
+    "AlwaysSuccess": 2,
+    "AlwaysFailure": 2,
+    "test": 5,
+}
+SCRIPTS = {
+    "_skipIf": "level > 4",
+    "_successIf": "level > 5",
+    "_failureIf": "level > 5",
+    "_while": "level < 6",
+    "_onSuccess": "other := 1",
+    "_onFailure": "other := 2",
+    "_post": "other := 3",
+}
+"""Attributes that every node of a tree may have."""
 
 
 def happens(draw: Random, what: str) -> bool:
