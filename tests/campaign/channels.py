@@ -349,3 +349,6 @@ def _order(machine: Machine, channel: Channel, beat: int) -> None:
     for how in ("success", "aborted", "canceled"):
         ended = machine.on(f"ros_action_handle_{how}_result", channel.depth, result, name=name)
         machine.must(ended, lambda _: [_set(pending, "0")])
+    if happens(draw, "handles lost goals"):
+        lost = machine.on("ros_action_handle_error", channel.depth, number, name=name)
+        machine.must(lost, lambda _: [_set(pending, "0")])

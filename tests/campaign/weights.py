@@ -26,6 +26,7 @@ CHANCE = {
     "final state": 0.15,
     "may fail": 0.4,
     "handles errors": 0.5,
+    "handles lost goals": 0.7,
     "wildcard": 0.1,
     "declared by child elements": 0.15,
     "named by channel": 0.3,
