@@ -22,6 +22,8 @@ MAX_DATA = 160
 """Characters of a value that are shown."""
 MAX_DEPTH = 12
 """Levels of a value that are shown: nobody reads more, and somebody may send thousands."""
+_MOST_WHOLE = 1e16
+"""Below it a double holds every whole number."""
 _SECTIONS = {
     "_SendGoal_Request": "_Goal",
     "_GetResult_Response": "_Result",
@@ -85,6 +87,28 @@ def value_text(value: Any, kind: DataType | None = None) -> str:
     Numbers have all their digits: two that differ are not shown alike.
     """
     return _cut(_value(value, 0, kind, True))
+
+
+def field_text(
+    value: Any, kind: DataType | None, holder: Structure | None = None, name: str = ""
+) -> str:
+    """The value of one field as :func:`value_text` shows it within its message.
+
+    Args:
+        value: of the field, or of an element of it.
+        kind: its type, if it is known.
+        holder: the structure that the field is in, if that is known: its constants name numbers.
+        name: of the field.
+    """
+    names = None if holder is None else constant_names(holder).get(name)
+    if names is None:
+        return value_text(value, kind)
+    return _cut(_named(value, 0, names, True))
+
+
+def is_whole(text: str) -> bool:
+    """Whether ``text``, of a value, shows all of it."""
+    return len(text) < MAX_DATA
 
 
 def _cut(pieces: Iterator[str]) -> str:
@@ -164,6 +188,18 @@ def _value(value: Any, depth: int, kind: DataType | None, exact: bool) -> Iterat
 def _number(value: float, exact: bool) -> str:
     if not math.isfinite(value):
         return "NaN" if math.isnan(value) else "-Infinity" if value < 0 else "Infinity"
+    return number_text(value, exact)
+
+
+def number_text(value: float, exact: bool = True) -> str:
+    """A finite number: a whole one with all its digits, ``-2147483648``; others in short, ``0.1``.
+
+    Args:
+        value: the number.
+        exact: all digits that tell it from others, where six do not.
+    """
+    if value.is_integer() and 0 < abs(value) < _MOST_WHOLE:
+        return str(int(value))
     short = f"{value:g}"
     return short if not exact or float(short) == value else repr(value)
 

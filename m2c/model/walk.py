@@ -120,11 +120,12 @@ def expressions_of(machine: Machine) -> Iterator[Expression]:
 
 def draws(machine: Machine) -> bool:
     """Whether ``machine`` draws values at random, without its action threads: ``Math.random()``."""
-    return any(
-        isinstance(part, MathCall) and part.function == "random"
-        for whole in expressions_of(machine)
-        for part in nodes(whole)
-    )
+    return any(is_draw(part) for whole in expressions_of(machine) for part in nodes(whole))
+
+
+def is_draw(expression: Expression) -> bool:
+    """Whether ``expression`` itself is a random draw, not whether one is in it."""
+    return isinstance(expression, MathCall) and expression.function == "random"
 
 
 def chooses(machine: Machine) -> bool:

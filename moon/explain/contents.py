@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from m2c.model.expressions import (
-    Expression,
-    Index,
-    MathCall,
-    children,
-)
+from m2c.model.expressions import Expression, Index, nodes
 from m2c.model.machine import (
     Assign,
     Emit,
@@ -21,7 +16,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.walk import flat, statements_of, variables_of
+from m2c.model.walk import flat, is_draw, statements_of, variables_of
 
 
 def effects(machine: Machine, state: State, transition: Transition) -> list[Statement]:
@@ -47,9 +42,7 @@ def with_threads(machine: Machine) -> list[Machine]:
 
 def draws(expression: Expression) -> bool:
     """Whether the value of ``expression`` is random."""
-    if isinstance(expression, MathCall) and expression.function == "random":
-        return True
-    return any(draws(inner) for inner in children(expression))
+    return any(map(is_draw, nodes(expression)))
 
 
 def expressions(statement: Statement) -> list[Expression]:

@@ -116,7 +116,10 @@ class Robot:
         self._outcomes: dict[str, Outcome] = {}
         """The last of each machine and property."""
         self._violated: set[str] = set()
-        self._last = ""
+        self._why: dict[str, str] = {}
+        """Why each machine and property is inconclusive, of those that are; the newest is last."""
+        self._why_violated = ""
+        self._why_failed = ""
         self._judged = 0
         self._earlier = (0, 0)
         """Violations and observations of the judges that it had before its present ones."""
@@ -146,6 +149,7 @@ class Robot:
 
     def _begin(self) -> None:
         self._outcomes.clear()
+        self._why.clear()
         self._unwell = ()
         connection = self._connect(self.name, self._fail)
         joining = Joining(connection)
@@ -183,8 +187,8 @@ class Robot:
             self._end(self._life)
         *_, last = traceback.extract_tb(error.__traceback__)
         where = f"{last.filename}:{last.lineno}"
-        self._last = f"not judged any more: {type(error).__name__}: {error} ({where})"
-        self._say(f"error: {self._last}; this is a fault of the monitor, please report it")
+        self._why_failed = f"not judged any more: {type(error).__name__}: {error} ({where})"
+        self._say(f"error: {self._why_failed}; this is a fault of the monitor, please report it")
 
     # --- verdicts ----------------------------------------------------------------------------------
 
@@ -193,8 +197,10 @@ class Robot:
         self._outcomes[verdict.node] = verdict.outcome
         if verdict.outcome is Outcome.VIOLATED:
             self._violated.add(verdict.node)
-        if verdict.outcome is not Outcome.CONFORMING:
-            self._last = f"{verdict.node}: {verdict.reason}"
+            self._why_violated = f"{verdict.node}: {verdict.reason}"
+        self._why.pop(verdict.node, None)
+        if verdict.outcome is Outcome.INCONCLUSIVE:
+            self._why[verdict.node] = f"{verdict.node}: {verdict.reason}"
 
     # --- what can be asked -------------------------------------------------------------------------
 
@@ -218,6 +224,14 @@ class Robot:
         if self.has_failed or Outcome.INCONCLUSIVE in self._outcomes.values():
             return str(Outcome.INCONCLUSIVE)
         return str(Outcome.CONFORMING) if self._outcomes else UNSEEN
+
+    def _last(self, verdict: str) -> str:
+        """Why it stands so: the last violation, or what is inconclusive now."""
+        if self.has_failed:
+            return self._why_failed
+        if verdict == Outcome.VIOLATED:
+            return self._why_violated
+        return next(reversed(self._why.values()), "") if verdict == Outcome.INCONCLUSIVE else ""
 
     def problems(self) -> tuple[str, ...]:
         """What of it could not be received or judged, one sentence each."""
@@ -255,7 +269,7 @@ class Robot:
             self.violations,
             self.received,
             self._per_second,
-            "" if verdict == Outcome.CONFORMING else self._last,
+            self._last(verdict),
             machines,
         )
 

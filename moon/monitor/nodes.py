@@ -6,10 +6,9 @@ import statistics
 from collections import deque
 
 from moon.monitor.status import AWAY, UNSEEN, MachineStatus
-from moon.oracle.confirmation import UNCONFIRMED
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
-from moon.verdict import Outcome, Verdict
+from moon.verdict import Outcome, Pattern, Verdict
 
 _KEPT_LAGS = 64
 """Lags kept of each node, for the median."""
@@ -19,6 +18,9 @@ class WatchedNode:
     """A node that runs a monitored machine."""
 
     __slots__ = (
+        "_suspected",
+        "_violated",
+        "_why_violated",
         "earlier",
         "gone_ns",
         "lags",
@@ -48,6 +50,12 @@ class WatchedNode:
         self.was_reported: Outcome | None = None
         self.was_last = ""
         """``reported`` and ``last`` as they were before it was resynchronised."""
+        self._violated: dict[Pattern, None] = {}
+        """What was reported of it since it was last found to conform."""
+        self._suspected: dict[Pattern, None] = {}
+        """What it was suspected of since it was last found to conform."""
+        self._why_violated = ""
+        """The last violation, repetitions included."""
         self.lags: deque[int] = deque(maxlen=_KEPT_LAGS)
         self.earlier = (0, 0, 0)
         """Inputs, outputs and what was late of the oracles that it had before its present one."""
@@ -57,9 +65,15 @@ class WatchedNode:
         """Whether anything is known of it; what others send to it tells nothing of it."""
         return self.up or self.reported is not None or bool(self.lags)
 
-    def is_news(self, reason: str) -> bool:
-        """Whether ``reason`` is a violation that is not certain yet, and was not reported."""
-        return reason.startswith(UNCONFIRMED) and reason != self.last
+    def suspects(self, violation: Verdict | None) -> bool:
+        """Whether ``violation``, which is not certain yet, is like none that it was suspected of before."""
+        return violation is not None and not _is_known(self._suspected, violation.pattern)
+
+    def repeats(self, violation: Verdict) -> bool:
+        """Whether ``violation`` is like one that was reported since the machine last conformed."""
+        self._why_violated = violation.reason
+        known = _is_known(self._violated, violation.pattern)
+        return known and self.reported is Outcome.VIOLATED
 
     def resynchronise(self, oracle: Oracle | PolicyOracle, why: str) -> None:
         """Another oracle takes the place of ``oracle``, as all are resynchronised: ``why``, for people."""
@@ -75,6 +89,9 @@ class WatchedNode:
         That a machine is inconclusive as all are resynchronised, and then as it was before, is not.
         """
         self.reported = verdict.outcome
+        if verdict.outcome is Outcome.CONFORMING:
+            self._suspected.clear()
+            self._violated.clear()
         if verdict.reason:
             self.last = verdict.reason
         if not self.resynchronising or verdict.reason == self.resynchronising:
@@ -125,5 +142,19 @@ class WatchedNode:
             self.violations,
             self.late(oracle),
             statistics.median(self.lags) / 1e6 if self.lags else None,
-            self.last,
+            self._why_violated if verdict == Outcome.VIOLATED else self.last,
         )
+
+
+_KEPT_PATTERNS = 64
+"""So many kinds of violations of one node are told from one another; the oldest is news again."""
+
+
+def _is_known(patterns: dict[Pattern, None], pattern: Pattern) -> bool:
+    """Whether ``pattern`` is among ``patterns``; it is from now on."""
+    if pattern in patterns:
+        return True
+    patterns[pattern] = None
+    if len(patterns) > _KEPT_PATTERNS:
+        del patterns[next(iter(patterns))]
+    return False

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from m2c.printable import printable
 from m2c.suggestions import first_of
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus, Summary
-from moon.monitor.watch import UNRESPONSIVE
 from moon.verdict import Explanation, Outcome, Verdict
 
 HEADER = ("machine", "verdict", "state", "in", "out", "lag [ms]")
@@ -59,11 +58,10 @@ def verdict_lines(verdict: Verdict, colour: bool = False) -> list[str]:
         head = f"{clock(verdict.stamp_ns)}  {printable(verdict.robot)}  {printable(name)}  {shown}"
     if why is None:
         return [f"{head}  {printable(verdict.reason)}".rstrip()]
-    unresponsive = verdict.reason.startswith(UNRESPONSIVE)
     if is_property:
         head = f"{head}  {printable(verdict.reason)}"
     return [
-        f"{head}{'  unresponsive' if unresponsive else ''}",
+        f"{head}{'  unresponsive' if verdict.is_silence else ''}",
         *_why(why, "written" if is_property else "model"),
     ]
 

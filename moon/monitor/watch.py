@@ -33,8 +33,6 @@ from transports.interface import Answer, Observation, ObservationKind, Tap
 
 MIDDLE = "started in the middle of a run: waiting until its state is certain"
 GONE = "its node is no longer up"
-UNRESPONSIVE = "unresponsive: "
-"""How a verdict's reason begins where something did not come."""
 
 
 class SystemWatch:
@@ -50,7 +48,7 @@ class SystemWatch:
         properties: what else is to be monitored, of the same observations.
         policy: whether the policy is monitored; by default, if all machines of ``system`` are.
         monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was.
-        repeated: takes each violation that reads as its node's last; sinks do not get it.
+        repeated: takes each violation that repeats one of its node (``Verdict.pattern``): sinks do not.
         screens: sinks for people, who are told once when all machines are resynchronised, not of each.
         compiled: ``system``, if it was compiled already: watches of many runs of it share that.
     """
@@ -333,14 +331,14 @@ class SystemWatch:
             if verdict.outcome is not Outcome.VIOLATED:
                 continue
             node = self._nodes[verdict.node]
-            if node.gone_ns is not None and verdict.reason.startswith(UNRESPONSIVE):
+            if node.gone_ns is not None and verdict.is_silence:
                 continue  # who is not there owes nothing
             node.violations += 1
             self._violations += 1
-            if node.reported is not Outcome.VIOLATED or node.last != verdict.reason:
-                self._publish(verdict)
-            else:
+            if node.repeats(verdict):
                 self._repeated(verdict)
+            else:
+                self._publish(verdict)
 
     def _report_properties(self, verdicts: Sequence[Verdict]) -> None:
         for verdict in verdicts:
@@ -353,9 +351,8 @@ class SystemWatch:
             outcome = oracle.outcome
             if outcome is Outcome.VIOLATED:
                 continue
-            if outcome is node.reported and (
-                outcome is Outcome.CONFORMING or not node.is_news(oracle.verdict().reason)
-            ):
+            is_news = node.suspects(oracle.suspected)
+            if outcome is node.reported and not is_news:
                 continue
             if node.gone_ns is not None or not node.is_seen:
                 continue  # what was known of it stands

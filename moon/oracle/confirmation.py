@@ -23,7 +23,7 @@ from moon.oracle.trace_events import SourceStreams
 from moon.ordering.numbers import Count, Place
 from moon.ordering.progress import Progress
 from moon.ordering.sources import Sources
-from moon.verdict import Outcome, Verdict
+from moon.verdict import Cause, Outcome, Verdict
 from transports.interface import ObservationKind
 
 KEPT_VIOLATIONS = 16
@@ -491,6 +491,7 @@ class Conclusion:
         outcome: of the verdict.
         violations: how many were certain.
         unconfirmed: those that are not certain yet.
+        suspected: the violation that makes the verdict inconclusive, as it is not certain; None: none does.
     """
 
     __slots__ = (
@@ -499,6 +500,7 @@ class Conclusion:
         "_node",
         "_reason",
         "outcome",
+        "suspected",
         "unconfirmed",
         "violations",
     )
@@ -507,6 +509,7 @@ class Conclusion:
         self.outcome = Outcome.CONFORMING
         self.violations = 0
         self.unconfirmed = Unconfirmed()
+        self.suspected: Verdict | None = None
         self._confirmation = confirmation
         self._machine = machine
         self._node = node
@@ -514,7 +517,10 @@ class Conclusion:
 
     def verdict(self, stamp_ns: int) -> Verdict:
         """The verdict as it stands at ``stamp_ns``."""
-        return Verdict(self._machine, self._node, self.outcome, stamp_ns, self._reason)
+        missing = Cause.MISSING_OBSERVATION if self.suspected is not None else None
+        return Verdict(
+            self._machine, self._node, self.outcome, stamp_ns, self._reason, cause=missing
+        )
 
     # --- what the judge finds ------------------------------------------------------------------------
 
@@ -536,31 +542,38 @@ class Conclusion:
         reason = f"{UNCONFIRMED}{verdict.reason}"
         if needed is None:
             reason = f"observations were lost; {reason}"
-        return self.unknown(verdict.stamp_ns, reason, is_news=True), needed is not None
+        return self.unknown(verdict.stamp_ns, reason, True, verdict), needed is not None
 
-    def unknown(self, stamp_ns: int, reason: str, is_news: bool = False) -> list[Verdict]:
+    def unknown(
+        self,
+        stamp_ns: int,
+        reason: str,
+        is_news: bool = False,
+        suspected: Verdict | None = None,
+    ) -> list[Verdict]:
         """It is not known what the machine does.
 
         Args:
             stamp_ns: since when.
             reason: why, for people.
             is_news: whether that is the reason from now on where there is one already.
+            suspected: the violation that is the reason.
         """
         was_unknown = self.outcome is Outcome.INCONCLUSIVE
         if is_news or not was_unknown:
-            self._reason = reason
+            self._reason, self.suspected = reason, suspected
         self.outcome = Outcome.INCONCLUSIVE
         return [] if was_unknown else [self.verdict(stamp_ns)]
 
     def known(self) -> None:
         """It is known what the machine does, and all that it did is what its model does."""
         if not self.unconfirmed.kept:
-            self.outcome, self._reason = Outcome.CONFORMING, ""
+            self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
 
     def restart(self) -> None:
         """The machine starts, in its initial state."""
         self.unconfirmed.restart()
-        self.outcome, self._reason = Outcome.CONFORMING, ""
+        self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
 
     def may_have_missed(self, expected: list[Place], by_ns: int) -> bool:
         """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent so far."""
@@ -596,6 +609,6 @@ class Conclusion:
         """``verdicts`` are certain: nothing can be missing."""
         if verdicts:
             self.violations += len(verdicts)
-            self.outcome = Outcome.VIOLATED
+            self.outcome, self.suspected = Outcome.VIOLATED, None
             self._reason = verdicts[-1].reason
         return verdicts

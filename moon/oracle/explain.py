@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
+from m2c.model.datatypes import Structure
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import output_data_type
 from moon.oracle.bounds import TooManyError
+from moon.oracle.differing import first_difference
 from moon.oracle.program import TooOpenError
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis, Instances, Obligation
 from moon.oracle.trace_events import Role, TraceEvent
-from moon.verdict import Evidence, Explanation
-from moon.wording import Wording, value_text
+from moon.verdict import Difference, Evidence, Explanation
+from moon.wording import Wording, is_whole, value_text
 
 SHOWN = 4
 """So many possibilities are shown; more would hide the point."""
 
 
-def described(fact: TraceEvent, wording: Wording) -> str:
-    """An observation in one line."""
+def described(fact: TraceEvent, wording: Wording, differences: Sequence[Difference] = ()) -> str:
+    """An observation in one line; first what differs from what was expected, if all is too long."""
     observation = fact.observation
     kind = wording.kind(observation.type_name)
-    data = "" if fact.data is None else f" {value_text(fact.data, kind)}"
+    data = ""
+    if fact.data is not None:
+        fields = dict.fromkeys(f"{item.path}: {item.observed}" for item in differences)
+        data = _beginning_with(", ".join(fields), value_text(fact.data, kind))
     channel = observation.channel
     match fact.role:
         case Role.MESSAGE:
@@ -46,6 +51,11 @@ def described(fact: TraceEvent, wording: Wording) -> str:
             return f"{_OUTPUTS[fact.output]} {channel}{data}"
         case _:
             return f"{observation.kind} on {channel}"
+
+
+def _beginning_with(first: str, message: str) -> str:
+    """A message that is shown; ``first``, what matters of it, stands before one that is cut off."""
+    return f" {message}" if not first or is_whole(message) else f" {first} in {message}"
 
 
 _OUTPUTS = {
@@ -81,8 +91,12 @@ def explanation_of(
     owed = [(h, h.owed[0]) for h in survivors if h.owed]
     expected: dict[str, None] = {}
     places: dict[str, None] = {}
+    differences: dict[Difference, None] = {}
     for _, item in owed:
-        expected[owed_text(search, item)] = None
+        difference = difference_from(search, item, fact)
+        if difference is not None:
+            differences[difference] = None
+        expected[owed_text(search, item, difference)] = None
         places[str(item.transition)] = None
     if not owed:
         expected["nothing to be sent"] = None
@@ -92,25 +106,47 @@ def explanation_of(
         state_text(search, instances): None
         for instances in befores or (h.instances for h in survivors)
     }
-    observed = "nothing in time" if fact is None else described(fact, search.wording)
+    observed = "nothing in time"
+    channel = channel_of(search, owed[0][1]) if owed else ""
+    if fact is not None:
+        observed = described(fact, search.wording, tuple(differences)[:SHOWN])
+        channel = fact.observation.channel
     return Explanation(
         tuple(expected)[:SHOWN],
         observed,
         tuple(states)[:SHOWN],
         tuple(Evidence(item.stamp, described(item, search.wording)) for item in history),
         tuple(places)[:SHOWN],
+        channel,
+        tuple(differences)[:SHOWN],
     )
 
 
-def owed_text(search: Search, owed: Obligation) -> str:
-    """What a machine owes, in one line."""
-    channel = search.program.channel_of_output(owed.kind, owed.interface)
+def difference_from(search: Search, owed: Obligation, fact: TraceEvent | None) -> Difference | None:
+    """The first field in which what was sent is not what was owed, where it is the same output."""
+    if fact is None or fact.output is not owed.kind or fact.interface != owed.interface:
+        return None
+    return first_difference(owed.data, fact.data, data_type(search, owed))
+
+
+def data_type(search: Search, owed: Obligation) -> Structure | None:
+    """The type of the message that is owed."""
+    program = search.program
+    return output_data_type(owed.kind, owed.interface, program.machine, program.library)
+
+
+def channel_of(search: Search, owed: Obligation) -> str:
+    """The channel by which it is to leave."""
+    return search.program.channel_of_output(owed.kind, owed.interface)
+
+
+def owed_text(search: Search, owed: Obligation, difference: Difference | None = None) -> str:
+    """What a machine owes, in one line; first the field in which what it sent differs, if all is too long."""
+    channel = channel_of(search, owed)
     data = ""
     if owed.data is not None:
-        kind = output_data_type(
-            owed.kind, owed.interface, search.program.machine, search.program.library
-        )
-        data = f" {value_text(owed.data, kind)}"
+        first = "" if difference is None else f"{difference.path}: {difference.expected}"
+        data = _beginning_with(first, value_text(owed.data, data_type(search, owed)))
     to = f" to {owed.call[0]}" if owed.call and owed.call[0] else ""
     return f"{_OUTPUTS[owed.kind]} {channel}{data}{to}"
 

@@ -21,7 +21,7 @@ from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.ordering.judge import Gap
 from moon.ordering.numbers import Place
-from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violation_of
 
 EVIDENCE = 12
 """So many events are kept for explanations."""
@@ -185,9 +185,10 @@ class ModelOracle:
         evidence = tuple(
             Evidence(f.stamp, described(f, self.search.wording)) for f in self._history
         )
-        explanation = Explanation((expected,), f"nothing: {why}", (), evidence)
-        verdict = self._verdict_of(event.stamp, explanation, "unresponsive: ")
-        places = [(self._node, event.observation.channel, False)]
+        channel = event.observation.channel
+        explanation = Explanation((expected,), f"nothing: {why}", (), evidence, channel=channel)
+        verdict = self._verdict_of(event.stamp, explanation, Cause.NOT_TAKEN)
+        places = [(self._node, channel, False)]
         return self._conclusion.found(self._violation(verdict, until_ns, True, places))[0]
 
     def foreseen(self, events: Sequence[TraceEvent]) -> list[Hypothesis]:
@@ -255,9 +256,11 @@ class ModelOracle:
         before = self.hypotheses or []
         survivors = survivors_of(self.search, before, event)
         explanation = explanation_of(self.search, survivors, event, self._history)
-        verdict = self._verdict_of(event.stamp, explanation)
+        undeclared = event.role is Role.UNDECLARED
+        cause = Cause.UNDECLARED if undeclared else Cause.UNEXPECTED
+        verdict = self._verdict_of(event.stamp, explanation, cause)
         violation = self._violation(verdict, event.stamp, False, self._places_of(survivors))
-        violation.is_certain = event.role is Role.UNDECLARED
+        violation.is_certain = undeclared
         verdicts, is_known = self._conclusion.found(violation)
         self._history.append(event)
         if is_known:
@@ -273,7 +276,7 @@ class ModelOracle:
             self._forget(until)
             return self._conclusion.unknown(until, "what it sent may not have been received yet")
         explanation = explanation_of(self.search, before, None, self._history)
-        verdict = self._verdict_of(until, explanation, "unresponsive: ")
+        verdict = self._verdict_of(until, explanation, Cause.UNRESPONSIVE)
         violation = self._violation(verdict, until, True, places)
         owed = [h.owed[0] for h in before if h.owed]
         calls = {item.call for item in owed if item.kind is OutputKind.RESPONSE}
@@ -292,10 +295,8 @@ class ModelOracle:
     ) -> Violation:
         return Violation(verdict, self._known_since, until, is_silence, places)
 
-    def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
-        expected = " or ".join(explanation.expected) or "nothing"
-        reason = f"{prefix}expected {expected}, observed {explanation.observed}"
-        return Verdict(self._name, self._node, Outcome.VIOLATED, stamp, reason, explanation)
+    def _verdict_of(self, stamp: int, explanation: Explanation, cause: Cause) -> Verdict:
+        return violation_of(self._name, self._node, stamp, explanation, cause)
 
     def _places_of(self, before: list[Hypothesis]) -> list[Place]:
         """Where what ``before`` owe would come."""

@@ -452,6 +452,11 @@ class Oracle:
         return self._conclusion.verdict(stamp_ns)
 
     @property
+    def suspected(self) -> Verdict | None:
+        """The violation that makes the verdict inconclusive, as it is not certain; None: none does."""
+        return self._conclusion.suspected
+
+    @property
     def outcome(self) -> Outcome:
         """Of the verdict as it stands."""
         return self._conclusion.outcome

@@ -15,6 +15,7 @@ from typing import Any
 from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
 from m2c.runtime import ecmascript
 from m2c.runtime.conversion import Convert, to_float32
+from moon.wording import number_text
 
 SCALARS = frozenset({int, float, str, bool, type(None)})
 """Of these, a value is its own key."""
@@ -43,7 +44,7 @@ class Unknown:
     def __repr__(self) -> str:
         if self.anything:
             return "?"
-        return f"{self.low:g}…{self.high:g}"
+        return f"{_end(self.low)}…{_end(self.high)}"
 
     def shape(self) -> tuple[Any, ...]:
         """What two unknown values must share to be treated alike."""
@@ -57,6 +58,11 @@ class Unknown:
             return False
         whole = not self.integer or float(value).is_integer()
         return self.low <= value <= self.high and whole
+
+
+def _end(bound: float) -> str:
+    """An end of a range, for people."""
+    return number_text(float(bound)) if math.isfinite(bound) else f"{bound:g}"
 
 
 def anything() -> Unknown:

@@ -33,7 +33,7 @@ from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.reported import ReportedFollower, report_of
 from moon.policy.run import Ask, AskKind, Life
 from moon.policy.shape import shape_of
-from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violation_of
 from transports.interface import Observation, ObservationKind
 
 EVIDENCE = 12
@@ -124,6 +124,8 @@ class PolicyJudge:
         self._life = Life(self._follower.close)  # its runs' threads end with it
         self._history: deque[Evidence] = deque(maxlen=EVIDENCE)
         self._reason = ""
+        self.suspected: Verdict | None = None
+        """The violation that makes the verdict inconclusive, as it is not certain."""
         if self._shape.unchecked:
             where = "".join(f"{place}: " for place in places.get(self._shape.unchecked_at, ())[:1])
             self.outcome = Outcome.INCONCLUSIVE
@@ -144,7 +146,7 @@ class PolicyJudge:
         self._owed = False
         if self.is_judging:
             self._follower.start()
-            self.outcome, self._reason = Outcome.CONFORMING, ""
+            self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
 
     def restart(self) -> None:
         """Its node numbers its calls anew."""
@@ -220,7 +222,8 @@ class PolicyJudge:
 
     def verdict(self, stamp_ns: int) -> Verdict:
         """The verdict as it stands."""
-        return Verdict(self.name, self.node, self.outcome, stamp_ns, self._reason)
+        missing = Cause.MISSING_OBSERVATION if self.suspected is not None else None
+        return Verdict(self.name, self.node, self.outcome, stamp_ns, self._reason, cause=missing)
 
     @property
     def hypotheses(self) -> Sequence[object]:
@@ -291,7 +294,7 @@ class PolicyJudge:
         if observed:
             verdicts += self._violated(event.stamp_ns, follower.wanted, observed)
         elif follower.certain and not verdicts and not self.unconfirmed.kept:
-            self.outcome, self._reason = Outcome.CONFORMING, ""
+            self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
         return verdicts
 
     def _judge_call(self, observation: Observation) -> list[Verdict]:
@@ -322,7 +325,7 @@ class PolicyJudge:
         if fit is Fit.WRONG:
             verdicts += self._violation(observation)
         elif follower.certain and not verdicts and not self.unconfirmed.kept:
-            self.outcome, self._reason = Outcome.CONFORMING, ""
+            self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
         self._remember(stamp, self._call_text(observation))
         self._pending, self._last_ns, self._owed = observation, stamp, False
         return verdicts
@@ -406,23 +409,32 @@ class PolicyJudge:
         observed = self._call_text(observation)
         if follower.early_ns:
             observed += f" {follower.early_ns / 1e6:.1f} ms before the next tick of the tree is due"
-        return self._violated(observation.stamp_ns, follower.wanted, observed)
+        return self._violated(
+            observation.stamp_ns, follower.wanted, observed, channel=observation.channel
+        )
 
     def _overdue(self, watermark: int) -> list[Verdict]:
         if self._missed_before(watermark):
             return self._doubt(
                 watermark, f"a call of {self.node} was reported by its other end only"
             )
-        return self._violated(watermark, self._follower.owes(), "nothing", "unresponsive: ")
+        return self._violated(watermark, self._follower.owes(), "nothing", Cause.UNRESPONSIVE)
 
     def _impatient(self, answer: Observation, later: Observation) -> list[Verdict]:
         expected = f"the answer on {answer.channel}"
         observed = f"{self._call_text(later)} before it"
-        explanation = Explanation((expected,), observed)
-        return self._convict(self._verdict_of(later.stamp_ns, explanation))
+        why = Explanation((expected,), observed, channel=later.channel)
+        return self._convict(
+            violation_of(self.name, self.node, later.stamp_ns, why, Cause.UNEXPECTED)
+        )
 
     def _violated(
-        self, stamp: int, wanted: Sequence[Ask], observed: str, prefix: str = ""
+        self,
+        stamp: int,
+        wanted: Sequence[Ask],
+        observed: str,
+        cause: Cause = Cause.UNEXPECTED,
+        channel: str = "",
     ) -> list[Verdict]:
         expected: list[str] = []
         places: list[str] = []
@@ -438,16 +450,12 @@ class PolicyJudge:
             tuple(self.states()),
             tuple(self._history),
             tuple(dict.fromkeys(places)),
+            channel,
         )
-        verdict = self._verdict_of(stamp, why, prefix)
-        reported = self._convict(verdict, is_silence=bool(prefix))
+        verdict = violation_of(self.name, self.node, stamp, why, cause)
+        reported = self._convict(verdict, is_silence=cause is Cause.UNRESPONSIVE)
         self._forget(stamp)
         return reported
-
-    def _verdict_of(self, stamp: int, explanation: Explanation, prefix: str = "") -> Verdict:
-        expected = " or ".join(explanation.expected) or "nothing"
-        reason = f"{prefix}expected {expected}, observed {explanation.observed}"
-        return Verdict(self.name, self.node, Outcome.VIOLATED, stamp, reason, explanation)
 
     def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
         """Report ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
@@ -462,7 +470,7 @@ class PolicyJudge:
             if self.outcome is Outcome.VIOLATED:
                 return []  # it is, whether this one is certain or not
         was, self.outcome = self.outcome, Outcome.INCONCLUSIVE
-        self._reason = f"{lost}{UNCONFIRMED}{verdict.reason}"
+        self._reason, self.suspected = f"{lost}{UNCONFIRMED}{verdict.reason}", verdict
         return [] if was is Outcome.INCONCLUSIVE else [self.verdict(verdict.stamp_ns)]
 
     def look_at_reports(self) -> list[Verdict]:
@@ -475,6 +483,7 @@ class PolicyJudge:
         if verdicts:
             self.violations += len(verdicts)
             self.outcome, self._reason = Outcome.VIOLATED, verdicts[-1].reason
+            self.suspected = None
         return verdicts
 
     def _doubt(self, stamp: int, text: str) -> list[Verdict]:
@@ -487,7 +496,7 @@ class PolicyJudge:
         if self.outcome is Outcome.INCONCLUSIVE:
             return []
         self.outcome = Outcome.INCONCLUSIVE
-        self._reason = text
+        self._reason, self.suspected = text, None
         return [self.verdict(stamp)]
 
     def _forget(self, stamp: int) -> None:

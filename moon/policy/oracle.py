@@ -125,6 +125,11 @@ class PolicyOracle:
         return self._judge.verdict(stamp_ns)
 
     @property
+    def suspected(self) -> Verdict | None:
+        """The violation that makes the verdict inconclusive, as it is not certain; None: none does."""
+        return self._judge.suspected
+
+    @property
     def outcome(self) -> Outcome:
         """Of the verdict as it stands."""
         return self._judge.outcome

@@ -11,6 +11,7 @@ import msgspec
 
 from m2c.model.walk import variables_of
 from moon.properties.compiler import BEGINNING, Program, compile_network
+from moon.properties.formula import predicates
 from moon.properties.network import NEVER, Network, build_network, obligations, stays_false
 from moon.properties.predicates import (
     ANY_CHANNEL,
@@ -48,7 +49,7 @@ class Snapshot(NamedTuple):  # not msgspec's: mypyc would leave out the module
     unknown: dict[str, str]
     scalars: tuple[int, int, int, int, int]
     began: int
-    lost: str
+    lost: tuple[tuple[str, str], ...]
     lost_ports: dict[str, str]
     coming: tuple[Gap, ...]
     open: dict[str, tuple[int, str]]
@@ -106,7 +107,10 @@ class MonitorGroup:
         for text in self._index:
             for name in variables_of(self.binding.atoms[text].expression):
                 self._users[name].append(text)
-        self._lost = ""
+        self._lost: dict[str, str] = {}
+        """What was last lost of each predicate, in words; the newest is last."""
+        self._texts = [frozenset(predicates(formula)) for formula in self._formulas]
+        """The predicates of each formula."""
         self._reported = -1
         self._program = self._compile()
         self.changed = self._program.changed
@@ -244,8 +248,12 @@ class MonitorGroup:
         try:
             return self.binding.conditions[name](data)
         except UNKNOWN_ERRORS as error:
-            self._lost = f"whether `{name}` happened is not known: {why_unknown(error)}"
+            self._note_lost(name, f"whether `{name}` happened is not known: {why_unknown(error)}")
             return None
+
+    def _note_lost(self, text: str, why: str) -> None:
+        self._lost.pop(text, None)
+        self._lost[text] = why
 
     # -- beginning, time, loss ----------------------------------------------------------------
 
@@ -349,8 +357,11 @@ class MonitorGroup:
         ]
         if not names or start >= end:
             return []
-        self._lost = f"messages on {channel} were missed"
-        self._gaps.add(names, start, end, self._lost)
+        why = f"messages on {channel} were missed"
+        for name in names:
+            for text in self._users[name]:
+                self._note_lost(text, why)
+        self._gaps.add(names, start, end, why)
         if self._three_valued is None and self.started < 0:
             if self.reached < 0:
                 return []  # nothing is remembered yet
@@ -508,7 +519,7 @@ class MonitorGroup:
             unknown=dict(runs.unknown) if runs is not None else {},
             scalars=(self.started, self.sealed, self.reached, self._until_try, self._reported),
             began=runs.began if runs is not None else -1,
-            lost=self._lost,
+            lost=tuple(self._lost.items()),
             lost_ports=dict(self._known.lost),
             coming=tuple(self._gaps.coming),
             open=dict(self._gaps.open),
@@ -533,7 +544,7 @@ class MonitorGroup:
             program.go_back(state)
         scalars = snapshot.scalars
         self.started, self.sealed, self.reached, self._until_try, self._reported = scalars
-        self._lost = snapshot.lost
+        self._lost = dict(snapshot.lost)
         self._known.lost = dict(snapshot.lost_ports)
         self._gaps.coming, self._gaps.open = list(snapshot.coming), dict(snapshot.open)
         self._known.values = dict(snapshot.values)
@@ -591,13 +602,21 @@ class MonitorGroup:
         self._reported = now
         return found
 
+    def _why_unknown(self, number: int, unknown: Mapping[str, str]) -> str:
+        """Why the property ``number`` is not known; ``unknown``: why each predicate of all is not."""
+        texts = self._texts[number]
+        now = [why for text, why in unknown.items() if text in texts]
+        before = [why for text, why in self._lost.items() if text in texts]
+        return "; ".join(dict.fromkeys(now or before[-1:]))
+
     def _verdict(self, number: int, status: Status, now: int) -> Verdict:
         if status is Status.TRUE:
             return Verdict(status, now)
         if status is Status.INCONCLUSIVE:
             assert self._three_valued is not None
-            reasons = list(dict.fromkeys(self._three_valued.unknown.values())) or [self._lost]
-            return Verdict(status, now, reason="; ".join(reasons))
+            return Verdict(
+                status, now, reason=self._why_unknown(number, self._three_valued.unknown)
+            )
         # changes are made one by one: until just before, the verdict was the one reported last
         true_at = now - 1 if self.verdicts[number].since_ns >= 0 else -1
         witness = explain(

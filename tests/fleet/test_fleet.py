@@ -8,9 +8,10 @@ import pytest
 from moon.fleet.choice import Shard
 from moon.fleet.notices import RobotNotices
 from moon.fleet.report import closing, table
+from moon.fleet.robot import Robot
 from moon.fleet.screen import Troubles
 from moon.monitor.watch import MIDDLE
-from moon.verdict import Outcome
+from moon.verdict import Outcome, Verdict
 from tests.fleet.by_hand import FleetByHand
 
 
@@ -234,3 +235,32 @@ def test_people_are_not_told_of_each_machine_that_it_conforms(by_hand) -> None:
     assert not troubles.concerns(conforming)
     middle = msgspec.structs.replace(conforming, outcome=Outcome.INCONCLUSIVE, reason=MIDDLE)
     assert not troubles.concerns(middle)
+
+
+def test_the_last_of_a_robot_is_about_how_it_stands_now() -> None:
+    def say(node: str, outcome: Outcome, reason: str = "") -> None:
+        robot.take(Verdict(node, node, outcome, 1, reason))
+
+    robot = Robot("robots/r1", None, None, [], [], lambda text: None)
+    assert robot.status().last == ""
+    say("A", Outcome.INCONCLUSIVE, "observations were lost")
+    say("B", Outcome.INCONCLUSIVE, "started in the middle of a run")
+    assert robot.status().last == "B: started in the middle of a run"
+    say("B", Outcome.CONFORMING)
+    assert robot.status().last == "A: observations were lost"
+    say("A", Outcome.CONFORMING)
+    assert (robot.status().verdict, robot.status().last) == ("conforming", "")
+
+
+def test_the_last_of_a_robot_that_was_violated_is_its_last_violation(by_hand) -> None:
+    bad = by_hand.robot("robots/r2")
+    bad.start()
+    bad.run(status=1)
+    wrong = by_hand.status("robots/r2").last
+    assert wrong.startswith("Level: expected response on /Level/tick")
+    bad.end()
+    bad.pass_time(40_000)
+    bad.start()
+    bad.run()
+    status = by_hand.status("robots/r2")
+    assert (status.verdict, status.last) == ("violated", wrong)

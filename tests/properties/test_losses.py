@@ -196,3 +196,29 @@ def test_of_a_final_violation_that_a_late_loss_leaves_open_the_order_says_so_too
     ordered.lose("/a", 22, 23)
     assert ordered.verdicts()["f"].status is Status.INCONCLUSIVE
     assert not ordered.verdicts()["f"].final
+
+
+def test_a_property_is_unknown_for_reasons_of_its_own_channels_only():
+    """Properties that begin together are evaluated together; a loss of one is no reason of another."""
+    channels = {"one": "p", "two": "q", "both": "pr"}
+    it = PropertySet(
+        Property(
+            name,
+            parse_formula(
+                f"historically(not({' or '.join(f'{{{port}}}' for port in ports)}))",
+                ticks_per_unit=1,
+            ),
+            tuple(map(event, ports)),
+        )
+        for name, ports in channels.items()
+    )
+    it.advance(1)
+    for port in "pqr":
+        it.lose(f"/{port}", 3, 5)
+    it.advance(8)
+    for name, verdict in it.verdicts().items():
+        assert verdict.status is Status.INCONCLUSIVE
+        for port in "pqr":
+            if port not in channels[name]:
+                assert f"/{port}" not in verdict.reason, (name, verdict.reason)
+    assert it.verdicts()["one"].reason == "messages on /p were missed"
