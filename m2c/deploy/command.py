@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 
 import click
 
-from m2c.inputs import Inputs, deployment_option, input_options, lenient_option
+from m2c.inputs import ExistingPath, Inputs, deployment_option, input_options, lenient_option
 from m2c.terminal import fail, show
 
 
@@ -32,6 +33,25 @@ from m2c.terminal import fail, show
     help="Folder on each computer: its `venv` has m2c, its `system` the packages.  "
     "[default: /opt/<system>]",
 )
+@click.option(
+    "--user",
+    default="m2c",
+    show_default=True,
+    help="Whose the processes are under systemd; made with `useradd --system`.",
+)
+@click.option(
+    "--wheel",
+    type=ExistingPath(path_type=Path, exists=True, dir_okay=False),
+    metavar="FILE",
+    help="The wheel that containers install m2c from; it is copied. Without it, set M2C to build them.",
+)
+@click.option("--namespace", default="", help="Prefix of every channel.")
+@click.option(
+    "--secure",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Zenoh: run with the certificates that `moon keys init` made in DIR; each host gets its own only.",
+)
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
 @lenient_option
 @input_options
@@ -42,6 +62,10 @@ def deploy(
     deployment: Path | None,
     endpoint: str,
     prefix: str,
+    user: str,
+    wheel: Path | None,
+    namespace: str,
+    secure: Path | None,
     force: bool,
     lenient: bool,
 ) -> None:
@@ -49,7 +73,8 @@ def deploy(
 
     The folder gets the generated packages (`system`), a systemd unit for each host of the deployment
     (`systemd`), and a compose file with a container for each (`compose.yaml`, `Dockerfile`). Each runs
-    `m2c run --host HOST`, which starts its part, waits for the others and starts again what dies.
+    `m2c run --host HOST`, which starts its part, waits for the others and starts again what dies. With
+    --secure there are the certificates of each host, too (`keys`).
 
     \b
     Example:
@@ -61,12 +86,29 @@ def deploy(
     from m2c.check.reading import read_and_check
     from m2c.check.report import print_findings
     from m2c.codegen.generation import OtherPackagesError, write_system
+    from m2c.codegen.names import snake
     from m2c.codegen.writer import EditedFilesError, write_files
-    from m2c.deploy.files import SYSTEM_FOLDER, DeployError, deployment_files
+    from m2c.deploy.files import (
+        KEYS_FOLDER,
+        SYSTEM_FOLDER,
+        DeployError,
+        deployment_files,
+        host_labels,
+    )
     from m2c.model import DiagnosticLog, ModelError
     from m2c.model.deployment import hosts_of, names_in_deployment, read_deployment_file
     from m2c.naming import naming_for
+    from transports.interface import TransportError
+    from transports.options import NamespaceError, plain_namespace
 
+    if secure is not None and transport != "zenoh":
+        raise click.UsageError("--secure is for zenoh")
+    if secure is not None and namespace:
+        raise click.UsageError("--namespace: the certificates say it; give it to `moon keys init`")
+    try:
+        plain_namespace(namespace)
+    except NamespaceError as error:
+        fail(f"--namespace: {error}")
     naming = naming_for(transport)
     log = DiagnosticLog()
     system = read_and_check(*inputs, log, with_policy=False, naming=naming, lenient=lenient)
@@ -84,19 +126,37 @@ def deploy(
             transport=transport,
             endpoint=endpoint,
             prefix=prefix,
+            user=user,
+            wheel="" if wheel is None else wheel.name,
+            namespace=namespace,
+            secure=secure is not None,
         )
+        hosts = hosts_of(system.deployment)
+        certificates = {}
+        if secure is not None:
+            from m2c.deploy.keys import certified, write_keys
+
+            names = names_in_deployment(system.nodes, system.policy is not None)
+            of_hosts = certified(secure, system.deployment, names, hosts or [""])
+            labels = host_labels(hosts) if hosts else {"": snake(system.name) or "system"}
+            certificates = {labels[host]: found for host, found in of_hosts.items()}
         write_system(system, output / SYSTEM_FOLDER, transport, None, naming, force)
         write_files(files, output, force)
+        if secure is not None:
+            write_keys(secure, output / KEYS_FOLDER, certificates)
+        if wheel is not None:
+            shutil.copyfile(wheel, output / wheel.name)
     except EditedFilesError as error:
         fail(*error.lines)
-    except (OtherPackagesError, DeployError) as error:
+    except (OtherPackagesError, DeployError, TransportError) as error:
         fail(str(error))
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
     except OSError as error:
         fail(f"cannot write {error.filename}: {error.strerror}")
-    hosts = hosts_of(system.deployment)
     show(f"{system.name}: {', '.join(hosts) or 'one host'} in {output}")
     for name in sorted(files):
         show(f"  {name}")
+    for host, names in certificates.items():
+        show(f"  {KEYS_FOLDER}/{host}: {', '.join(names)}")
