@@ -67,6 +67,14 @@ _TEXTS = Array(Primitive("string"))
 _EVIDENCE = Structure(
     "moon_msgs/msg/Evidence", (("stamp_ns", Primitive("int64")), ("text", Primitive("string")))
 )
+_DIFFERENCE = Structure(
+    "moon_msgs/msg/Difference",
+    (
+        ("path", Primitive("string")),
+        ("expected", Primitive("string")),
+        ("observed", Primitive("string")),
+    ),
+)
 VERDICT_TYPE = Structure(
     "moon_msgs/msg/Verdict",
     (
@@ -80,9 +88,14 @@ VERDICT_TYPE = Structure(
         ("states", _TEXTS),
         ("evidence", Array(_EVIDENCE)),
         ("places", _TEXTS),
+        ("channel", Primitive("string")),
+        ("differences", Array(_DIFFERENCE)),
+        ("cause", Primitive("string")),
     ),
 )
 """As ``moon.sinks.topic.VerdictMessage`` is published."""
+EARLIER_VERDICT_TYPE = Structure(VERDICT_TYPE.name, VERDICT_TYPE.fields[:-3])
+"""The same in recordings of an earlier version: without its channel, its differences and its cause."""
 
 GID_BYTES = 16
 _NS = 10**9

@@ -17,7 +17,7 @@ from moon.recording.format import Form
 from moon.recording.numbers import Numbering, Numbers
 from moon.recording.stored import StoredChannel, StoredMessage
 from moon.recording.whole import unpack_whole
-from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from moon.verdict import Cause, Difference, Evidence, Explanation, Outcome, Verdict
 from transports.cdr import CdrError
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, RESPONSE_SENT, TYPE_SUFFIX
@@ -33,6 +33,7 @@ _int64_at = struct.Struct("<q").unpack_from
 _INT64_AT = 4
 _count_at = struct.Struct("<I").unpack_from
 _decode_verdict = Decoder(layout.VERDICT_TYPE)
+_decode_earlier_verdict = Decoder(layout.EARLIER_VERDICT_TYPE)
 _PACKED_AT = 8
 _decode_event = msgspec.json.Decoder(Event).decode
 
@@ -69,7 +70,9 @@ def reader_of(
             return _pulse_reader(metadata.get(layout.TURN, ""))
         case Form.VERDICT:
             kind = metadata.get(layout.KIND, "model")
-            return lambda message: _verdict(message, kind)
+            has_cause = decode().structure.field("cause") is not None
+            read = _decode_verdict if has_cause else _decode_earlier_verdict
+            return lambda message: _verdict(message, read(message.data), kind)
         case _:
             return None
 
@@ -200,8 +203,7 @@ def _pulse_reader(name: str) -> Read:
     return read
 
 
-def _verdict(message: StoredMessage, kind: str) -> ReportedVerdict:
-    data = _decode_verdict(message.data)
+def _verdict(message: StoredMessage, data: dict[str, Any], kind: str) -> ReportedVerdict:
     why = None
     if data["expected"] or data["observed"] or data["evidence"]:
         why = Explanation(
@@ -210,12 +212,25 @@ def _verdict(message: StoredMessage, kind: str) -> ReportedVerdict:
             tuple(data["states"]),
             tuple(Evidence(item["stamp_ns"], item["text"]) for item in data["evidence"]),
             tuple(data["places"]),
+            data.get("channel", ""),
+            tuple(
+                Difference(item["path"], item["expected"], item["observed"])
+                for item in data.get("differences", ())
+            ),
         )
     try:
         outcome = Outcome(data["outcome"])
+        cause = Cause(data["cause"]) if data.get("cause") else None
     except ValueError as error:
-        raise CdrError(f"unknown outcome {data['outcome']!r}") from error
+        raise CdrError(f"unknown outcome {data['outcome']!r} or cause") from error
     verdict = Verdict(
-        data["machine"], data["node"], outcome, data["stamp_ns"], data["reason"], why, kind
+        data["machine"],
+        data["node"],
+        outcome,
+        data["stamp_ns"],
+        data["reason"],
+        why,
+        kind,
+        cause=cause,
     )
     return ReportedVerdict(message.received_ns, verdict)

@@ -20,6 +20,15 @@ class EvidenceMessage(msgspec.Struct):
     text: str = ""
 
 
+class DifferenceMessage(msgspec.Struct):
+    """The first field that differs (moon_msgs/msg/Difference), as :class:`moon.verdict.Difference` has it."""
+
+    __type_name__: ClassVar[str] = "moon_msgs/msg/Difference"
+    path: str = ""
+    expected: str = ""
+    observed: str = ""
+
+
 class VerdictMessage(msgspec.Struct):
     """A verdict with its explanation, as :class:`moon.verdict.Verdict` and ``Explanation`` have it."""
 
@@ -34,6 +43,9 @@ class VerdictMessage(msgspec.Struct):
     states: list[str] = msgspec.field(default_factory=list)
     evidence: list[EvidenceMessage] = msgspec.field(default_factory=list)
     places: list[str] = msgspec.field(default_factory=list)
+    channel: str = ""
+    differences: list[DifferenceMessage] = msgspec.field(default_factory=list)
+    cause: str = ""
 
 
 VERDICTS = Topic(VERDICTS_CHANNEL, VerdictMessage.__type_name__, VerdictMessage)
@@ -44,12 +56,18 @@ def message_of(verdict: Verdict) -> VerdictMessage:
     message = VerdictMessage(
         verdict.machine, verdict.node, str(verdict.outcome), verdict.stamp_ns, verdict.reason
     )
+    if verdict.cause is not None:
+        message.cause = str(verdict.cause)
     if (why := verdict.explanation) is not None:
         message.expected = list(why.expected)
         message.observed = why.observed
         message.states = list(why.states)
         message.evidence = [EvidenceMessage(item.stamp_ns, item.text) for item in why.evidence]
         message.places = list(why.places)
+        message.channel = why.channel
+        message.differences = [
+            DifferenceMessage(item.path, item.expected, item.observed) for item in why.differences
+        ]
     return message
 
 

@@ -24,7 +24,7 @@ from moon.recording.entries import (
 )
 from moon.recording.reader import open_recording
 from moon.recording.writer import RecordingWriter, Split
-from moon.verdict import Evidence, Explanation, Outcome, Verdict
+from moon.verdict import Cause, Difference, Evidence, Explanation, Outcome, Verdict
 from tests.replay.worlds import lab_tour
 from transports.interface import Observation
 from transports.simulated import SimulatedTransport, SimulatedWorld
@@ -38,8 +38,11 @@ def entries() -> tuple[Entry, ...]:
     start_ns = world.now_ns
     SimulatedRun(lab_tour()[1], world).run(8.0)
     found: list[Entry] = [Began(start_ns, "moon_record_1", "simulated", True)]
-    why = Explanation(("a", "b"), "c", ("idle",), (Evidence(4, "d"),), ("m.scxml:1:2",))
-    verdict = Verdict("M", "M", Outcome.VIOLATED, 5, "because", why, "property")
+    differences = (Difference("a.b[3]", "1", "2"), Difference("c", "x", "y"))
+    evidence = (Evidence(4, "d"),)
+    why = Explanation(("a", "b"), "c", ("idle",), evidence, ("m.scxml:1:2",), "/m", differences)
+    cause = Cause.NOT_TAKEN
+    verdict = Verdict("M", "M", Outcome.VIOLATED, 5, "because", why, "property", cause=cause)
     for number, seen in enumerate(map(_as_recorded, received)):
         found.append(seen)
         if number % 50 == 0:
