@@ -45,6 +45,7 @@ def steps(seed: int) -> list[list[str]]:
         ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", "soak"],
         *([*pytest, "--hypothesis-seed", str(seed + number)] for number in range(ROUNDS)),
         ["examples/lab_tour/faults/run.py", "--nominal", "1800", "--busy", "2"],
+        ["-m", "tests.campaign.differential", first, str(CAMPAIGN)],
         ["-m", "tests.campaign", "--seeds", f"{first}:{seed + CAMPAIGN}"],
         ["-m", "tests.hostile.soak", "20000", "--seed", first],
         ["-m", "tests.codegen.limits", "--models", "20000", "--seed", first],

@@ -5,14 +5,20 @@ order, and started and cancelled the same delays. The interpreter is asked three
 known, with values that may be unknown, and with nothing known of the data before; of the last two, one
 of the outcomes must be what the generated code did.
 
+Half of the systems are marked (``tests.campaign.marks``): there it shows, too, which statement failed and when
+its error was processed.
+
 ``python -m tests.campaign.differential FIRST COUNT`` compares the machines of so many systems.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
@@ -30,6 +36,9 @@ from m2c.runtime.machine import EndlessLoopError
 from moon.oracle.compiling import Delayed, Step
 from moon.oracle.program import MachineProgram, TooOpenError
 from moon.oracle.unknowns import Unknown
+from tests.campaign.marks import marked
+from tests.campaign.plans import read
+from tests.campaign.systems import SIZES, make, write
 from tests.codegen.harness import Recorder
 from tests.mutation.exercise import Values
 
@@ -117,7 +126,7 @@ class _Pair:
         self._recorder = Recorder()
         self._events = events_of(self._model)
         node = compile_node(machine, system)
-        self._classes: dict[str, Any] = dict(vars(sys.modules[__name__])) and _globals(node)
+        self._classes = _globals(node)
         name = machine_class(machine.name)
         if thread is not None:
             index = machine.threads.index(thread)
@@ -356,3 +365,31 @@ def _allows(interpreted: Any, generated: Any) -> bool:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def differences_of(seed: int, size: int, folder: Path) -> list[Difference]:
+    """Those of the system of a seed, which is marked if the seed is odd."""
+    plan = make(seed, size)
+    path = write(marked(plan) if seed % 2 else plan, folder)
+    return list(differences(read(path), seed))
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description="Compare generated code with the interpreter.")
+    parser.add_argument("first", type=int)
+    parser.add_argument("count", type=int)
+    chosen = parser.parse_args()
+    different = 0
+    for seed in range(chosen.first, chosen.first + chosen.count):
+        with TemporaryDirectory() as folder:
+            found = differences_of(seed, SIZES[seed % len(SIZES)], Path(folder))
+        different += bool(found)
+        for item in found:
+            print(f"seed {seed}: {item}", flush=True)
+    print(f"{chosen.count} systems from seed {chosen.first}, {different} with a difference")
+    return 1 if different else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

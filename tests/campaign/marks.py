@@ -1,0 +1,66 @@
+"""Marks in models: which statement failed, and when its error was processed, becomes a value."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+from msgspec.structs import replace
+
+from m2c.model.vocabulary import EXECUTABLE
+from tests.campaign.elements import Element, e
+from tests.campaign.plans import Plan, Spelling
+
+MARK, TRAIL = "mark_", "trail_"
+
+
+def marked(plan: Plan) -> Plan:
+    """The same system, each machine of which keeps the number of the statement that it is at, and a trail of
+    the numbers at which errors were processed."""
+    numbers = itertools.count(1)
+    models = tuple(
+        model
+        if model.spelling is Spelling.PLAIN
+        else replace(model, root=_machine(model.root, numbers))
+        for model in plan.models
+    )
+    return replace(plan, models=models)
+
+
+def _machine(root: Element, numbers: Iterator[int]) -> Element:
+    children = [
+        _machine(child, numbers) if child.tag == "ros_action_thread" else _state(child, numbers)
+        for child in root.children
+    ]
+    data = [e("data", id=name, type="int32", expr="0") for name in (MARK, TRAIL)]
+    if not any(child.tag == "datamodel" for child in children):
+        children.insert(0, e("datamodel"))
+    return root.holding(
+        *(
+            child.holding(*child.children, *data) if child.tag == "datamodel" else child
+            for child in children
+        )
+    )
+
+
+def _state(state: Element, numbers: Iterator[int]) -> Element:
+    """With a trail of its errors; that is read, else nobody would keep it."""
+    if state.tag != "state":
+        return state
+    kept = e("assign", location=TRAIL, expr=f"({TRAIL} * 31 + {MARK}) % 65521")
+    seen = [_block(child, numbers) for child in state.children]
+    handled = [item for item in seen if item.get("event") == "error.execution"]
+    if handled:
+        seen = [i.holding(kept, *i.children) if i in handled else i for i in seen]
+    else:
+        seen.append(e("transition", kept, event="error.execution"))
+    return state.holding(*seen, e("transition", event="never_", cond=f"{TRAIL} == -1"))
+
+
+def _block(block: Element, numbers: Iterator[int]) -> Element:
+    children: list[Element] = []
+    for child in block.children:
+        if child.tag in EXECUTABLE:
+            children.append(e("assign", location=MARK, expr=next(numbers)))
+        children.append(_block(child, numbers) if child.tag == "if" else child)
+    return block.holding(*children)
