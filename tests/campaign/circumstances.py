@@ -51,6 +51,8 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
         joins_s: when the monitor comes; 0: before the nodes.
         latency_s: the monitor's latency bound.
         faulty: a node with a fault.
+        meddled: whether somebody else's client uses the actions, too.
+        recorded_s: how long a recorder of its own records the run, before it is killed; 0: there is none.
     """
 
     conditions: Conditions = Conditions()
@@ -58,6 +60,8 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     joins_s: float = 0.0
     latency_s: float = 0.2
     faulty: Faulty | None = None
+    meddled: bool = False
+    recorded_s: float = 0.0
 
     @property
     def is_whole(self) -> bool:
@@ -115,6 +119,8 @@ class Kind(StrEnum):
     SKEW = "clocks differ"
     CUT = "a cut network"
     ROS2 = "ROS 2's rules"
+    MEDDLED = "a client of somebody else's"
+    RECORDED = "a recorder that is killed"
 
 
 WEIGHTS = {
@@ -136,6 +142,8 @@ WEIGHTS = {
     Kind.SKEW: 1,
     Kind.CUT: 4,
     Kind.ROS2: 4,
+    Kind.MEDDLED: 3,
+    Kind.RECORDED: 3,
 }
 """How often each is drawn."""
 
@@ -180,7 +188,10 @@ def nominal(random: Random) -> Circumstances:
     """Nothing is wrong; messages and observations take their time within the latency bound."""
     delay_s = random.choice((0.0001, 0.002, 0.02, 0.045))
     return Circumstances(
-        Conditions(delay_s=(0.0, delay_s), tap_delay_s=(0.0, delay_s)), seconds=10.0
+        Conditions(delay_s=(0.0, delay_s), tap_delay_s=(0.0, delay_s)),
+        seconds=10.0,
+        meddled=random.random() < 0.3,
+        recorded_s=round(random.uniform(3.0, 9.0), 3) if random.random() < 0.5 else 0.0,
     )
 
 
@@ -196,6 +207,10 @@ class _Drawn:
         """``made``, and this is wrong, too."""
         if kind is Kind.LATE:
             return msgspec.structs.replace(made, joins_s=self._instant_s())
+        if kind is Kind.MEDDLED:
+            return msgspec.structs.replace(made, meddled=True)
+        if kind is Kind.RECORDED:
+            return msgspec.structs.replace(made, recorded_s=self._instant_s())
         change: Callable[[Conditions], Conditions] = getattr(self, f"_{kind.name.lower()}")
         return msgspec.structs.replace(made, conditions=change(made.conditions))
 
@@ -423,6 +438,10 @@ def fewer(made: Circumstances) -> Sequence[Circumstances]:
             with_(replace(conditions, **{name: getattr(nothing, name)}))
     if made.joins_s:
         found.append(replace(made, joins_s=0.0))
+    if made.meddled:
+        found.append(replace(made, meddled=False))
+    if made.recorded_s:
+        found.append(replace(made, recorded_s=0.0))
     if made.latency_s != Circumstances().latency_s:
         found.append(replace(made, latency_s=Circumstances().latency_s))
     return found

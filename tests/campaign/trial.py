@@ -16,17 +16,20 @@ import msgspec
 
 from m2c.launch.in_process import Program, SimulatedRun, compile_node, compile_system
 from m2c.model.machine import Machine
-from moon.monitor.status import UNSEEN
+from moon.monitor.status import PROPERTY, UNSEEN
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.engine import check_recording
+from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
 from moon.recording.recorded import RecordedConnection, RecordedRun
+from moon.recording.recorder import Recorder
 from moon.recording.writer import RecordingWriter
 from moon.verdict import Outcome, Verdict
 from tests.campaign import truth
 from tests.campaign.circumstances import MONITOR, NS, Circumstances, Faulty, Happened
+from tests.campaign.meddler import Meddler
 from tests.campaign.plans import PROPERTY_FILE, Plan, write
 from tests.mutation.operators import Mutant, mutants
 from transports.interface import Observation
@@ -155,6 +158,8 @@ class _Trial:
         self.withdrawn: list[str] = []
         self.watch: SystemWatch | None = None
         self.run: RecordedRun | None = None
+        self.killed: Path | None = None
+        """What the recorder has recorded that was killed."""
 
     def take(self, verdict: Verdict) -> None:
         """The monitor says something."""
@@ -166,8 +171,12 @@ class _Trial:
         self.writer = RecordingWriter(self.path, Definitions(self.monitored.system.library))
         if not made.joins_s:
             self._watch()
+        if made.recorded_s:
+            self._record()
         world.run_for(BEFORE_S)
         nodes = SimulatedRun(self.prepared.program_with(made.faulty), world)
+        if made.meddled:
+            Meddler(world, self.prepared.machines, self.monitored.system.library)
         if made.joins_s:
             nodes.run(max(made.joins_s - self.passed_s, 0.0))
             self._watch()
@@ -208,6 +217,25 @@ class _Trial:
         )
         self.watch.start()
 
+    def _record(self) -> None:
+        """Another recorder, beside the monitor; it is killed."""
+        world, path = self.world, self.path.with_name("killed.mcap")
+        writer = RecordingWriter(path, Definitions(self.monitored.system.library))
+        connection = SimulatedTransport(world, "recorder")
+        recorder = Recorder(
+            connection, "simulated", writer, (), lambda said: None, lambda: world.now_ns
+        )
+        recorder.start()
+        looks = connection.every(0.5, recorder.look_around)
+
+        def kill() -> None:
+            looks.cancel()
+            connection.close()
+            writer.close()
+            self.killed = path
+
+        connection.after(self.made.recorded_s, kill)
+
     # --- what is wrong -----------------------------------------------------------------------------
 
     def failures(self) -> Iterator[Failure]:
@@ -221,6 +249,33 @@ class _Trial:
             yield Failure(Fault.WITHDRAWN, name, "")
         yield from self._of_properties()
         yield from self._of_recording()
+        if self.killed is not None:
+            yield from self._of_killed(self.killed)
+
+    def _of_killed(self, path: Path) -> Iterator[Failure]:
+        """What is said of a recording whose recorder was killed: all of it is judged, up to its end."""
+        faulty = None if self.made.faulty is None else self.made.faulty.node
+        result = check_recording(path, self.subject, self.monitored)
+        for verdict in (said.verdict for said in result.verdicts):
+            if _is_violated(verdict) and verdict.kind == "model" and verdict.node != faulty:
+                text = f"from a recording: {verdict.reason}"
+                yield Failure(Fault.FALSE_ALARM, verdict.node, text)
+        if not self.made.has_true_time:
+            return
+        end_ns = result.recording.last_ns
+        until = [one for one in self.true if one.stamp_ns <= end_ns]
+        true = truth.of_properties(self.monitored.properties, until, end_ns)
+        for name, outcome in self._by_property(result):
+            if outcome == Outcome.VIOLATED and not true[name].may_be_broken:
+                yield Failure(Fault.CONTRADICTION, name, "from a recording")
+            if self.made.is_whole and outcome == Outcome.CONFORMING and true[name].is_broken:
+                text = f"from a recording: broken since {self._at(true[name].is_broken)}"
+                yield Failure(Fault.MISSED, name, text)
+
+    def _by_property(self, result: CheckResult) -> Iterator[tuple[str, str]]:
+        for status in result.machines:
+            if status.kind == PROPERTY:
+                yield status.machine, status.verdict
 
     def _of_properties(self) -> Iterator[Failure]:
         made = self.made
