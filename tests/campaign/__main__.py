@@ -19,6 +19,7 @@ from pathlib import Path
 import msgspec
 
 from tests.campaign.circumstances import UNTIL_S, Circumstances, draw, nominal
+from tests.campaign.plans import write
 from tests.campaign.shrink import Case, run, shrunk
 from tests.campaign.systems import SIZES, make
 from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
@@ -50,7 +51,7 @@ def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
     with tempfile.TemporaryDirectory() as folder:
         plan = make(seed, size)
         try:
-            prepared = Prepared(plan, Path(folder))
+            prepared = Prepared(write(plan, Path(folder)))
             happened = prepared.happened(seed, UNTIL_S)
         except (
             Exception
@@ -161,15 +162,22 @@ def tell(tried: Tried, shrink_s: float) -> None:
 def one(chosen: argparse.Namespace) -> int:
     """Try one case, as the command line says; the exit code."""
     made = msgspec.json.decode(chosen.conditions, type=Circumstances)
+    if chosen.system is not None:
+        return told(try_one(Prepared(chosen.system), chosen.seed, made, chosen.record))
     less = tuple(int(number) for number in chosen.less.split(",") if number)
     size = size_of(chosen.seed) if chosen.size is None else chosen.size
     case = Case(chosen.seed, size, made, less)
     result = run(case, chosen.record, chosen.write)
     if result.failures and chosen.shrink:
         tell(Tried(case, result), chosen.shrink)
-    else:
-        for failure in result.failures:
-            print(f"{failure.fault}: {failure.about}: {failure.text}")
+        return 1
+    return told(result)
+
+
+def told(result: Result) -> int:
+    """Print what came of one case; the exit code."""
+    for failure in result.failures:
+        print(f"{failure.fault}: {failure.about}: {failure.text}")
     for name in result.stuck:
         print(f"still inconclusive: {name}")
     print(f"{result.observations} observations, {len(result.failures)} wrong")
@@ -186,6 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--shrink", type=float, default=60.0, help="seconds for each failing case")
     parser.add_argument("--seed", type=int, help="of one case")
     parser.add_argument("--size", type=int, choices=SIZES)
+    parser.add_argument("--system", type=Path, help="a system file instead of a random system")
     parser.add_argument(
         "--less", default="", help="which smaller system, as a failing case prints it"
     )

@@ -12,7 +12,7 @@ import msgspec
 
 from m2c.model import ModelError
 from tests.campaign.circumstances import Circumstances, fewer
-from tests.campaign.plans import InvalidPlanError, Plan
+from tests.campaign.plans import InvalidPlanError, Plan, write
 from tests.campaign.reductions import candidates, is_valid
 from tests.campaign.systems import make
 from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
@@ -89,7 +89,7 @@ def run(case: Case, keep: Path | None = None, source: Path | None = None) -> Res
         source: where the system is left; None: nowhere.
     """
     with tempfile.TemporaryDirectory() as folder:
-        prepared = Prepared(case.plan(), source or Path(folder))
+        prepared = Prepared(write(case.plan(), source or Path(folder)))
         return try_one(prepared, case.seed, case.made, keep)
 
 

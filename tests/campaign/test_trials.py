@@ -24,6 +24,7 @@ from tests.campaign.circumstances import (
     fewer,
     nominal,
 )
+from tests.campaign.plans import write
 from tests.campaign.shrink import Case
 from tests.campaign.systems import make
 from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
@@ -34,7 +35,7 @@ SEED = 0
 
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
-    return Prepared(make(SEED, 1), tmp_path_factory.mktemp("system"))
+    return Prepared(write(make(SEED, 1), tmp_path_factory.mktemp("system")))
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,7 @@ from moon.verdict import Outcome, Verdict
 from tests.campaign import truth
 from tests.campaign.circumstances import MONITOR, NS, Circumstances, Faulty, Happened
 from tests.campaign.meddler import Meddler
-from tests.campaign.plans import PROPERTY_FILE, Plan, write
+from tests.campaign.plans import PROPERTY_FILE
 from tests.mutation.operators import Mutant, mutants
 from transports.interface import Observation
 from transports.simulated import SimulatedTransport, SimulatedWorld
@@ -91,14 +91,12 @@ class Prepared:
     """A system as it is written, read, generated and imported; for any number of trials.
 
     Args:
-        plan: which.
-        folder: where it is written.
+        path: the system file, perhaps with properties beside it.
     """
 
-    def __init__(self, plan: Plan, folder: Path) -> None:
-        self.folder = folder
-        self.path = write(plan, folder)
-        file = folder / PROPERTY_FILE
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        file = path.parent / PROPERTY_FILE
         self._subject = Subject(
             (self.path,), (file,) if file.exists() else (), (), (), (), Bounds()
         )
