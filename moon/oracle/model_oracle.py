@@ -349,17 +349,27 @@ class ModelOracle:
         self.due_ns = self._next_try = AT_ONCE
 
     def _try_to_resynchronise(self, until: int) -> Sequence[Verdict]:
-        """Begin anew where the machine was certainly between two steps."""
+        """Begin anew where the machine was certainly between two steps; if it never is, at any moment."""
         self.due_ns = self._next_try = until + self._bounds.latency // TRIES
+        successors = self.search.successors
         found = self.resynchronisation.find(until)
+        is_busy = found is None
+        if found is None:
+            found = self.resynchronisation.find_busy(until)
         if found is None:
             return _NOTHING
         anchor, pending, later = found
         try:
             if pending:
                 self.search.check_pending(len(pending), pending[-1])
-            self.hypotheses = self.search.successors.unconstrained_states(anchor, pending)
-        except TooManyError:
+            self.hypotheses = (
+                successors.unfinished_steps(anchor, pending)
+                if is_busy
+                else successors.unconstrained_states(anchor, pending)
+            )
+        except (TooManyError, TooOpenError):
+            if is_busy:
+                self.due_ns = self._next_try = until + self._bounds.deadline
             return _NOTHING
         self.resynchronisation.found()
         self.search.last = self._known_since = anchor
@@ -381,6 +391,9 @@ class ModelOracle:
 
 KEPT_EVENTS = 4096
 """Events kept while the oracle looks for a moment that is certain."""
+
+BUSY_LATENCIES = 4
+"""A machine that was never between two steps for sure for so many times the latency bound may never be."""
 
 _KEPT_LATENCIES = 5
 """So many times the latency bound they are kept."""
@@ -452,6 +465,24 @@ class Resynchronisation:
             if until_ns < earliest or until_ns - quiet_since <= self._latency:
                 return None
             anchor = until_ns
+        return self._from(anchor, events)
+
+    def find_busy(
+        self, until_ns: int
+    ) -> tuple[int, tuple[TraceEvent, ...], list[TraceEvent]] | None:
+        """Where there is no such moment for long: when something was sent. More of that step may follow."""
+        if until_ns < self._since + BUSY_LATENCIES * self._latency:
+            return None
+        events = sorted(self.recent, key=lambda event: event.stamp)
+        earliest = self._since + self._latency
+        sent = (event for event in events if event.role is Role.OUTPUT and event.stamp >= earliest)
+        first = next(sent, None)
+        return None if first is None else self._from(first.stamp, events)
+
+    def _from(
+        self, anchor: int, events: list[TraceEvent]
+    ) -> tuple[int, tuple[TraceEvent, ...], list[TraceEvent]]:
+        """``anchor``, what may be under way then, and what of ``events`` happened after it."""
         pending = tuple(
             event
             for event in events

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from m2c.model.datatypes import Structure
 from m2c.model.diagnostics import Position
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
@@ -37,8 +38,16 @@ from moon.oracle.state import (
     with_goal_changed,
 )
 from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier, stamp_of
-from moon.oracle.unknowns import Unknown
+from moon.oracle.unknowns import Unknown, anything
 from transports.actions.rules import CancelScope, Phase
+
+_WITHOUT_MESSAGE = (EventKind.TIMER, EventKind.AFTER, EventKind.CALL_ERROR)
+_SENT_AS = {
+    EventKind.MESSAGE: OutputKind.PUBLISH,
+    EventKind.REQUEST: OutputKind.REQUEST,
+    EventKind.RESPONSE: OutputKind.RESPONSE,
+}
+"""What others send as one of these outputs is such an input."""
 
 
 class Successors:
@@ -129,6 +138,42 @@ class Successors:
                 Hypothesis(instances, pending=pending, timers=(*timers, *delays), free=True)
             )
         return found
+
+    def unfinished_steps(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
+        """At any moment: the machine is between two steps at ``now``, or has sent a part of what one owes.
+
+        Raises:
+            TooManyError: there are too many possibilities; also, of a machine with actions.
+        """
+        resting = self.unconstrained_states(now, pending)
+        found = {hypothesis.key(): hypothesis for hypothesis in resting}
+        earliest = now - self._bounds.deadline
+        for hypothesis in resting:
+            if len(hypothesis.instances) > 1:
+                raise TooManyError
+            state, _ = hypothesis.instances[0]
+            for event in self._parts[0].states[state].by_event:
+                message = self._unknown_message(event)
+                for after in self.run(hypothesis, 0, event, message, {}, earliest, now):
+                    for first in range(len(after.owed)):
+                        rest = after.with_owed(after.owed[first:])
+                        found[rest.key()] = rest
+                    if len(found) > self._bounds.hypotheses:
+                        raise TooManyError
+        return list(found.values())
+
+    def _unknown_message(self, event: EventKey) -> dict[str, Unknown] | None:
+        """What ``event`` brings, of which nothing is known; TooManyError for goals, which have a past."""
+        kind, name = event
+        if kind in _WITHOUT_MESSAGE:
+            return None
+        output = _SENT_AS.get(kind)
+        if output is None:
+            raise TooManyError
+        structure = self._channels.types.get((output, name))
+        if not isinstance(structure, Structure):
+            raise TooManyError
+        return {field: anything() for field, _ in structure.fields}
 
     # --- steps that nobody sees -------------------------------------------------------------------
 
