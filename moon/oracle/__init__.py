@@ -22,6 +22,7 @@ The search, by composition; a module uses only those above it:
 * ``successors``: the first hypotheses, and a hypothesis after one step, whether it is seen or not;
 * ``search``: the set of hypotheses, from one fixed point to the next; which of them an output leaves; the
   same without a search, where only one thing can have happened;
+* ``differing``: where two values differ, the first place first;
 * ``explain``: why none is left.
 
 What is concluded from it:
