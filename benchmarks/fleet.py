@@ -17,6 +17,7 @@ import heapq
 import os
 import signal
 import sys
+import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
@@ -32,6 +33,7 @@ from benchmarks.sampling import quantile
 from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
+from moon.fleet import robot as robot_module
 from moon.fleet.choice import Shard, read_shard
 from moon.fleet.fleet import Fleet
 from moon.fleet.robot import FleetModels
@@ -51,6 +53,7 @@ from transports.service_events import (
 )
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 from transports.zenoh import connect
+from transports.zenoh.names import own_key
 from transports.zenoh.session import open_session
 from transports.zenoh.tokens import node_key
 from transports.zenoh.wire import MEDIA_TYPE, attachment
@@ -66,6 +69,12 @@ SETTLED_S = 4.0
 ON_ZENOH = (1, 10, 20, 30)
 """Robots."""
 WITHOUT_THE_WIRE = (30, 100, 300, 1000)
+STRANGERS = 1000
+"""Namespaces in which nothing happens."""
+VISITORS, AT_A_TIME, STAY_S = 2000, 50, 2.0
+"""Robots that come and go, so many at a time, each for so long."""
+KEPT_S = 0.5
+"""The judges of those are freed so soon: usually it is half a minute."""
 
 
 def load_system() -> System:
@@ -210,9 +219,11 @@ class Robots:
             event_type = MESSAGE_TAKEN if is_taken else KIND_OF_EVENT.index(seen.kind)
             info = ServiceEventInfo(event_type, stamp_ns, seen.client, seen.call)
             if is_taken:
-                key, event = key + TAKEN_SUFFIX, ServiceEvent(info)
+                key, event = own_key(key + TAKEN_SUFFIX, seen.source), ServiceEvent(info)
             else:
                 key += EVENT_SUFFIX
+                if event_type in (0, 3):
+                    key = own_key(key, seen.source)
                 is_request = event_type in (0, 1)
                 type_name = type_name.rpartition("_")[0] + TYPE_SUFFIX
                 event = ServiceEvent(
@@ -236,6 +247,49 @@ class Robots:
             congestion_control=zenoh.CongestionControl.DROP,
         )
         self._orders[space][name] = seen.order + 1
+
+
+def run_strangers(endpoint: str, count: int) -> None:
+    """A process that announces a node in each of ``count`` namespaces, in which nothing happens."""
+    session = open_session({"endpoint": endpoint})
+    zid = str(session.info.zid())
+    kept = [
+        session.liveliness().declare_token(f"robots/s{number}/{node_key(zid, 'policy', 1)}")
+        for number in range(count)
+    ]
+    ready()
+    signal.pause()
+    del kept
+
+
+class Visitors:
+    """Robots that come, say something and go again, so many at a time."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._session = open_session({"endpoint": endpoint})
+        self._zid = str(self._session.info.zid())
+        self._payload = msgspec.msgpack.encode({"data": 7})
+
+    def visit(self, names: Sequence[str], seconds: float) -> None:
+        tokens = [
+            self._session.liveliness().declare_token(
+                f"{name}/{node_key(self._zid, 'BatteryComponent', 1)}"
+            )
+            for name in names
+        ]
+        until_s, number = time.monotonic() + seconds, 0
+        while time.monotonic() < until_s:
+            time.sleep(0.1)
+            for name in names:
+                self._session.put(
+                    f"{name}/BatteryComponent/level",
+                    self._payload,
+                    encoding=f"{MEDIA_TYPE};std_msgs/msg/Int32",
+                    attachment=attachment(number, number, b"BatteryComponent"),
+                )
+            number += 1
+        for token in tokens:
+            token.undeclare()
 
 
 def run_robots(endpoint: str, count: int) -> None:
@@ -267,8 +321,9 @@ class Lateness:
             self.ms.append((time.time_ns() - verdict.stamp_ns) / 1e6)
 
 
-def run_monitor(endpoint: str, shard: str) -> None:
+def run_monitor(endpoint: str, shard: str, kept_s: float = robot_module.KEPT_S) -> None:
     """A process that monitors a fleet, and says each second what that costs."""
+    robot_module.KEPT_S = kept_s
     system = load_system()
     connection = connect("moon_monitor", {"endpoint": endpoint})
     lateness = Lateness()
@@ -291,10 +346,14 @@ def run_monitor(endpoint: str, shard: str) -> None:
         connection.close()
 
     def tell() -> None:
-        robots = fleet.robots()
+        known = fleet.robots()
+        robots = [robot for robot in known if robot.has_done_something]
         say(
             {
                 "stamp": time.time_ns(),
+                "known": len(known),
+                "judged": sum(robot.is_judged for robot in robots),
+                "threads": threading.active_count(),
                 "received": sum(robot.received for robot in robots),
                 "processor_s": time.process_time(),
                 "mib": resident_mib() - before_mib,
@@ -322,6 +381,7 @@ class Measured(msgspec.Struct, frozen=True):
         late_ms: each verdict on a violation.
         conforming: robots of which that was the verdict at the end of the nominal time.
         problems: robots of which not all was received.
+        threads: of the monitor's Python.
     """
 
     robots: int
@@ -331,10 +391,13 @@ class Measured(msgspec.Struct, frozen=True):
     late_ms: list[float]
     conforming: int
     problems: int
+    threads: int
 
 
-def measured_on_zenoh(count: int, shards: Sequence[str] = ("1/1",)) -> list[Measured]:
-    """Monitors, one for each share, of a fleet of ``count`` robots."""
+def measured_on_zenoh(
+    count: int, shards: Sequence[str] = ("1/1",), strangers: int = 0
+) -> list[Measured]:
+    """Monitors, one for each share, of a fleet of ``count`` robots beside ``strangers`` without traffic."""
     endpoint = free_endpoint()
     with contextlib.ExitStack() as stack:
         robots = stack.enter_context(Child.calling("robots", run_robots, endpoint, count))
@@ -345,6 +408,13 @@ def measured_on_zenoh(count: int, shards: Sequence[str] = ("1/1",)) -> list[Meas
         ]
         for monitor in monitors:
             monitor.wait_for(lambda line: '"ready"' in line)
+        if strangers:
+            other = stack.enter_context(
+                Child.calling("strangers", run_strangers, endpoint, strangers)
+            )
+            other.wait_for(lambda line: '"ready"' in line)
+            while monitors[0].answer(60.0).get("known", 0) < strangers:
+                pass
         before_s = processor_s(robots.pid)
         robots.tell("")
         began_ns = robots.answer()["began"]
@@ -376,7 +446,44 @@ def _measured(monitor: Child, began_ns: int) -> Measured:
         end["late_ms"],
         last["robots"].get("conforming", 0),
         end["problems"],
+        samples[-1]["threads"],
     )
+
+
+def come_and_go(count: int, at_a_time: int, seconds: float) -> list[Row]:
+    """What a monitor takes before and after ``count`` robots came, did something for ``seconds`` and went."""
+    endpoint = free_endpoint()
+    with contextlib.ExitStack() as stack:
+        waiting = stack.enter_context(Child.calling("robots", run_robots, endpoint, 0))
+        waiting.wait_for(lambda line: '"ready"' in line)
+        monitor = stack.enter_context(
+            Child.calling("monitor", run_monitor, endpoint, "1/1", KEPT_S)
+        )
+        monitor.wait_for(lambda line: '"ready"' in line)
+        visitors = Visitors(endpoint)
+        at_rest = []
+        for begin in range(-at_a_time, count, at_a_time):  # the first turn warms up
+            names = [f"robots/v{number}" for number in range(begin, begin + at_a_time)]
+            visitors.visit(names, seconds)
+            if begin < 0 or begin + at_a_time >= count:
+                at_rest.append(_at_rest(monitor))
+        before, after = at_rest
+    what = f"{count:,} robots that came and went, {at_a_time} at a time"
+    return [
+        Row(f"{what}: threads before", before["threads"], ""),
+        Row(f"{what}: threads after", after["threads"], ""),
+        Row(f"{what}: memory before", before["mib"], "MiB"),
+        Row(f"{what}: memory after", after["mib"], "MiB"),
+    ]
+
+
+def _at_rest(monitor: Child) -> dict[str, Any]:
+    """What it takes once nobody is judged any more."""
+    from_ns = time.time_ns()
+    while True:
+        said: dict[str, Any] = monitor.answer(60.0)
+        if said.get("stamp", 0) > from_ns and said["judged"] == 0:
+            return said
 
 
 # -- without the wire ----------------------------------------------------------------------------------
@@ -517,6 +624,9 @@ def rows(robots: int = 0) -> list[Row]:
     shards = [str(Shard(number, 2)) for number in (1, 2)]
     for shard, measured in zip(shards, measured_on_zenoh(most, shards), strict=True):
         found += _rows_of(f"{most} on Zenoh, share {shard} ({measured.robots} robots)", measured)
+    beside = measured_on_zenoh(most, strangers=STRANGERS)[0]
+    found += _rows_of(f"{most} on Zenoh beside {STRANGERS:,} strangers", beside)
+    found += come_and_go(VISITORS, AT_A_TIME, STAY_S)
     for count in () if robots else WITHOUT_THE_WIRE:
         with Child.calling("judges", measured_without, count) as child:
             said = child.answer(600.0)
@@ -538,6 +648,7 @@ def _rows_of(what: str, measured: Measured) -> list[Row]:
     return [
         Row(f"{what}: received", measured.per_second, "observations/s"),
         Row(f"{what}: the monitor", measured.share, "processors"),
+        Row(f"{what}: threads", measured.threads, ""),
         Row(f"{what}: memory of a robot", measured.mib, "MiB"),
         Row(f"{what}: verdict latency, p50", quantile(measured.late_ms, 0.5), "ms"),
         Row(f"{what}: verdict latency, p99", quantile(measured.late_ms, 0.99), "ms"),

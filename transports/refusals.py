@@ -41,7 +41,7 @@ class Refusals:
             source: who sent it; empty if it does not say.
             why: what is wrong with it.
         """
-        place = (channel, source)
+        channel, source = place = shown(channel), shown(source)
         with self._lock:
             self.total += 1
             counts = self._counts
@@ -58,8 +58,8 @@ class Refusals:
         elif _is_reported(count):
             self._log.warning(
                 "%s: message from %s dropped: %s%s",
-                shown(channel),
-                shown(source) or "an unnamed node",
+                channel,
+                source or "an unnamed node",
                 shown(str(why)),
                 "" if count == 1 else f" ({count:,} so far)",
             )
@@ -80,7 +80,7 @@ class Refusals:
     def count(self, channel: str, source: str = "") -> int:
         """How much was refused that came on ``channel`` from ``source``."""
         with self._lock:
-            return self._counts.get((channel, source), 0)
+            return self._counts.get((shown(channel), shown(source)), 0)
 
 
 def _is_reported(count: int) -> bool:

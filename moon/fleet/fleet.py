@@ -16,9 +16,10 @@ from moon.monitor.connection import Sink
 from moon.verdict import Outcome, Verdict
 from transports.interface import Namespaces
 
-MOST_ROBOTS = 2000
-"""Robots of one monitor, those that are gone included; anybody may announce nodes in any namespace. Their
-judges would take some GB."""
+MOST_ROBOTS = 10_000
+"""Robots that one monitor knows, those that are gone included: anybody may announce nodes anywhere."""
+MOST_JUDGED = 2000
+"""Robots that have judges at a time, and a thread each: those that do something. So many take some GB."""
 _LOOKED_AT = 20
 """Robots whose problems are looked for at a time: that takes time with each session that there is."""
 _MEASURE_NS = 2_000_000_000
@@ -39,6 +40,7 @@ class Fleet:
         say: called with what a person should know, one sentence each.
         shard: the share of the fleet that is monitored.
         most: robots, those that are gone included.
+        most_judged: robots that have judges at a time.
 
     Attributes:
         is_violated: whether something was violated.
@@ -54,6 +56,7 @@ class Fleet:
         say: Callable[[str], None],
         shard: Shard = WHOLE,
         most: int = MOST_ROBOTS,
+        most_judged: int = MOST_JUDGED,
     ) -> None:
         self.is_violated = False
         self._connection = connection
@@ -65,6 +68,7 @@ class Fleet:
         self._notices = RobotNotices(say)
         self._shard = shard
         self._most = most
+        self._most_judged = most_judged
         self._robots: dict[str, Robot] = {}
         self._forgotten = (0, 0, 0)
         """Robots that were forgotten, as there were too many; their violations and observations."""
@@ -93,6 +97,8 @@ class Fleet:
         if not up:
             if robot is not None:
                 robot.disappear()
+                if not robot.has_done_something:
+                    del self._robots[name]
             return
         if robot is None:
             if not self._has_room():
@@ -104,6 +110,7 @@ class Fleet:
                 self._sinks,
                 self._screens,
                 self._notices.of(name),
+                self._may_judge,
             )
         robot.appear()
 
@@ -113,12 +120,7 @@ class Fleet:
             return True
         gone = [robot for robot in self._robots.values() if not robot.is_present]
         if not gone:
-            if not self._is_full:
-                self._say(
-                    f"warning: more than {self._most:,} robots: the others are not monitored; "
-                    "--shard spreads a fleet over several monitors"
-                )
-            self._is_full = True
+            self._say_full(self._most)
             return False
         oldest = min(gone, key=lambda robot: robot.gone_ns)
         oldest.release()
@@ -130,6 +132,26 @@ class Fleet:
             received + oldest.received,
         )
         return True
+
+    def _may_judge(self) -> bool:
+        """Whether one more robot can have judges; one that is gone is freed of them for it."""
+        judged = [robot for robot in self._robots.values() if robot.is_judged]
+        if len(judged) < self._most_judged:
+            return True
+        gone = [robot for robot in judged if not robot.is_present]
+        if gone:
+            min(gone, key=lambda robot: robot.gone_ns).release()
+            return True
+        self._say_full(self._most_judged)
+        return False
+
+    def _say_full(self, most: int) -> None:
+        if not self._is_full:
+            self._say(
+                f"warning: more than {most:,} robots: the others are not monitored; "
+                "--shard spreads a fleet over several monitors"
+            )
+        self._is_full = True
 
     def take(self, verdict: Verdict) -> None:
         """Note whether something was violated."""

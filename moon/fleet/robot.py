@@ -66,12 +66,12 @@ class _Naming:
 
 
 class _Life:
-    """The judges of a robot, and how they listen."""
+    """How a robot is listened to, and its judges, once something was received of it."""
 
-    def __init__(self, connection: Listener, joining: Joining, watch: SystemWatch) -> None:
+    def __init__(self, connection: Listener, joining: Joining) -> None:
         self.connection = connection
         self.joining = joining
-        self.watch = watch
+        self.watch: SystemWatch | None = None
 
 
 class Robot:
@@ -84,6 +84,7 @@ class Robot:
         sinks: get every verdict.
         screens: sinks for people.
         say: called with what a person should know of this robot, one sentence each.
+        may_judge: asked before judges are made: whether there is room for them.
 
     Attributes:
         name: as above.
@@ -100,6 +101,7 @@ class Robot:
         sinks: Sequence[Sink],
         screens: Sequence[Sink],
         say: Callable[[str], None],
+        may_judge: Callable[[], bool] = lambda: True,
     ) -> None:
         self.name = name
         self.is_present = False
@@ -107,9 +109,10 @@ class Robot:
         self.gone_ns = 0
         self._models = models
         self._connect = connect
-        self._sinks = [_Naming(name, sink) for sink in sinks]
-        self._screens = [_Naming(name, sink) for sink in screens]
+        self._sinks = sinks
+        self._screens = screens
         self._say = say
+        self._may_judge = may_judge
         self._notices = Notices(self._say)
         self._life: _Life | None = None
         self._release: Timer | None = None
@@ -144,41 +147,56 @@ class Robot:
         """None of its nodes is up any more."""
         self.is_present = False
         self.gone_ns = time.monotonic_ns()
-        if self._life is not None:
+        if self.is_judged and self._life is not None:
             self._release = self._life.connection.after(KEPT_S, self.release)
+        else:
+            self.release()
 
     def _begin(self) -> None:
+        """Listen to it; judges are made when it does something."""
+        connection = self._connect(self.name, self._fail)
+        joining = Joining(connection)
+        self._life = _Life(connection, joining)
+        joining.when_active(self._judge, self._say)
+
+    def _judge(self, since_ns: int) -> None:
+        life = self._life
+        if life is None or not self._may_judge():
+            return
         self._outcomes.clear()
         self._why.clear()
         self._unwell = ()
-        connection = self._connect(self.name, self._fail)
-        joining = Joining(connection)
-        sinks: list[Sink] = [self, *self._sinks, VerdictTopic(connection)]
-        watch = self._models.watch(joining, sinks, self._screens, self._say)
+        sinks: list[Sink] = [
+            self,
+            *(_Naming(self.name, sink) for sink in self._sinks),
+            VerdictTopic(life.connection),
+        ]
+        screens = [_Naming(self.name, sink) for sink in self._screens]
+        life.watch = watch = self._models.watch(life.joining, sinks, screens, self._say)
         self._judged = len(watch.statuses())
-        self._life = _Life(connection, joining, watch)
-        joining.when_complete(watch.start, self._say)
+        watch.start(since_ns)
 
     def release(self) -> None:
         """Free its judges; what they found stands."""
-        if self._life is not None:
-            self._unwell = _unwell(self._life.watch)
-            self._end(self._life)
+        self._release = None
+        life = self._life
+        if life is not None:
+            if life.watch is not None:
+                self._unwell = _unwell(life.watch)
+            self._end(life)
 
     def _end(self, life: _Life) -> None:
         self._life = None
-        violations, received = self._earlier
-        self._earlier = (violations + life.watch.violations, received + life.watch.counts.received)
+        if life.watch is not None:
+            violations, received = self._earlier
+            watch = life.watch
+            self._earlier = (violations + watch.violations, received + watch.counts.received)
         life.connection.close()
 
     def finish(self) -> None:
         """The monitor is to end: begin to judge, if it had not yet, and say what is left to be said."""
-        life = self._life
-        if life is None:
-            return
-        if life.watch.listener is None:
-            life.watch.start()
-        self._notices.last_problems(life.watch.problems())
+        if self._life is not None:
+            self._notices.last_problems(self.problems())
 
     def _fail(self, error: Exception) -> None:
         """A fault of the monitor, not of the robot: it concerns this robot only."""
@@ -205,16 +223,30 @@ class Robot:
     # --- what can be asked -------------------------------------------------------------------------
 
     @property
+    def _watch(self) -> SystemWatch | None:
+        return None if self._life is None else self._life.watch
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether there are judges of it."""
+        return self._watch is not None
+
+    @property
+    def has_done_something(self) -> bool:
+        """Whether there is anything to say of it: there are, or were, judges of it."""
+        return self._judged > 0 or self.has_failed
+
+    @property
     def violations(self) -> int:
         """How often something was violated."""
-        present = self._life.watch.violations if self._life is not None else 0
-        return self._earlier[0] + present
+        watch = self._watch
+        return self._earlier[0] + (0 if watch is None else watch.violations)
 
     @property
     def received(self) -> int:
         """Observations."""
-        present = self._life.watch.counts.received if self._life is not None else 0
-        return self._earlier[1] + present
+        watch = self._watch
+        return self._earlier[1] + (0 if watch is None else watch.counts.received)
 
     @property
     def verdict(self) -> str:
@@ -235,12 +267,15 @@ class Robot:
 
     def problems(self) -> tuple[str, ...]:
         """What of it could not be received or judged, one sentence each."""
-        return () if self._life is None else tuple(self._life.watch.problems())
+        if self._life is None:
+            return ()
+        watch = self._life.watch
+        return tuple(self._life.joining.problems() if watch is None else watch.problems())
 
     def look(self) -> None:
         """Say what of it cannot be received or judged, as far as that is new."""
         if self._life is not None:
-            self._notices.problems(self._life.watch.problems())
+            self._notices.problems(self.problems())
 
     def measure(self, now_ns: int) -> None:
         """Count how much was received since this was last called; ``now_ns`` is monotonic."""
@@ -259,7 +294,8 @@ class Robot:
         verdict = self.verdict
         machines: tuple[MachineStatus, ...] = ()
         if unfolded:
-            machines = self._unwell if self._life is None else _unwell(self._life.watch)
+            watch = self._watch
+            machines = self._unwell if watch is None else _unwell(watch)
         return RobotStatus(
             self.name,
             verdict,

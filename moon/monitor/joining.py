@@ -25,6 +25,12 @@ class Joining:
         self._up: dict[str, None] = {}
         self._handler: Callable[[Observation], None] | None = None
         self._changed: Callable[[str, bool], None] | None = None
+        self._begin: Callable[[int], None] | None = None
+        """What is to be called once something is received."""
+        self._since_ns = 0
+        self._is_active = False
+        self._held: list[Observation] | None = None
+        """What was received before the handler knows who is up."""
         self._tap = connection.tap([], self._received)
         connection.watch_nodes(self._node_changed)
 
@@ -32,6 +38,24 @@ class Joining:
         """Call ``begin`` once, when the tap receives everything; at once, if it does already."""
         warning = "warning: the graph still changes: monitoring begins before all nodes are known"
         when_complete(self._connection, self._tap, begin, lambda: say(warning))
+
+    def when_active(self, begin: Callable[[int], None], say: Callable[[str], None]) -> None:
+        """Call ``begin(since_ns)`` once, when something is received: since then, the tap receives everything.
+
+        Until then this is no more than a tap in which nothing happens.
+        """
+        self._begin = begin
+        self.when_complete(self._completed, say)
+
+    def _completed(self) -> None:
+        self._since_ns = self._connection.now_ns()
+        if self._is_active:
+            self._begin_now()
+
+    def _begin_now(self) -> None:
+        begin, self._begin = self._begin, None
+        if begin is not None:
+            begin(self._since_ns)
 
     @property
     def node(self) -> str:
@@ -61,6 +85,13 @@ class Joining:
         self._changed = handler
         for name in tuple(self._up):
             handler(name, True)
+        held, self._held = self._held, None
+        for seen in held or ():
+            self._received(seen)
+
+    def problems(self) -> Sequence[str]:
+        """See ``Tap.problems``."""
+        return self._tap.problems()
 
     def up_since(self, name: str) -> int:
         """See ``Transport.up_since``."""
@@ -79,8 +110,15 @@ class Joining:
         return self._connection.publisher(topic)
 
     def _received(self, seen: Observation) -> None:
-        if self._handler is not None:
+        if self._held is not None:
+            self._held.append(seen)
+        elif self._handler is not None:
             self._handler(seen)
+        elif self._begin is not None:
+            self._is_active = True
+            if self._since_ns:
+                self._held = [seen]
+                self._begin_now()
 
     def _node_changed(self, name: str, up: bool) -> None:
         if up:

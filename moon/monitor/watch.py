@@ -115,11 +115,15 @@ class SystemWatch:
         self._began_ns = 0
         self.listener: Tap | None = None
 
-    def start(self) -> None:
-        """Begin to listen (on the executor, or before it spins)."""
+    def start(self, since_ns: int = 0) -> None:
+        """Begin to listen (on the executor, or before it spins).
+
+        Args:
+            since_ns: since when all is received of what ``transport`` hands over, ns since the epoch; 0: now.
+        """
         transport = self._transport
         self.listener = transport.tap([], self._observe)
-        self._began_ns = self._order.start(self.listener)
+        self._began_ns = self._order.start(self.listener, since_ns)
         transport.watch_nodes(self._node_changed)
         self._turns.plan(0)
         self._report_properties(self._properties.start(self._began_ns))

@@ -95,11 +95,12 @@ class EventOrder:
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
-    def start(self, listener: Tap) -> int:
-        """Listening begins now; the time (ns)."""
+    def start(self, listener: Tap, since_ns: int = 0) -> int:
+        """Judging begins now; since when all is received (ns), by default since now."""
         self.listener = listener
-        self.since_ns = self._now_ns()
-        self.clock.restart(self.since_ns)
+        now_ns = self._now_ns()
+        self.since_ns = since_ns or now_ns
+        self.clock.restart(now_ns)
         return self.since_ns
 
     # --- what is received --------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from typing import Any
 
@@ -96,11 +96,9 @@ class Trees:
         }
         self.factory = behaviortreepy.BehaviorTreeFactory()
         for leaf in policy.leaves:
-            tick = self._tick_of(leaf)
+            tick = _tick_of(leaf, self.statuses)
             if leaf.action:
-                self.factory.register_simple_stateful_action(
-                    leaf.id, tick, tick, self._halt_of(leaf)
-                )
+                self.factory.register_simple_stateful_action(leaf.id, tick, tick, _halt_of(leaf))
             else:
                 self.factory.register_simple_condition(leaf.id, tick)
         try:
@@ -109,23 +107,26 @@ class Trees:
         except RuntimeError as error:
             raise PolicyError(f"BehaviorTree.CPP refuses the policy: {error}") from error
 
-    # The callbacks find their run by the thread they are called on: one that knew its run would keep
-    # it alive for ever, as Python cannot see references that go through C++.
 
-    def _tick_of(self, leaf: Leaf) -> Callable[[TreeNode], Any]:
-        def tick(node: TreeNode) -> Any:
-            run: TreeRun | None = getattr(_thread, "run", None)
-            return self.statuses["FAILURE" if run is None else run.tick_leaf(leaf, node)]
+# The callbacks know neither their run nor its trees: they find the run by the thread that they are called on.
+# Python cannot see references that go through C++: what a callback knows, and has the tree, is kept for ever.
 
-        return tick
 
-    def _halt_of(self, leaf: Leaf) -> Callable[[TreeNode], None]:
-        def halt(node: TreeNode) -> None:
-            run: TreeRun | None = getattr(_thread, "run", None)
-            if run is not None:  # a tree that is thrown away halts itself
-                run.halt_leaf(leaf, node)
+def _tick_of(leaf: Leaf, statuses: Mapping[str, Any]) -> Callable[[TreeNode], Any]:
+    def tick(node: TreeNode) -> Any:
+        run: TreeRun | None = getattr(_thread, "run", None)
+        return statuses["FAILURE" if run is None else run.tick_leaf(leaf, node)]
 
-        return halt
+    return tick
+
+
+def _halt_of(leaf: Leaf) -> Callable[[TreeNode], None]:
+    def halt(node: TreeNode) -> None:
+        run: TreeRun | None = getattr(_thread, "run", None)
+        if run is not None:  # a tree that is thrown away halts itself
+            run.halt_leaf(leaf, node)
+
+    return halt
 
 
 class Life:

@@ -170,9 +170,13 @@ def test_forged_tokens_are_refused_and_counted(network, listener):
         liveliness.declare_token(f"robots/r1/@m2c/node/{wrong}")
         for wrong in ("x", "zid/name/soon", "zid/name/1/2", "!/name/1")
     ]
+    tokens += [
+        liveliness.declare_token(f"robots/{name}/@m2c/node/ab/n/1")
+        for name in ("x" * 60_000, "a\x1b[31m")
+    ]
     node, _ = robot(network, "robots/r2")
     node.announce()
     assert changes.wait() == [("robots/r2", True)]
-    eventually(lambda: listener._refusals.total == 4)
+    eventually(lambda: listener._refusals.total == 6)
     for token in tokens:
         token.undeclare()

@@ -182,6 +182,7 @@ def test_evil_attachments_and_payloads_on_every_kind_of_key_end_nobody(network: 
     encodings = ["", "x" * 200, "application/msgpack;std_msgs/msg/Int32", "zenoh/string;\x1b[31m"]
     for key in ("adder/count", "adder/add", "adder/add/_service_event", "@m2c/round", "other"):
         linked(stranger, "adder/count")
+        linked(stranger, "other")  # the tap
         for payload in payloads:
             for attachment in attachments:
                 for encoding in encodings:
@@ -283,3 +284,19 @@ def test_a_tap_hears_no_more_channels_than_it_can_remember(
     eventually(lambda: heard and heard[-1].data == 2)
     assert len(heard) == 6
     assert tapper._refusals.total == 15
+
+
+def test_a_channel_with_a_name_of_60_kb_is_refused_and_not_remembered(network: Network) -> None:
+    heard = Inbox()
+    tapper = network.node("tap")
+    listener = tapper.tap([], heard)
+    stranger = network.bare()
+    linked(stranger, "short")
+    for number in range(20):
+        stranger.put(f"{number}/" + "x" * 60_000, b"\x01")
+    stranger.put("short", b"\x02")
+    eventually(lambda: heard and heard[-1].data == 2)
+    assert [seen.channel for seen in heard] == ["/short"]
+    assert tapper._refusals.total == 20
+    assert sum(map(len, listener._channels)) < 100
+    assert sum(len(channel) for channel, _ in tapper._refusals._counts) < 10_000

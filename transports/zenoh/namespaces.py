@@ -19,11 +19,13 @@ import msgspec
 import zenoh
 
 from transports.interface import Observation, Topic
+from transports.options import MOST_NAMESPACE
 from transports.refusals import Refusals
 from transports.timers import Timer
 from transports.zenoh import presence, tokens, topics
 from transports.zenoh.contained import Contained
 from transports.zenoh.executor import Executor
+from transports.zenoh.idle import IdleTaps
 from transports.zenoh.names import NODE_KEYS
 from transports.zenoh.orders import Orders
 from transports.zenoh.permissions import Permissions
@@ -53,6 +55,10 @@ class _Present:
             TokenError: it is no token of a node, or there are more than are remembered.
         """
         namespace, _, rest = key.partition(_TOKENS)
+        if len(namespace) > MOST_NAMESPACE:
+            raise TokenError(f"a namespace of more than {MOST_NAMESPACE} characters")
+        if not namespace.isprintable():
+            raise TokenError("a namespace with characters that cannot be seen")
         token = tokens.read_node(f"{NODE_KEYS}/{rest}")
         there = self._nodes.get(namespace)
         if not up:
@@ -129,6 +135,7 @@ class Within:
         failed: gets what a handler raised; nothing is run for this listener then.
         closed: called with this once it is closed.
         permissions: what whose certificate allows, where certificates are in use.
+        idle: shared; waits for the first message.
     """
 
     repair_s: float = 0.0
@@ -142,11 +149,13 @@ class Within:
         failed: Callable[[Exception], None],
         closed: Callable[[Within], None],
         permissions: Permissions | None = None,
+        idle: IdleTaps | None = None,
     ) -> None:
         self.node = node
         self._session = session
         self._namespace = namespace
         self._permissions = permissions
+        self._idle = idle
         self._runner = runner = Contained(executor, failed)
         self._closed = closed
         self._refusals = Refusals(_Named(namespace))
@@ -201,6 +210,7 @@ class Within:
             self._namespace,
             RING_CAPACITY,
             self._permissions,
+            self._idle,
         )
         self._taps.append(tap)
         return tap

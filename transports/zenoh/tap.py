@@ -8,6 +8,7 @@ sequence numbers show how many were missed of each, and the tap says what it dro
 
 from __future__ import annotations
 
+import functools
 import threading
 import time
 from collections.abc import Callable, Collection, Container, Sequence
@@ -21,7 +22,7 @@ from transports.gathering import Gathering
 from transports.interface import Answer, Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import PayloadError, decode_with, plain, shallow
-from transports.refusals import Refusals
+from transports.refusals import Refusals, shown
 from transports.service_events import (
     EVENT_SUFFIX,
     KIND_OF_EVENT,
@@ -34,9 +35,11 @@ from transports.zenoh import tokens
 from transports.zenoh.answers import MARK, Questions
 from transports.zenoh.claims import Claims
 from transports.zenoh.contained import Runner
+from transports.zenoh.idle import IdleTaps
 from transports.zenoh.names import LINK_KEYS, NODE_KEYS, channel_of, node_of, subscriptions
 from transports.zenoh.permissions import Permissions
 from transports.zenoh.presence import MOST_TOKENS, Nodes, is_up, watch
+from transports.zenoh.services import MOST_ERROR
 from transports.zenoh.tokens import TokenError
 from transports.zenoh.waiting import Arrived, Waiting, size_of
 from transports.zenoh.wire import UNKNOWN, Sent, life_of, read_attachment, type_of
@@ -50,6 +53,9 @@ _BATCH_BYTES = 1024 * 1024
 
 MOST_CHANNELS = 10_000
 """Channels that a tap receives: a hundred times those of a large system. Their names come from the wire."""
+
+MOST_CHANNEL_NAME = 1024
+"""Characters of a channel's name: several times what ROS 2 allows; on Zenoh a name has up to 64 KB."""
 
 _JOINING_S = 0.5
 """Publishers learn of a subscriber one by one, within ms; longer where processors are busy."""
@@ -85,6 +91,7 @@ class Tap:
         namespace: whose channels and nodes they are, where the session has no namespace of its own.
         ring_capacity: messages that Zenoh keeps until they are taken; by default ``RING_CAPACITY``.
         permissions: what whose certificate allows, where certificates are in use.
+        idle: waits for its first message, where that may never come; by default it does so itself.
     """
 
     def __init__(
@@ -98,6 +105,7 @@ class Tap:
         namespace: str = "",
         ring_capacity: int | None = None,
         permissions: Permissions | None = None,
+        idle: IdleTaps | None = None,
     ) -> None:
         self._session = session
         self._permissions = permissions
@@ -137,14 +145,13 @@ class Tap:
         self._subscribers = [
             session.declare_subscriber(key, zenoh.handlers.RingChannel(capacity)) for key in keys
         ]
-        self._threads = [
-            threading.Thread(
-                target=self._listen, args=(subscriber.handler,), name="zenoh-tap", daemon=True
-            )
-            for subscriber in self._subscribers
-        ]
-        for thread in self._threads:
-            thread.start()
+        self._threads: list[threading.Thread] = []
+        self._idle = idle
+        for subscriber in self._subscribers:
+            if idle is None:
+                self._begin(subscriber.handler)
+            else:
+                idle.add(subscriber.handler, functools.partial(self._begin, subscriber.handler))
 
     @property
     def is_complete(self) -> bool:
@@ -194,6 +201,9 @@ class Tap:
             return
         self._ending.set()
         self._questions.close()
+        if self._idle is not None:
+            for subscriber in self._subscribers:
+                self._idle.remove(subscriber.handler)
         for declared in (*self._subscribers, *self._watches):
             declared.undeclare()
         # one that came back from Zenoh while the interpreter ends would abort the process
@@ -249,12 +259,20 @@ class Tap:
         elif self._linked_to.get(place) == token.names:  # a newer list may have come before
             del self._linked_to[place]
 
-    def _listen(self, ring: Any) -> None:
+    def _begin(self, ring: Any, first: zenoh.Sample | None = None) -> None:
+        """Listen to ``ring``, from which ``first`` was taken already."""
+        thread = threading.Thread(
+            target=self._listen, args=(ring, first), name="zenoh-tap", daemon=True
+        )
+        self._threads.append(thread)
+        thread.start()
+
+    def _listen(self, ring: Any, first: zenoh.Sample | None) -> None:
         receive, take = ring.recv, ring.try_recv
         gathering = Gathering()
         while True:
             try:
-                sample = receive()
+                sample, first = first or receive(), None
                 if wait_s := gathering.wait_s():
                     self._ending.wait(wait_s)
                 batch: list[Arrived] = []
@@ -326,6 +344,10 @@ class Tap:
             suffix = next((s for s in (EVENT_SUFFIX, TAKEN_SUFFIX) if own.endswith(s)), "")
         channel = channel_of(base.removesuffix(suffix))
         if key.endswith(MARK) or not self._wants(channel):
+            return None
+        if len(channel) > MOST_CHANNEL_NAME:
+            why = f"a name of more than {MOST_CHANNEL_NAME} characters: not received"
+            self._refusals.refuse(shown(channel), "", why)
             return None
         if len(self._channels) >= MOST_CHANNELS:
             self._refusals.refuse(channel, "", f"more than {MOST_CHANNELS} channels: not received")
@@ -435,7 +457,7 @@ def _service_observation(
         order=sent.order,
         client=info.client,
         call=info.sequence_number,
-        error=event.error,
+        error=event.error[:MOST_ERROR],
         life=life,
         client_life=info.life,
     )

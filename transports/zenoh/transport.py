@@ -27,6 +27,7 @@ from transports.refusals import Refusals
 from transports.service_events import TAKEN_SUFFIX
 from transports.zenoh import answers, presence, topics
 from transports.zenoh.executor import Executor
+from transports.zenoh.idle import IdleTaps
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
 from transports.zenoh.namespaces import Within, watch_namespaces
@@ -83,7 +84,8 @@ class ZenohTransport(OnExecutor):
         self._servers: set[str] = set()
         self._clients: list[Client] = []
         self._taps: list[Tap] = []
-        self._namespaces: list[Within] = []
+        self._namespaces: dict[Within, None] = {}
+        self._idle = IdleTaps()
         self._declared: list[Any] = []
         self._answering: Any = None
         self._shared.enter(node)
@@ -210,10 +212,11 @@ class ZenohTransport(OnExecutor):
             self._node,
             namespace,
             failed,
-            self._namespaces.remove,
+            self._namespaces.pop,
             self._permissions,
+            self._idle,
         )
-        self._namespaces.append(opened)
+        self._namespaces[opened] = None
         return opened
 
     def _release(self) -> None:
@@ -223,6 +226,7 @@ class ZenohTransport(OnExecutor):
             tap.close()
         for within in tuple(self._namespaces):
             within.close()
+        self._idle.close()
         if self._answering is not None:
             self._shared.announcements.remove(self._node)
             self._answering.undeclare()  # what is done from now on is not reported
