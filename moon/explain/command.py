@@ -10,9 +10,11 @@ import click
 
 from m2c.inputs import interface_folders, lenient_option
 from m2c.terminal import fail, show
+from moon.offline.view_options import time_option
 
 if TYPE_CHECKING:
     from m2c.model import System
+    from moon.ordering.time_base import TimeChoice
 
 
 @click.command()
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     metavar="RUN",
     help="Say what can be concluded from this recording instead.",
 )
+@time_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a machine and line.")
 def explain(
     models: tuple[Path, ...],
@@ -35,6 +38,7 @@ def explain(
     lenient: bool,
     only: tuple[str, ...],
     recording: Path | None,
+    time: TimeChoice | None,
     as_json: bool,
 ) -> None:
     """Say what a monitor would observe of models, and what it cannot check, and why.
@@ -46,7 +50,10 @@ def explain(
     \b
     Example:
       moon explain examples/lab_tour/skills/GoToPoiSkill.scxml
+      moon explain examples/lab_tour/system.xml --recording bag/ --time log
     """
+    if time is not None and recording is None:
+        raise click.UsageError("--time is one of a recording, and there is none (--recording RUN)")
     from m2c.model import ModelError
     from m2c.suggestions import nearest
     from moon.explain.observables import observables
@@ -67,7 +74,7 @@ def explain(
         if name not in known:
             fail(f"{system.name} has no machine {name}; {nearest(name, known)}")
     if recording is not None:
-        _explain_recording(recording, system, only, as_json)
+        _explain_recording(recording, system, only, time, as_json)
         return
     found = [
         observables(machine, plugin=machine in system.plugins)
@@ -86,26 +93,26 @@ def explain(
     show(ASSUMED)
 
 
-def _explain_recording(path: Path, system: System, only: tuple[str, ...], as_json: bool) -> None:
+def _explain_recording(
+    path: Path, system: System, only: tuple[str, ...], time: TimeChoice | None, as_json: bool
+) -> None:
     """What can be concluded of the nodes of ``system`` from the recording at ``path``."""
     import msgspec
 
     from moon.explain.recorded import concluded, lines_of, lines_of_overview, overview
     from moon.json_lines import versioned_line
-    from moon.recording.reader import OWN, ROSBAG, RecordingError, open_recording
+    from moon.offline.survey import read_through
+    from moon.oracle.bounds import Bounds
+    from moon.recording.reader import RecordingError, open_recording
 
+    chosen = [machine for machine in system.nodes if not only or machine.name in only]
     try:
         recording = open_recording(path, system.library)
+        base, attribution = read_through(recording, time, system.nodes, chosen, Bounds().latency)
     except RecordingError as error:
         fail(str(error))
-    for _ in recording.entries():
-        pass  # its contents take note
-    chosen = [machine for machine in system.nodes if not only or machine.name in only]
-    whole, judged = overview(recording), None
-    if recording.form != OWN:  # nobody is named in it
-        attribution = recording.attribution(
-            system.nodes, chosen if recording.form == ROSBAG else ()
-        )
+    whole, judged = overview(recording, base), None
+    if attribution is not None:
         judged = frozenset(machine.name for machine in attribution.machines)
         more = [*filter(None, [attribution.assumption()]), *attribution.unjudged]
         whole = msgspec.structs.replace(whole, limits=(*whole.limits, *more))

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 import msgspec
 
 from m2c.model.machine import Interface, InterfaceKind, Machine
+from moon.ordering.time_base import TimeBase
 from moon.recording.contents import ChannelContents, Contents, is_made_up
 from moon.recording.reader import Recording
 from moon.recording.stored import plural
@@ -67,6 +68,7 @@ class Overview(msgspec.Struct, frozen=True):
         seconds: from the first to the last.
         faults: what could not be read.
         limits: what cannot be concluded from any of it.
+        time: by which of its times it would be judged; "" if it has one.
     """
 
     path: str
@@ -77,10 +79,11 @@ class Overview(msgspec.Struct, frozen=True):
     seconds: float
     faults: tuple[str, ...]
     limits: tuple[str, ...]
+    time: str = ""
 
 
-def overview(recording: Recording) -> Overview:
-    """What was found in ``recording``, which was read to its end."""
+def overview(recording: Recording, base: TimeBase | None = None) -> Overview:
+    """What was found in ``recording``, which was read to its end and would be judged by ``base``."""
     contents = recording.contents
     return Overview(
         str(recording.path),
@@ -90,7 +93,11 @@ def overview(recording: Recording) -> Overview:
         contents.first_ns,
         max(0, contents.last_ns - contents.first_ns) / 1e9,
         tuple(recording.faults()),
-        tuple(recording.limits()),
+        (
+            *recording.limits(base is not None and base.is_on_arrival),
+            *(base.limits if base is not None else ()),
+        ),
+        "" if base is None else base.sentence,
     )
 
 
@@ -184,6 +191,7 @@ def lines_of_overview(found: Overview) -> list[str]:
         + (f", {found.seconds:.1f} s from {when}" if found.observations else "")
     ]
     for title, sentences in (
+        ("is judged by its time", (found.time,) if found.time else ()),
         ("could not be read", found.faults),
         ("cannot be known", found.limits),
     ):

@@ -200,13 +200,15 @@ class SystemWatch:
     def finish(self, known_ns: int, end_ns: int) -> None:
         """Nothing is received any more.
 
+        What a node did is judged up to the end: of what it reports, nothing overtakes what came before.
+
         Args:
             known_ns: all that happened until then (ns) was received, or is lost.
             end_ns: what was received last was received then; what happened since ``known_ns`` may be missing.
         """
         if end_ns < self._order.since_ns:
             return
-        reach_ns = known_ns + self._bounds.latency
+        reach_ns = end_ns + self._bounds.latency
         for gap in self._order.sources.advance(reach_ns):
             self.gap(gap)
         self._take(self._models.advance(reach_ns))

@@ -157,6 +157,8 @@ def check_recording(
         seconds=time.monotonic() - began,
         counted=tuple(collector.counted),
         unmonitored=monitored.unmonitored,
+        base=base,
+        view=view,
     )
 
 

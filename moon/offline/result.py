@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import msgspec
 
 from moon.monitor.status import UNSEEN, MachineStatus
+from moon.offline.view import Part, View
 from moon.ordering.counts import Counts
+from moon.ordering.time_base import TimeBase, in_time
 from moon.recording.entries import ReportedVerdict
+from moon.recording.reader import Recording
 from moon.verdict import Outcome
+from transports.interface import Observation
 
 MAX_REPEATS = 10_000
 """Violations that read as the one before are kept up to so many: a broken node may never stop."""
@@ -104,6 +110,8 @@ class CheckResult(msgspec.Struct, frozen=True):
             ``verdicts`` that were not withdrawn, and the first :data:`MAX_REPEATS` of those that are
             not reported again; None: all of ``verdicts``.
         unmonitored: what was not checked though it was named, and why, one sentence each.
+        base: by which of its times the recording was judged; None: it has one.
+        view: which part of it.
     """
 
     recording: RecordingFacts
@@ -120,6 +128,16 @@ class CheckResult(msgspec.Struct, frozen=True):
     seconds: float = 0.0
     counted: tuple[ReportedVerdict, ...] | None = None
     unmonitored: tuple[str, ...] = ()
+    base: TimeBase | None = None
+    view: View = View()
+
+    def entries(self, recording: Recording) -> Iterator[Observation]:
+        """The observations of ``recording``, opened anew, that were judged, each when it happened."""
+        found = recording.entries()
+        entries = in_time(found, self.base) if self.base is not None else found
+        for entry in Part(self.view).of(entries):
+            if isinstance(entry, Observation):
+                yield entry
 
     @property
     def violations(self) -> int:

@@ -11,11 +11,19 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.model.machine import Machine
 from m2c.suggestions import nearest
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.subject import Monitored
 from moon.offline.view import View
-from moon.ordering.time_base import PUBLISH, Survey, TimeBase, TimeError, time_base
+from moon.ordering.time_base import (
+    PUBLISH,
+    Survey,
+    TimeBase,
+    TimeChoice,
+    TimeError,
+    time_base,
+)
 from moon.properties.predicates import ANY_CHANNEL
 from moon.recording.attribution import Attribution
 from moon.recording.entries import Began
@@ -101,22 +109,65 @@ def survey(
     recording = open_recording(path, monitored.system.library)
     if recording.form == OWN and view.time.kind in ("", PUBLISH):
         return _own(recording, properties, named)
-    found = Survey(view.time)
+    base, attribution = read_through(
+        recording,
+        view.time,
+        monitored.system.nodes,
+        monitored.machines,
+        monitored.bounds.latency,
+    )
+    if not monitored.machines:
+        attribution = None
+    return Surveyed(base, attribution, tuple(recording.topics()))
+
+
+def read_through(
+    recording: Recording,
+    choice: TimeChoice | None,
+    nodes: Iterable[Machine],
+    machines: Iterable[Machine],
+    latency_ns: int,
+) -> tuple[TimeBase | None, Attribution | None]:
+    """Read all of ``recording``: by which time it can be judged, and who did what in it.
+
+    Args:
+        recording: just opened.
+        choice: of the time; None: by evidence.
+        nodes: all machines of the system.
+        machines: those that are to be judged.
+        latency_ns: a message is received within this time.
+
+    Returns:
+        Neither for a recording of moon, which says both itself (unless another time was chosen); no time for
+        one in which there is nothing.
+
+    Raises:
+        NotJudgedError: it has no such time, or none that makes sense, or holds two runs.
+    """
+    choice = choice or TimeChoice()
+    found = Survey(choice)
     for entry in recording.entries():
         if type(entry) is Observation:
             found.note(entry)
     if recording.is_of_two:
-        raise NotJudgedError(f"{path}: {TWO_RUNS}")
-    if not found.log.count:
-        return Surveyed(None, None, ())
-    is_lines = recording.form == JSON_LINES
-    try:
-        base = time_base(found, view.time, monitored.bounds.latency, is_lines, late=recording.late)
-    except TimeError as error:
-        raise NotJudgedError(f"{path}: {error}") from error
-    return Surveyed(
-        base, _attribution(recording, monitored, base, found), tuple(recording.topics())
+        raise NotJudgedError(f"{recording.path}: {TWO_RUNS}")
+    if recording.form == OWN and choice.kind in ("", PUBLISH):
+        return None, None
+    base = None
+    if found.log.count:
+        is_lines = recording.form == JSON_LINES
+        try:
+            base = time_base(found, choice, latency_ns, is_lines, late=recording.late)
+        except TimeError as error:
+            raise NotJudgedError(f"{recording.path}: {error}") from error
+    is_on_arrival = base is not None and base.is_on_arrival
+    attribution = recording.attributed(
+        nodes,
+        machines if recording.form in (ROSBAG, OWN) else (),
+        on_arrival=is_on_arrival or recording.contents.on_arrival,
+        is_ordered=found.is_on_arrival or not is_on_arrival,
     )
+    return base, attribution
 
 
 TWO_RUNS = "it holds two runs, and nothing can be judged of both together; check each by itself"
@@ -155,21 +206,6 @@ def _is_mistyped(name: str, other: str) -> bool:
     blocks = difflib.SequenceMatcher(None, name, other, autojunk=False).get_matching_blocks()
     wrong = longest - sum(block.size for block in blocks)
     return wrong <= min(MISTYPED, longest // 3)
-
-
-def _attribution(
-    recording: Recording, monitored: Monitored, base: TimeBase, found: Survey
-) -> Attribution | None:
-    """Who did what in ``recording``, which was read to its end; None if there are no machines."""
-    if not monitored.machines:
-        return None
-    machines = monitored.machines if recording.form in (ROSBAG, OWN) else ()
-    return recording.attributed(
-        monitored.system.nodes,
-        machines,
-        on_arrival=base.is_on_arrival or recording.contents.on_arrival,
-        is_ordered=found.is_on_arrival or not base.is_on_arrival,
-    )
 
 
 def assumed(attribution: Attribution | None) -> list[str]:

@@ -4,27 +4,61 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import click
 
+if TYPE_CHECKING:
+    from moon.offline.view import Instant
+    from moon.ordering.time_base import TimeChoice
+
+
+def _time(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> TimeChoice | None:
+    """The choice that ``text`` names."""
+    if text is None:
+        return None
+    from moon.ordering.time_base import TimeError, time_choice
+
+    try:
+        return time_choice(text)
+    except TimeError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+def _instant(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> Instant | None:
+    """The instant that ``text`` names."""
+    if text is None:
+        return None
+    from moon.offline.view import InstantError, instant
+
+    try:
+        return instant(text)
+    except InstantError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+time_option = click.option(
+    "--time",
+    callback=_time,
+    metavar="log|publish|header:FIELD|clock",
+    help="By which time: when recorded, when published, by a field of the messages (a stamp, or a header "
+    "with one), or by /clock. By default by the publishers' stamps, unless they contradict the recorder's.",
+)
+
 _OPTIONS = (
-    click.option(
-        "--time",
-        "time_text",
-        default="",
-        metavar="log|publish|header:FIELD|clock",
-        help="By which time: when recorded, when published, by a field of the messages (a stamp, or a "
-        "header with one), or by /clock. By default by the publishers' stamps, unless they contradict the "
-        "recorder's.",
-    ),
+    time_option,
     click.option(
         "--from",
-        "from_text",
-        default="",
+        "from_",
+        callback=_instant,
         metavar="TIME",
         help="Leave out what is before: seconds since the beginning or the epoch, or ISO 8601.",
     ),
-    click.option("--to", "to_text", default="", metavar="TIME", help="Leave out what is after."),
+    click.option("--to", callback=_instant, metavar="TIME", help="Leave out what is after."),
 )
 
 
@@ -32,21 +66,13 @@ def view_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command these options; it gets them as one argument, ``view``."""
 
     @functools.wraps(command)
-    def with_view(time_text: str, from_text: str, to_text: str, **others: object) -> None:
-        from moon.offline.view import InstantError, View, instant
-        from moon.ordering.time_base import TimeChoice, TimeError, time_choice
+    def with_view(
+        time: TimeChoice | None, from_: Instant | None, to: Instant | None, **others: object
+    ) -> None:
+        from moon.offline.view import View
 
-        try:
-            time = time_choice(time_text) if time_text else TimeChoice()
-        except TimeError as error:
-            raise click.BadParameter(str(error), param_hint="'--time'") from error
-        found = []
-        for name, text in (("from", from_text), ("to", to_text)):
-            try:
-                found.append(instant(text) if text else None)
-            except InstantError as error:
-                raise click.BadParameter(str(error), param_hint=f"'--{name}'") from error
-        command(view=View(time, *found), **others)
+        found = View(from_=from_, to=to) if time is None else View(time, from_, to)
+        command(view=found, **others)
 
     for option in reversed(_OPTIONS):
         with_view = option(with_view)

@@ -31,7 +31,6 @@ from moon.report.plot_drawing import drawn
 from moon.report.plots import Plots
 from moon.verdict import Explanation
 from moon.wording import Wording
-from transports.interface import Observation
 
 MAX_VIOLATIONS = 2_000
 """So many violations are shown, the first; nobody reads more, and each has its place in the page."""
@@ -86,10 +85,9 @@ def _take_observations(
         recording = open_recording(Path(result.recording.path), library)
     except RecordingError as error:
         return [f"{error}: the timeline shows no observations"]
-    for entry in recording.entries():
-        if isinstance(entry, Observation):
-            shelf.take(entry)
-            plots.take(entry)
+    for entry in result.entries(recording):
+        shelf.take(entry)
+        plots.take(entry)
     return []
 
 
@@ -226,7 +224,8 @@ def _about(result: CheckResult) -> list[str]:
 def _remarks(result: CheckResult, shelf: Shelf, missing: Sequence[str]) -> list[str]:
     """What could not be read, received or judged, and what the page leaves out."""
     facts = result.recording
-    notes = [*facts.faults, *result.unmonitored, *result.problems, *facts.limits, *missing]
+    time = [f"time: {facts.time}"] if facts.time else []
+    notes = [*time, *facts.faults, *result.unmonitored, *result.problems, *facts.limits, *missing]
     if not facts.complete and not facts.faults:
         notes.insert(0, "the recording is not complete")
     if shelf.of_other_channels:

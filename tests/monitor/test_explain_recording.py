@@ -126,3 +126,22 @@ def test_a_path_that_is_no_recording_ends_with_two(tmp_path: Path):
     )
     assert result.exit_code == 2
     assert "is empty (0 bytes)" in result.output
+
+
+def test_by_which_time_a_bag_would_be_judged_is_said_and_can_be_chosen(
+    tmp_path: Path, received: Received
+):
+    bag = bags.foreign(written(tmp_path / "run.mcap", received.observations), tmp_path / "bag")
+    said = explained(bag, "--only", SKILL)
+    assert "  is judged by its time\n    publish_time, when each message was published" in said
+    assert f"{SKILL}: can be judged" in said
+    said = explained(bag, "--only", SKILL, "--time", "log")
+    assert "  is judged by its time\n    log_time, when each entry was recorded\n" in said
+    assert (
+        f"{SKILL} is not judged: in which order its node did what it did is known to the latency"
+        in said
+    )
+    arguments = ["explain", str(LAB_TOUR), "--recording", str(bag), "--time", "clock"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2
+    assert "no time on /clock was recorded; expected --time log or --time publish" in result.output

@@ -7,10 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from moon.monitor.subject import Subject, read_subject
+from moon.offline.engine import check_recording
+from moon.offline.view import View, instant
+from moon.oracle.bounds import Bounds
+from moon.ordering.time_base import TimeChoice
+from moon.recording.reader import open_recording
+from moon.report.page import write_report
 from tests.offline.logs import (
     FOREIGN,
     LEVEL,
     NS,
+    PORTS,
     T0,
     Form,
     Line,
@@ -245,3 +253,19 @@ def test_a_property_can_be_chosen(tmp_path: Path):
     said = check(tmp_path, run, PROPERTIES, "--property", "RR")
     assert said.code == 2
     assert "there is no property RR; did you mean R?" in said.out or "known: A, R" in said.out
+
+
+def test_a_page_shows_what_was_judged_at_the_times_at_which_it_was(tmp_path: Path):
+    run = write_mcap(
+        tmp_path / "run.mcap", [stamped(n, 100 + n, 9 if n == 3 else 1) for n in range(8)]
+    )
+    file, page = tmp_path / "properties.yaml", tmp_path / "page.html"
+    file.write_text(PORTS + PROPERTIES)
+    subject = Subject((), (file,), (), (), (), Bounds())
+    view = View(TimeChoice("header", "header"), instant("2"), instant("5"))
+    result = check_recording(run, subject, read_subject(subject), True, view=view)
+    shown = list(result.entries(open_recording(run)))
+    assert [seen.received_ns for seen in shown] == [(100 + n) * NS for n in (2, 3, 4, 5)]
+    assert (result.recording.first_ns, result.recording.last_ns) == (102 * NS, 105 * NS)
+    write_report(result, page)
+    assert "time: header of messages" in page.read_text()
