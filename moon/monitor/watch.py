@@ -231,6 +231,17 @@ class SystemWatch:
             if self.listener is not None:
                 self._silence.ask(self.listener, node)
 
+    def clock_set(self, from_ns: int, since_ns: int, why: str) -> None:
+        """Times of before and after are not compared (``moon.ordering.event_order.Judges``)."""
+        self._properties.lose_all(from_ns, since_ns)
+        uncertain = [o for o in self._models.watched.values() if o.depends_on_time]
+        for oracle in uncertain:
+            self._lose(oracle, why)
+        names = ", ".join(n for n, o in self._models.watched.items() if o in uncertain)
+        self._say(
+            f"warning: {why}: {f'resynchronised: {names}' if names else 'nothing depends on it'}"
+        )
+
     def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
         """Find every machine in the middle of what it does (``moon.ordering.event_order.Judges``)."""
         for name, oracle in self._models.watched.items():

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from moon.ordering.event_time_clock import NS
+from moon.ordering.event_time_clock import NS, SET_NS
 from moon.recording.entries import (
-    UNUSUAL_NS,
     Answered,
     Began,
     Entry,
@@ -52,6 +51,7 @@ class Player:
         self._early_ns = early_ns
         self._now_ns = 0
         self._monotonic_ns = 0
+        self._turned_ns = 0
         self._paced = False
         self._next_ns = 0
         """When the timer is due, in a recording without turns."""
@@ -86,8 +86,8 @@ class Player:
         return self._now_ns
 
     def monotonic_ns(self) -> int:
-        """The recorder's monotonic clock."""
-        return self._monotonic_ns
+        """The recorder's monotonic clock, which has run as its time of day since the last turn."""
+        return self._monotonic_ns + (self._now_ns - self._turned_ns if self._paced else 0)
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """``handler`` receives what was recorded."""
@@ -159,7 +159,7 @@ class Player:
         """
         self._begin = begin
         if isinstance(first, Began):
-            self._now_ns = first.received_ns
+            self._now_ns = self._turned_ns = first.received_ns
             self._paced = first.paced
             self.repair_s = first.repair_s
         else:
@@ -228,7 +228,9 @@ class Player:
             return
         if self._paced:
             self._now_ns = entry.received_ns
-        elif type(entry) is Pulse and abs(set_by_ns(self._looked, entry)) > UNUSUAL_NS:
+        elif type(entry) is Pulse and abs(set_by_ns(self._looked, entry)) > SET_NS:
+            # time has passed until the clock was set
+            self._pass_to(entry.received_ns - set_by_ns(self._looked, entry))
             self._next_ns = self._now_ns = entry.received_ns
         else:
             self._pass_to(entry.received_ns)
@@ -266,7 +268,7 @@ class Player:
             self._changed(name, True)
 
     def _take_turn(self, pulse: Pulse) -> None:
-        self._monotonic_ns = pulse.monotonic_ns
+        self._monotonic_ns, self._turned_ns = pulse.monotonic_ns, pulse.received_ns
         if pulse.turn is Turn.TIMER and self._timer is not None:
             self._timer()
         elif pulse.turn is Turn.POSTED and self._posted:

@@ -12,7 +12,7 @@ from typing import Protocol
 import msgspec
 
 from moon.ordering.counts import Counts, Rejected
-from moon.ordering.event_time_clock import NS, PERIOD_NS, EventTimeClock, read_together
+from moon.ordering.event_time_clock import NS, PERIOD_NS, SET_NS, EventTimeClock, read_together
 from moon.ordering.judge import Gap
 from moon.ordering.numbers import Count, Numbers
 from moon.ordering.reception import Reception
@@ -29,6 +29,13 @@ class Judges(Protocol):
 
     def gap(self, gap: Gap) -> None:
         """Something is missing."""
+        ...
+
+    def clock_set(self, from_ns: int, since_ns: int, why: str) -> None:
+        """The time of day was set forward, from ``from_ns`` to ``since_ns`` (ns since the epoch).
+
+        Times from before and after that are not compared; ``why``: for people.
+        """
         ...
 
     def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
@@ -89,6 +96,8 @@ class EventOrder:
         self.since_ns = 0
         self.listener: Tap | None = None
         self._monotonic_ns = monotonic_ns()
+        self._forward_ns = 0
+        """By how much the clock was set forward in all since the judges knew of it."""
         self.numbers = Numbers(known)
         self.sequel = _NEXT
         self.gap: Gap | None = None
@@ -108,7 +117,8 @@ class EventOrder:
     def take(self, seen: Observation, now_ns: int) -> Observation | None:
         """``seen``, received at ``now_ns``, as it is to be judged; None: it is not."""
         clock = self.clock
-        if not -self._latency_ns <= now_ns - clock.now_ns <= clock.limit_ns:
+        gap_ns = now_ns - clock.now_ns
+        if not -SET_NS <= gap_ns <= clock.limit_ns or self._seems_set(gap_ns):
             self.look_at_clock(*self.read_clocks())
         if self.listener is not None and self.listener.is_contested(seen.source):
             # from the node of this name or from another: nothing is concluded from it
@@ -239,24 +249,40 @@ class EventOrder:
             yield Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why)
         yield from self.sources.advance(clock_ns)
 
+    def _seems_set(self, gap_ns: int) -> bool:
+        """Whether ``gap_ns`` since the last tick is not what has passed on the clock that nobody sets."""
+        set_ns = gap_ns - (self._read_monotonic() - self._monotonic_ns)
+        return not -SET_NS <= set_ns <= SET_NS
+
     def look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is reported."""
         gap_ns = now_ns - self.clock.now_ns
-        if gap_ns > self.clock.limit_ns:
-            passed_ns = monotonic_ns - self._monotonic_ns
+        passed_ns = monotonic_ns - self._monotonic_ns
+        set_ns = gap_ns - max(passed_ns, 0)
+        if set_ns < -SET_NS and (gap_ns < 0 or passed_ns <= self.clock.limit_ns):
+            what = f"the clock was set back by {_duration(-set_ns)}"
+            self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self.clock.limit_ns)
+        elif gap_ns > self.clock.limit_ns:
             if passed_ns > gap_ns // 2:
                 what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
             else:
-                what = f"the clock was set forward by {(gap_ns - passed_ns) / NS:.1f} s"
+                what = f"the clock was set forward by {_duration(set_ns)}"
             self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self._latency_ns)
-        elif gap_ns < -self._latency_ns:
-            what = f"the clock was set back by {-gap_ns / NS:.1f} s"
-            self._start_anew(now_ns, monotonic_ns, what)
+        elif set_ns > SET_NS:
+            self._monotonic_ns = monotonic_ns - gap_ns  # until the next tick, time is of one piece
+            self._forward_ns += set_ns
+            if self._forward_ns > self._latency_ns // 4:  # less makes nothing later than it may be
+                self._counts.stalls += 1
+                what = f"the clock was set forward by {_duration(self._forward_ns)}"
+                self._judges.clock_set(now_ns - self._forward_ns, now_ns, what)
+                self._forward_ns = 0
 
     def _start_anew(self, now_ns: int, monotonic_ns: int, why: str, held_up: bool = False) -> None:
         """Something is not known to be received, of any node."""
         self._counts.stalls += 1
-        was_set_back = now_ns < self.clock.now_ns
+        passed_ns = max(monotonic_ns - self._monotonic_ns, 0)
+        was_set_back = now_ns - self.clock.now_ns < passed_ns - SET_NS
+        self._forward_ns = 0
         from_ns = self.clock.clock_ns - self._latency_ns
         self.since_ns = now_ns
         if held_up and not was_set_back:  # what is missing and what is on its way look alike
@@ -266,3 +292,10 @@ class EventOrder:
         self.numbers.clear()
         self.clock.restart(now_ns, held_up)
         self._judges.start_anew(from_ns, self.since_ns, was_set_back, why)
+
+
+def _duration(duration_ns: int) -> str:
+    """For people."""
+    if duration_ns < NS // 10:
+        return f"{duration_ns / 1_000_000:.0f} ms"
+    return f"{duration_ns / NS:.1f} s"

@@ -23,8 +23,12 @@ _MEMORY_NS = NS
 """How long a late observation keeps the clock back, at least."""
 
 
-_TOGETHER_NS = 1_000_000
+_TOGETHER_NS = 100_000
 _TRIES = 5
+
+SET_NS = 500_000
+"""The time of day was set if it moved by more than this against a clock that nobody sets: more than two
+readings can be wrong by, and half of what a timer may be off (``Bounds.tolerance``)."""
 
 
 def clock_nobody_sets(now_ns: Callable[[], int], transport: str) -> Callable[[], int]:

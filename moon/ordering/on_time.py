@@ -14,7 +14,8 @@ from itertools import chain
 
 from msgspec.structs import replace
 
-from moon.recording.entries import UNUSUAL_NS, Began, Entry, Pulse, set_by_ns
+from moon.ordering.event_time_clock import SET_NS
+from moon.recording.entries import Began, Entry, Pulse, set_by_ns
 from transports.interface import Observation
 
 USUAL_NS = 50_000_000
@@ -50,7 +51,7 @@ def _moving(source: Iterator[Entry]) -> Iterator[Entry]:
     for number, entry in enumerate(source):
         is_set_back = entry.received_ns < newest_ns - LATEST_NS
         if type(entry) is Pulse:
-            is_set_back = is_set_back or set_by_ns(looked, entry) < -UNUSUAL_NS
+            is_set_back = is_set_back or set_by_ns(looked, entry) < -SET_NS
             looked = entry
         if is_set_back:
             while held:

@@ -14,6 +14,7 @@ from typing import Protocol
 from msgspec.structs import replace
 
 from moon.monitor.connection import Connection
+from moon.ordering.event_time_clock import SET_NS, read_together
 from moon.recording.entries import (
     UNUSUAL_NS,
     Answered,
@@ -82,8 +83,8 @@ class RecordedConnection:
         return self._now_ns
 
     def monotonic_ns(self) -> int:
-        """The same on a clock that nobody sets, to a tenth of a second."""
-        return self._monotonic_ns
+        """The same on a clock that nobody sets, which has run as the time of day since the last turn."""
+        return self._monotonic_ns + (self._now_ns - self._turned_ns)
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Listen, from now on."""
@@ -91,8 +92,10 @@ class RecordedConnection:
 
         def received(seen: Observation) -> None:
             now_ns = self._now_ns = home.now_ns()
-            if not 0 <= now_ns - self._turned_ns <= UNUSUAL_NS:
-                self._take_turn(Turn.CLOCK)
+            passed_ns = now_ns - self._turned_ns
+            set_ns = passed_ns - (self._read_monotonic() - self._monotonic_ns)
+            if passed_ns > UNUSUAL_NS or not -SET_NS <= set_ns <= SET_NS:
+                now_ns = self._take_turn(Turn.CLOCK)
             if seen.received_ns != now_ns:
                 seen = replace(seen, received_ns=now_ns)
             record(seen)
@@ -150,10 +153,12 @@ class RecordedConnection:
         """A publisher of the connection."""
         return self._home.publisher(topic)
 
-    def _take_turn(self, turn: Turn) -> None:
-        self._monotonic_ns = self._read_monotonic()
-        self._turned_ns = self._now_ns
-        self._record(Pulse(self._now_ns, turn, self._monotonic_ns))
+    def _take_turn(self, turn: Turn) -> int:
+        """Both clocks are looked at; the time of day (ns)."""
+        now_ns, self._monotonic_ns = read_together(self._home.now_ns, self._read_monotonic)
+        self._turned_ns = self._now_ns = now_ns
+        self._record(Pulse(now_ns, turn, self._monotonic_ns))
+        return now_ns
 
     def _look_at_nodes(self) -> None:
         for name, before_ns in self._since.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from moon.ordering.event_time_clock import clock_nobody_sets, read_together
+from moon.ordering.event_time_clock import SET_NS, clock_nobody_sets, read_together
 from moon.recording.entries import UNUSUAL_NS, Began, Ended, Missed, NodeChange, Pulse, Turn, Whole
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
@@ -52,6 +52,8 @@ class Recorder:
         self._read_monotonic = monotonic_ns or clock_nobody_sets(connection.now_ns, transport)
         self._looked_ns = 0
         """The time of day when both clocks were looked at, or when something was received since."""
+        self._ahead_ns = 0
+        """By how much the time of day was ahead of the clock that nobody sets, then."""
         self._wanted: dict[str, bool] = {}
         self._problems: frozenset[str] = frozenset()
         self._standing = Standing()
@@ -103,12 +105,14 @@ class Recorder:
     def _look_at_clocks(self) -> None:
         """Both at the same instant, or a clock seems to be set: not one when something was received."""
         now_ns, monotonic_ns = read_together(self._connection.now_ns, self._read_monotonic)
-        self._looked_ns = now_ns
+        self._looked_ns, self._ahead_ns = now_ns, now_ns - monotonic_ns
         self._writer.add(Pulse(now_ns, Turn.CLOCK, monotonic_ns))
 
     def _observe(self, seen: Observation) -> None:
         received_ns = seen.received_ns
-        if -UNUSUAL_NS <= received_ns - self._looked_ns <= UNUSUAL_NS:
+        set_ns = self._connection.now_ns() - self._read_monotonic() - self._ahead_ns
+        is_set = not -SET_NS <= set_ns <= SET_NS
+        if not is_set and -UNUSUAL_NS <= received_ns - self._looked_ns <= UNUSUAL_NS:
             self._looked_ns = received_ns
         else:
             self._look_at_clocks()

@@ -81,7 +81,17 @@ class RobotByHand(HandDriven):
         self.is_open = False
         self._timers.clear()
 
+    def now_ns(self) -> int:
+        """Robots act one after the other, each on a time of its own: both clocks are of the one that acts."""
+        self.fleet.acting = self
+        return self.now
+
+    def hear(self, *args, **changes) -> None:
+        self.fleet.acting = self
+        super().hear(*args, **changes)
+
     def pass_time(self, milliseconds: int) -> None:
+        self.fleet.acting = self
         until = self.now + milliseconds * MS
         while due := [t for t in self._timers if not t.is_cancelled and t.due_ns <= until]:
             timer = min(due, key=lambda timer: timer.due_ns)
@@ -119,6 +129,7 @@ class FleetByHand:
         self.verdicts: list[Verdict] = []
         self.shown: list[Verdict] = []
         self.by_name: dict[str, RobotByHand] = {}
+        self.acting: RobotByHand | None = None
         log = DiagnosticLog()
         system = load([write_models(folder)], log)
         assert system is not None
@@ -129,7 +140,7 @@ class FleetByHand:
         self.fleet.start()
 
     def _monotonic_ns(self) -> int:
-        return max((robot.now for robot in self.by_name.values()), default=self.now)
+        return self.now if self.acting is None else self.acting.now
 
     def watch_namespaces(self, pattern: str, handler: Callable[[str, bool], None]) -> None:
         self.pattern = pattern
