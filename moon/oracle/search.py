@@ -386,6 +386,9 @@ class Outputs:
         rest = hypothesis.with_owed(hypothesis.owed[place + 1 :])
         if owed.timer is not None:
             rest = self._phase_seen(rest, owed.timer, fact.stamp)
+        if owed.call == ANY_CALL:
+            asked = (owed.interface, fact.call)
+            rest = rest.but(waiting=tuple(item for item in rest.waiting if item != asked))
         if owed.kind is OutputKind.SEND_GOAL:
             goals = tuple(
                 goal.but(identifier=fact.goal)

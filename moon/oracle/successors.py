@@ -564,12 +564,15 @@ class Successors:
 
 
 def _answered(made: Hypothesis, interface: str, call: Call | None) -> Call | None:
-    """Whose request a response answers: the one being processed, else the oldest; it is done."""
+    """Whose request a response answers: the one being processed, else the oldest; it is done.
+
+    None where no request is known to wait, or where an older one may, of before its past is known.
+    """
     waiting = made.waiting
     found = None
     if call is not None and (interface, call) in waiting:
         found = (interface, call)
-    else:
+    elif not made.free:
         found = next((item for item in waiting if item[0] == interface), None)
     if found is None:
         return None
