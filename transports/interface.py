@@ -292,6 +292,15 @@ class Answer(msgspec.Struct, frozen=True):
     next_order: int
 
 
+@runtime_checkable
+class VirtualTime(Protocol):
+    """A connection whose time is not that of the computer."""
+
+    def steady_ns(self) -> int:
+        """Virtual time (ns), which nobody sets, whatever the connection's clock shows."""
+        ...
+
+
 class Tap(Protocol):
     """A passive listener. Observations arrive on the tap's executor in order of reception."""
 

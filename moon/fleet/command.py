@@ -41,7 +41,7 @@ def monitor_fleet(
     file = VerdictFile(log_file) if log_file is not None else None
     screen = fleet_screen(as_json)
     sinks: list[Sink] = [file] if file is not None else []
-    models = FleetModels(monitored, clock_nobody_sets(connection.now_ns, transport))
+    models = FleetModels(monitored, clock_nobody_sets(connection))
     fleet = Fleet(
         connection,
         pattern,

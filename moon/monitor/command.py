@@ -175,7 +175,7 @@ def _monitor(
         sinks += _diagnostics(connection)
     joining = Joining(connection)
     source: Connection = joining
-    clock = clock_nobody_sets(connection.now_ns, transport)
+    clock = clock_nobody_sets(connection)
     run: RecordedRun | None = None
     if recorder is not None:
         source = recorded = RecordedConnection(joining, recorder.add, transport, clock)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -89,7 +88,7 @@ class Monitored(msgspec.Struct, frozen=True):
         sinks: Sequence[Sink],
         say: Callable[[str], None],
         screens: Sequence[Sink] = (),
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        monotonic_ns: Callable[[], int] | None = None,
         compiled: CompiledSystem | None = None,
     ) -> SystemWatch:
         """Fresh judges of all that was read; for the arguments see :class:`SystemWatch`."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import msgspec
@@ -22,7 +21,7 @@ from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.oracle import Oracle
 from moon.ordering.counts import Counts
 from moon.ordering.event_order import EventOrder
-from moon.ordering.event_time_clock import NS
+from moon.ordering.event_time_clock import NS, clock_nobody_sets
 from moon.ordering.judge import Gap
 from moon.ordering.reception import Reception
 from moon.ordering.senders import Senders
@@ -63,7 +62,7 @@ class SystemWatch:
         say: Callable[[str], None],
         properties: PropertyWatch | None = None,
         policy: bool | None = None,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        monotonic_ns: Callable[[], int] | None = None,
         repeated: Callable[[Verdict], None] = lambda verdict: None,
         screens: Iterable[Sink] = (),
         compiled: CompiledSystem | None = None,
@@ -90,7 +89,7 @@ class SystemWatch:
         self._senders = Senders(system.nodes, system.plugins)
         self._order = EventOrder(
             transport.now_ns,
-            monotonic_ns,
+            monotonic_ns or clock_nobody_sets(transport),
             bounds.latency,
             transport.repair_s,
             reception,

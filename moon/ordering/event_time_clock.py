@@ -13,6 +13,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from transports.interface import VirtualTime
+
 NS = 1_000_000_000
 
 PERIOD_NS = 10_000_000
@@ -31,14 +33,13 @@ SET_NS = 500_000
 readings can be wrong by, and half of what a timer may be off (``Bounds.tolerance``)."""
 
 
-def clock_nobody_sets(now_ns: Callable[[], int], transport: str) -> Callable[[], int]:
-    """A clock (ns) by which a standstill is distinguished from a time of day that was set.
+def clock_nobody_sets(connection: object) -> Callable[[], int]:
+    """A clock (ns) by which a time of day that is set is seen, and distinguished from a standstill.
 
     Args:
-        now_ns: the time of day; in a simulated world nobody sets it.
-        transport: the middleware.
+        connection: whose time of day it is.
     """
-    return now_ns if transport == "simulated" else time.monotonic_ns
+    return connection.steady_ns if isinstance(connection, VirtualTime) else time.monotonic_ns
 
 
 def read_together(now_ns: Callable[[], int], monotonic_ns: Callable[[], int]) -> tuple[int, int]:

@@ -118,7 +118,7 @@ def record(
         except FileExistsError:
             fail(f"{output}: is there already; a recording is not written over")
         try:
-            clock = clock_nobody_sets(connection.now_ns, network.transport)
+            clock = clock_nobody_sets(connection)
             recorder = Recorder(connection, network.transport, writer, channels, say)
             start_ns = clock()
             recorder.start()

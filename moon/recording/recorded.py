@@ -7,14 +7,13 @@ often, is the one recorded with that thing.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from msgspec.structs import replace
 
 from moon.monitor.connection import Connection
-from moon.ordering.event_time_clock import SET_NS, read_together
+from moon.ordering.event_time_clock import SET_NS, clock_nobody_sets, read_together
 from moon.recording.entries import (
     UNUSUAL_NS,
     Answered,
@@ -53,7 +52,7 @@ class RecordedConnection:
         home: the connection.
         record: takes everything, before the monitor does.
         transport: its middleware.
-        monotonic_ns: a clock that nobody sets.
+        monotonic_ns: a clock that nobody sets; by default the connection's.
     """
 
     def __init__(
@@ -61,14 +60,14 @@ class RecordedConnection:
         home: Home,
         record: Callable[[Entry], None],
         transport: str,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        monotonic_ns: Callable[[], int] | None = None,
     ) -> None:
         self._home = home
         self._record = record
         self._transport = transport
         self._now_ns = home.now_ns()
-        self._read_monotonic = monotonic_ns
-        self._monotonic_ns = monotonic_ns()
+        self._read_monotonic = read = monotonic_ns or clock_nobody_sets(home)
+        self._monotonic_ns = read()
         self._turned_ns = self._now_ns
         self._since: dict[str, int] = {}
         """Of the nodes that are up."""

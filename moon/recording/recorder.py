@@ -49,7 +49,7 @@ class Recorder:
         self._writer = writer
         self._globs = tuple(globs)
         self._say = say
-        self._read_monotonic = monotonic_ns or clock_nobody_sets(connection.now_ns, transport)
+        self._read_monotonic = monotonic_ns or clock_nobody_sets(connection)
         self._looked_ns = 0
         """The time of day when both clocks were looked at, or when something was received since."""
         self._ahead_ns = 0

@@ -233,6 +233,10 @@ class SimulatedTransport:
         """How long this node stands still from now on."""
         return self.world.pauses.after(self._node, self.world.now_ns) - self.world.now_ns
 
+    def steady_ns(self) -> int:
+        """See ``transports.interface.VirtualTime``."""
+        return self.world.now_ns
+
     def work(self, handler: Callable[[Any], None], argument: Any) -> None:
         """Run ``handler(argument)`` as this node's next piece of work, when it has time for it."""
         world = self.world
