@@ -8,7 +8,7 @@ from pathlib import Path
 
 from m2c.model import DiagnosticLog, load
 from m2c.policy.program import read_policy
-from moon.policy.run import Trees, TreeRun
+from moon.policy.run import TreeRun, Trees
 
 TOUR = Path(__file__).parents[2] / "examples" / "lab_tour" / "system.xml"
 
