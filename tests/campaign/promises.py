@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from random import Random
 
+from moon.properties.patterns import PatternName
 from tests.campaign.channels import Channel
 from tests.campaign.kinds import Kind
 from tests.campaign.plans import Stated
 
-PATTERNS = (
-    "absence",
-    "universality",
-    "existence",
-    "bounded_existence",
-    "recurrence",
-    "precedence",
-    "response",
-    "response_chain",
-    "precedence_chain",
-)
+PATTERNS = tuple(str(name) for name in PatternName)
 SCOPES = ("", "before", "after", "between", "after_until")
+"""As a property file writes them; \"\": globally."""
 
 
 class Promises:

@@ -23,7 +23,9 @@ def reductions(plan: Plan) -> Iterator[Plan]:
 
 
 def is_valid(plan: Plan) -> bool:
-    """Whether no command would refuse it."""
+    """Whether no command would refuse it; a system without a node is none to monitor."""
+    if all(model.is_plugin for model in plan.models):
+        return False
     with TemporaryDirectory() as folder:
         try:
             path = write(plan, Path(folder))

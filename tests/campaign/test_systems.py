@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import functools
-from collections import Counter
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from m2c.launch.in_process import SimulatedRun
 from m2c.model.machine import CHANNEL_KINDS
 from m2c.model.system import System
+from moon.properties import PropertySet
 from tests.campaign.coverage import UNUSED, covered
 from tests.campaign.differential import differences_of
-from tests.campaign.plans import InvalidPlanError, Plan, compiled, read, stated
+from tests.campaign.plans import SYSTEM_FILE, InvalidPlanError, Plan, compiled, read, stated
+from tests.campaign.promises import PATTERNS, SCOPES
 from tests.campaign.reductions import is_valid, reductions
 from tests.campaign.systems import SIZES, make, write
 from transports.interface import Observation
@@ -40,19 +42,25 @@ def system_of(seed: int, folder: Path) -> System:
     return system
 
 
-def activity(system: System, seed: int) -> tuple[Counter[str], int]:
-    """Observations by channel, and how many ticks of the tree there were."""
+def ran(system: System, seed: int) -> tuple[list[Observation], int]:
+    """All that happened, in the order in which it did, and how many ticks of the tree there were."""
     world = SimulatedWorld(seed, Conditions(delay_s=(0.0, 0.005)))
-    heard: Counter[str] = Counter()
-
-    def hear(observation: Observation) -> None:
-        heard[observation.channel.partition("/_action")[0]] += 1
-
-    SimulatedTransport(world, "listener").tap([], hear)
+    heard: list[Observation] = []
+    SimulatedTransport(world, "listener").tap([], heard.append)
     run = SimulatedRun(compiled(system), world)
     run.run(SECONDS)
     world.close()
-    return heard, len(run.ticks)
+    return sorted(heard, key=lambda observation: observation.stamp_ns), len(run.ticks)
+
+
+def broken(seed: int, folder: Path, system: System, heard: list[Observation]) -> list[str]:
+    """The properties that hold by construction, and do not."""
+    properties = PropertySet(stated(folder / SYSTEM_FILE, system))
+    for observation in heard:
+        properties.observe(observation)
+    by_construction = [item.name for item in plan_of(seed).properties if item.holds]
+    verdicts = properties.verdicts()
+    return [name for name in by_construction if verdicts[name].status == "false"]
 
 
 @pytest.mark.parametrize("seed", range(SYSTEMS))
@@ -65,12 +73,13 @@ def test_a_system_is_valid_and_its_code_does_what_the_interpreter_does(
 
 
 def test_systems_are_at_work(tmp_path: Path) -> None:
-    """Bounded work, of every machine; most channels are used in most systems."""
+    """Bounded work; most channels are used in most systems, and what holds by construction does."""
     used = unused = 0
     for seed in range(0, SYSTEMS, 2):
-        system = system_of(seed, tmp_path / str(seed))
-        heard, ticks = activity(system, seed)
-        assert 1.0 < sum(heard.values()) / SECONDS < 2000.0, f"seed {seed}"
+        folder = tmp_path / str(seed)
+        system = system_of(seed, folder)
+        heard, ticks = ran(system, seed)
+        assert 1.0 < len(heard) / SECONDS < 2000.0, f"seed {seed}"
         assert ticks or system.policy is None, f"seed {seed}"
         channels = {
             item.channel
@@ -78,8 +87,10 @@ def test_systems_are_at_work(tmp_path: Path) -> None:
             for item in machine.interfaces
             if item.kind in CHANNEL_KINDS and item.channel and not item.channel.endswith("/halt")
         }
-        used += len(channels & heard.keys())
-        unused += len(channels - heard.keys())
+        alive = {item.channel.partition("/_action")[0] for item in heard}
+        used += len(channels & alive)
+        unused += len(channels - alive)
+        assert not broken(seed, folder, system, heard), f"seed {seed}"
     assert used > 9 * unused
 
 
@@ -89,6 +100,23 @@ def test_the_whole_language_is_used() -> None:
     assert not missing
     assert UNUSED.keys() <= table.keys()
     assert not [name for name in UNUSED if table[name]], "used after all"
+
+
+def test_properties_have_every_pattern_in_every_scope() -> None:
+    bodies = [item.body for plan in plans(400) for item in plan.properties]
+    found = {
+        (body["pattern"], next((scope for scope in SCOPES if scope in body), ""))
+        for body in bodies
+        if "pattern" in body
+    }
+    assert found == {(pattern, scope) for pattern in PATTERNS for scope in SCOPES}
+    assert any("formula" in body for body in bodies)
+
+
+def test_a_system_without_a_node_is_no_reduction() -> None:
+    plan = make(3, 2)
+    plugins = tuple(item for item in plan.models if item.is_plugin)
+    assert not is_valid(msgspec.structs.replace(plan, models=plugins, properties=(), ports={}))
 
 
 def test_a_seed_gives_the_same_system_again() -> None:
