@@ -109,12 +109,14 @@ def survey(
     recording = open_recording(path, monitored.system.library)
     if recording.form == OWN and view.time.kind in ("", PUBLISH):
         return _own(recording, properties, named)
+    needed = frozenset({*named, *properties.channels})
     base, attribution = read_through(
         recording,
         view.time,
         monitored.system.nodes,
         monitored.machines,
         monitored.bounds.latency,
+        None if ANY_CHANNEL in needed else needed,
     )
     if not monitored.machines:
         attribution = None
@@ -127,6 +129,7 @@ def read_through(
     nodes: Iterable[Machine],
     machines: Iterable[Machine],
     latency_ns: int,
+    needed: frozenset[str] | None = None,
 ) -> tuple[TimeBase | None, Attribution | None]:
     """Read all of ``recording``: by which time it can be judged, and who did what in it.
 
@@ -136,6 +139,7 @@ def read_through(
         nodes: all machines of the system.
         machines: those that are to be judged.
         latency_ns: a message is received within this time.
+        needed: the channels of which the stamps matter; None: all.
 
     Returns:
         Neither for a recording of moon, which says both itself (unless another time was chosen); no time for
@@ -145,7 +149,7 @@ def read_through(
         NotJudgedError: it has no such time, or none that makes sense, or holds two runs.
     """
     choice = choice or TimeChoice()
-    found = Survey(choice)
+    found = Survey(choice, needed)
     for entry in recording.entries():
         if type(entry) is Observation:
             found.note(entry)

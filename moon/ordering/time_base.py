@@ -65,6 +65,11 @@ def time_choice(text: str) -> TimeChoice:
     raise TimeError(f"`{text}` is no time; expected log, publish, header:FIELD or clock")
 
 
+def concerns(needed: frozenset[str] | None, channel: str) -> bool:
+    """Whether ``channel`` is one of ``needed``, or a part of an action that is; None: all are."""
+    return needed is None or channel in needed or channel.partition("/_action/")[0] in needed
+
+
 class Range:
     """What was found of one time of the entries, in the order in which they were recorded.
 
@@ -140,6 +145,7 @@ class Survey:
 
     Args:
         choice: what was chosen; of its time note is taken, too.
+        needed: the channels that matter (see :func:`concerns`); None: all.
 
     Attributes:
         log: when entries were recorded.
@@ -152,7 +158,8 @@ class Survey:
         most_late_ns: by how much at most something fresh was recorded after it happened.
     """
 
-    def __init__(self, choice: TimeChoice) -> None:
+    def __init__(self, choice: TimeChoice, needed: frozenset[str] | None = None) -> None:
+        self.needed = needed
         self.log, self.stamps, self.fresh, self.chosen = Range(), Range(), Range(), Range()
         self.told = (0, 0)
         self.set_back = 0
@@ -170,11 +177,13 @@ class Survey:
             for found in (self.log, self.stamps, self.fresh):
                 found.begin_again()
         self.log.note(received_ns)
-        self.stamps.note(stamp_ns)
         told_ns = read_time(seen, self._choice)
         if told_ns is not None:
             self.told = self.told if self.chosen.count else (told_ns, received_ns)
             self.chosen.note(told_ns)
+        if not concerns(self.needed, seen.channel):
+            return
+        self.stamps.note(stamp_ns)
         self.is_on_arrival = self.is_on_arrival and received_ns == stamp_ns
         if makes_sense(received_ns) and makes_sense(stamp_ns):
             self._note_lag(seen, received_ns - stamp_ns)
@@ -227,6 +236,7 @@ class TimeBase(msgspec.Struct, frozen=True):
         first_ns: when the first entry was recorded.
         window_ns: by so much entries are out of the order of their times.
         known_ns: what happened up to then is in the recording, if it was recorded at all; 0: all is.
+        needed: the channels that are stamped by it, where others may be off; None: all.
         told: of :data:`HEADER` and :data:`CLOCK`: the first time that is told, and when that was recorded.
         limits: what cannot be concluded, one sentence each.
     """
@@ -240,6 +250,7 @@ class TimeBase(msgspec.Struct, frozen=True):
     first_ns: int = 0
     window_ns: int = 0
     known_ns: int = 0
+    needed: frozenset[str] | None = None
     told: tuple[int, int] = (0, 0)
     limits: tuple[str, ...] = ()
 
@@ -295,7 +306,8 @@ def time_base(
         text,
         why=why,
         first_ns=survey.log.first_ns,
-        window_ns=survey.fresh.disorder_ns,
+        window_ns=max(survey.fresh.disorder_ns, survey.most_late_ns),
+        needed=survey.needed,
         known_ns=max(survey.log.last_ns - min(survey.most_late_ns, latency_ns), 0),
         limits=limits,
     )
@@ -398,6 +410,8 @@ class _Times:
         if base.kind == LOG:
             return seen.received_ns
         if base.kind == PUBLISH:
+            if not concerns(base.needed, seen.channel):
+                return seen.received_ns
             # what its publisher kept for who comes later is known when it comes
             return seen.stamp_ns if seen.stamp_ns >= base.first_ns else seen.received_ns
         told_ns = read_time(seen, self._choice)

@@ -107,6 +107,16 @@ def test_stamps_that_agree_tell_the_order(tmp_path: Path):
     assert said.time == "log_time, when each entry was recorded"
 
 
+@pytest.mark.parametrize("ahead_s", [-HOUR, 0.3, HOUR])
+def test_a_clock_that_matters_to_nobody_changes_nothing(tmp_path: Path, ahead_s: float):
+    lines = [Line(n, 9 if n == 3 else 1, published_s=n - 0.01) for n in range(8)]
+    lines += [Line(n + 0.1, 1, "/camera", n + 0.1 + ahead_s) for n in range(8)]
+    lines.sort(key=lambda line: line.at_s)
+    said = check(tmp_path, foreign_mcap(tmp_path, lines), PROPERTIES, "--strict")
+    assert (said.code, said.verdicts) == (1, FOUND), said.out
+    assert said.time.startswith("publish_time")
+
+
 def test_what_was_latched_before_the_recording_counts_from_its_beginning(tmp_path: Path):
     lines = [
         Line(0, 5, "/go", -HOUR),
