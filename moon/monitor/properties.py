@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
+from m2c.model.walk import variables_of
 from moon.monitor.departures import PREFIX, Departures
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
@@ -24,13 +25,14 @@ from moon.oracle.bounds import FOREVER
 from moon.ordering.judge import Gap
 from moon.ordering.sources import Sources
 from moon.properties.describe import duration
+from moon.properties.formula import predicates
 from moon.properties.monitor import TimeOrderError
 from moon.properties.ordering import OrderedProperties
 from moon.properties.predicates import ANY_CHANNEL
 from moon.properties.property import Fact, Property, Role, Status, Witness
 from moon.properties.property import Verdict as PropertyVerdict
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
-from moon.wording import Wording, value_text
+from moon.wording import Wording, is_whole, value_text
 from transports.interface import Observation, ObservationKind
 
 SHOWN_FACTS = 8
@@ -415,7 +417,7 @@ def _explained(item: Property, witness: Witness | None, wording: Wording) -> Exp
     facts = witness.facts if witness is not None else ()
     facts = tuple(fact for fact in facts if not fact.predicate.startswith(PREFIX))
     shown = facts[-SHOWN_FACTS:]
-    evidence = [Evidence(_since(fact), _fact(fact, wording)) for fact in shown]
+    evidence = [Evidence(_since(fact), _fact(item, fact, wording)) for fact in shown]
     evidence.sort(key=lambda item: item.stamp_ns)
     if witness is not None and (len(shown) < len(facts) or not witness.complete):
         first_ns = evidence[0].stamp_ns if evidence else witness.at_ns
@@ -441,11 +443,27 @@ def _what(fact: Fact) -> str:
     return f"{what} for {duration(lasted)}" if lasted > 0 else what
 
 
-def _fact(fact: Fact, wording: Wording) -> str:
+def _fact(item: Property, fact: Fact, wording: Wording) -> str:
     seen = fact.observation
     if seen is None:
         return _what(fact)
     whose = f" of {seen.source}" if seen.source else ""
     kind = str(seen.kind).replace("_", " ")
     data = value_text(seen.data, wording.kind(seen.type_name)) if seen.data is not None else ""
+    if not is_whole(data) and (read := _fields_read(item, fact, seen)):
+        data = f"{read} in {data}"
     return f"{_what(fact)}: {kind} on {seen.channel}{whose} {data}".rstrip()
+
+
+def _fields_read(item: Property, fact: Fact, seen: Observation) -> str:
+    """The fields of a message that the predicate is about, with their values; "" for the whole of it."""
+    predicate = predicates(item.formula).get(fact.predicate)
+    names = () if predicate is None else variables_of(predicate.expression)
+    found: list[str] = []
+    for port in item.ports:
+        if port.name in names and port.path and port.channel == seen.channel:
+            value = seen.data
+            for name in port.path:
+                value = value.get(name) if isinstance(value, dict) else None
+            found.append(f"{'.'.join(port.path)}: {value_text(value)}")
+    return ", ".join(found)

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from moon.monitor.properties import verdict_on
 from moon.properties.formula import text
-from moon.properties.monitor import PropertyMonitor
+from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.network import build_network
 from moon.properties.property import REQUESTS, Port, Property, Status
 from moon.properties.syntax import parse_formula
 from tests.properties.differential import random_formula
 from tests.properties.direct import holds
 from tests.properties.runs import run, seen
-from transports.interface import ObservationKind
+from transports.interface import Observation, ObservationKind
 
 SECOND = 10**9
 
@@ -221,3 +221,25 @@ def test_what_is_reported_of_a_violation_has_the_time_and_value_of_what_made_it_
         (10 * SECOND, "level < 30 for 2 s: message on /battery of robot {data: 29}"),
         (12 * SECOND + 1, "not (docked) for 5 s"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("length", "begins"), [(3, "{stamp: 1, pose:"), (300, "pose.x: 9 in {stamp: 1")]
+)
+def test_the_fields_that_a_property_is_about_come_first_in_a_message_that_is_too_long(
+    length: int, begins: str
+) -> None:
+    data = {"stamp": 1, "name": "n" * length, "pose": {"y": 0, "x": 9}}
+    if length == 3:
+        data = {"stamp": 1, "pose": {"y": 0, "x": 9}}
+    ports = (Port("x", "/at", path=("pose", "x")), Port("stamp", "/at", path=("stamp",)))
+    item = Property("low", parse_formula("historically{x < 5}"), ports)
+    monitor = PropertySet([item])
+    monitor.observe(Observation(
+        stamp_ns=5, received_ns=5, channel="/at", kind=ObservationKind.MESSAGE, type_name="", data=data,
+        source="robot",
+    ))  # fmt: skip
+    said = verdict_on(item, monitor.verdicts()["low"])
+    assert said.explanation is not None
+    (evidence,) = said.explanation.evidence
+    assert evidence.text.startswith(f"not (x < 5): message on /at of robot {begins}")
