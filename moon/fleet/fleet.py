@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from m2c.suggestions import first_of
 from moon.fleet.choice import WHOLE, Shard
+from moon.fleet.memory import give_back
 from moon.fleet.notices import RobotNotices
 from moon.fleet.report import standing
 from moon.fleet.robot import FleetModels, Robot
@@ -75,6 +76,8 @@ class Fleet:
         self._others = 0
         """Robots that are up and belong to other shares."""
         self._is_full = False
+        self._judged = 0
+        """Robots that had judges at the last look at that."""
         self._looks = 0
         self._next = 0
         self._measured_ns = 0
@@ -175,6 +178,10 @@ class Fleet:
             self._measured_ns = now_ns
             for robot in robots:
                 robot.measure(now_ns)
+            judged = sum(robot.is_judged for robot in robots)
+            if judged < self._judged:
+                give_back()
+            self._judged = judged
 
     def _say_who_is_there(self) -> None:
         present = frozenset(robot.name for robot in self._robots.values() if robot.is_present)
