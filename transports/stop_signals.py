@@ -45,14 +45,26 @@ class StopSignals:
         self._again: Callable[[int], None] | None = None
         self._again_s = again_s
         self._asked_s: float | None = None
+        self.number = 0
+        """Of the first signal that came; 0: none has."""
         for number in stopping():
             signal.signal(number, self._came)
 
     @classmethod
     def kept(cls) -> StopSignals:
         """Those that this process keeps already, else new ones."""
+        return cls._keeping() or cls()
+
+    @classmethod
+    def came(cls) -> int:
+        """The signal that those which this process keeps got first; 0 if none came, or none are kept."""
+        keeping = cls._keeping()
+        return 0 if keeping is None else keeping.number
+
+    @classmethod
+    def _keeping(cls) -> StopSignals | None:
         keeping = getattr(signal.getsignal(signal.SIGINT), "__self__", None)
-        return keeping if isinstance(keeping, cls) else cls()
+        return keeping if isinstance(keeping, cls) else None
 
     @property
     def asked(self) -> bool:
@@ -74,6 +86,7 @@ class StopSignals:
         if before_s is not None and now_s - before_s < self._again_s:
             return
         self._asked_s = now_s
+        self.number = self.number or number
         if self._stop is None:
             if before_s is not None:
                 end_by(number)

@@ -3,8 +3,9 @@
 It has the kernel end it when its parent ends, however that ends (prctl(2)). The parent cannot arrange
 that on its own between fork and exec: its threads are not there then, and what they have locked is.
 
-NICE is its priority, a nice value, or empty. And whoever crashes, or is killed since it does not end, says
-first where in its code it stood: also within a middleware that holds Python's lock.
+NICE is its priority, a nice value, or empty. Who ends well since a signal asked for that says so by its exit
+code. And whoever crashes, or is killed since it does not end, says first where in its code it stood: also
+within a middleware that holds Python's lock.
 """
 
 from __future__ import annotations
@@ -16,9 +17,13 @@ import runpy
 import signal
 import sys
 
+from transports.stop_signals import StopSignals
+
 _PR_SET_PDEATHSIG = 1
 SAY_WHERE_AND_END = signal.SIGQUIT
 """What a process is sent that does not end otherwise."""
+BY_SIGNAL = 128
+"""Plus a signal's number: the exit code of who ended well, as this signal asked for it. Shells have it so."""
 
 
 def main(arguments: list[str]) -> None:
@@ -32,7 +37,13 @@ def main(arguments: list[str]) -> None:
     if nice:
         _set_priority(int(nice))
     sys.argv[1:] = arguments[3:]
-    runpy.run_module(package, run_name="__main__", alter_sys=True)
+    try:
+        runpy.run_module(package, run_name="__main__", alter_sys=True)
+    except SystemExit as end:
+        if end.code:
+            raise
+    if number := StopSignals.came():
+        sys.exit(BY_SIGNAL + number)
 
 
 def _set_priority(nice: int) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any, NoReturn
 
+from m2c.launch import threads
 from m2c.logs import LineFormatter
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
 from m2c.policy.ticking import PolicyError
@@ -84,10 +85,17 @@ class _Composition:
 
     def close(self) -> None:
         """End all; from any thread."""
+        self._ask_all()
         self._owner.post(self._owner.close)
+
+    def _ask_all(self) -> None:
+        """Who learns that the process is to end does not hang; who is at work when it is killed does."""
+        for connection in self._connections.values():
+            connection.post(threads.end_work)
 
     def stop(self) -> None:
         """A signal: the policy first, as it halts its tree, for which its skills must be there."""
+        self._ask_all()
         self._owner.post(self.close if self.policy is None else self.policy.stop)
 
     def run(self) -> int:
@@ -116,7 +124,8 @@ class _Composition:
     def _spin(self, connection: Transport) -> None:
         is_over = False
         try:
-            connection.spin()
+            with threads.working_for(list(self._connections).index(connection.node)):
+                connection.spin()
             is_over = True
         finally:
             if not is_over:

@@ -13,8 +13,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from m2c.launch import child
+from m2c.launch import child, threads
+from transports.stop_signals import stopping
 
+_SAY_WHERE = child.SAY_WHERE_AND_END
 KEPT_LINES = 20
 """Last lines of a process's output, for the report of how it died: where it stood is some twelve of them."""
 STOP_TIMEOUT_S = 10.0
@@ -51,6 +53,8 @@ class NodeProcess:
         priority: int | None = None,
     ) -> None:
         self.name = name
+        self.stuck: threads.Worker | None = None
+        """Its one thread that was at work when it was killed as it did not end."""
         self.last_lines: collections.deque[str] = collections.deque(maxlen=KEPT_LINES)
         self._line = line
         self._ended = ended
@@ -102,9 +106,9 @@ class NodeProcess:
         """
         try:
             code = self._process.wait(max(deadline - time.monotonic(), 0.0))
-            how = "" if code in (0, -number) else describe_end(code)
+            how = "" if code == -number or ended_well(code) else describe_end(code)
         except subprocess.TimeoutExpired:
-            self._process.send_signal(child.SAY_WHERE_AND_END)
+            self._ask_where()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(LAST_WORDS_S)
             self._process.kill()
@@ -113,9 +117,30 @@ class NodeProcess:
         self._thread.join(OUTPUT_TIMEOUT_S)
         return how
 
+    def _ask_where(self) -> None:
+        """Have it say where that thread stands which does not end; if that is not known, the main one."""
+        at_work = threads.at_work(self._process.pid)
+        if len(at_work) == 1 and threads.send(self._process.pid, at_work[0], _SAY_WHERE):
+            (self.stuck,) = at_work
+        else:
+            self._process.send_signal(_SAY_WHERE)
+
+
+def asked_by(code: int) -> str:
+    """The signal that asked a process to end which ended well, by its exit code; "" if none did."""
+    number = code - child.BY_SIGNAL
+    return signal.Signals(number).name if number in stopping() else ""
+
+
+def ended_well(code: int) -> bool:
+    """Whether this is the exit code of a process without a fault."""
+    return code == 0 or bool(asked_by(code))
+
 
 def describe_end(code: int) -> str:
     """An exit code in words: ``exited with code 3``, ``was killed by SIGKILL``."""
+    if ended_well(code):
+        return "exited with code 0"
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"exited with code {code}"

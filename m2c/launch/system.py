@@ -14,7 +14,7 @@ import msgspec
 from m2c.launch import composed
 from m2c.launch.description import LaunchDescription, LaunchError
 from m2c.launch.grouping import Group
-from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, describe_end
+from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, asked_by, describe_end, ended_well
 from m2c.launch.refusals import Refusals
 from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.router import NAME as ROUTER
@@ -25,6 +25,7 @@ from m2c.suggestions import first_of
 from transports.interface import Timer, Transport
 from transports.stop_signals import StopSignals
 
+_RUN = "m2c run"
 START_TIMEOUT_S = 30.0
 """How long the next node may take to be up; a machine under load starts twenty interpreters in it."""
 STARTING = 2 * (os.cpu_count() or 1)
@@ -293,6 +294,13 @@ class RunningSystem:
                     self._violated = True
                 elif how:
                     self._ended_badly[process.name] = how
+                    self._note_stuck(process)
+
+    def _note_stuck(self, process: NodeProcess) -> None:
+        """Whose thread was at work in a process that did not end."""
+        group, stuck = self._groups.get(process.name), process.stuck
+        if group is not None and stuck is not None and stuck.number < len(group.packages):
+            self._dead_node.setdefault(process.name, group.packages[stuck.number].name)
 
     def _start(self, group: Group) -> None:
         """Start the process of ``group``."""
@@ -382,7 +390,12 @@ class RunningSystem:
             return
         group = self._groups.get(name)
         has_policy = group is not None and group.policy is not None
-        if code and group is not None and not has_policy and self._settings.restart:
+        by = asked_by(code)
+        if by:
+            self._screen.line(
+                f"{self._who(name)} was asked to end by {by}, which {_RUN} did not send"
+            )
+        if not ended_well(code) and group is not None and not has_policy and self._settings.restart:
             self._transport.post(functools.partial(self._process_died, group, code))
             return
         if not (has_policy and code == 0):

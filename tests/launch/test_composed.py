@@ -190,3 +190,68 @@ def test_a_policy_that_has_ended_before_its_nodes_are_heard_of_has_ticked(
         ["tick", str(number)] for number in (1, 2, 3)
     ]
     assert said[-1] == "stopped after 3 ticks; all nodes have ended"
+
+
+HANGS = """
+import time as _time
+def _hang():
+    print("hanging", flush=True)
+    while True:
+        {how}
+"""
+
+
+def hanging(folder: Path, how: str) -> Path:
+    """The generated system, in which MoveSkill does not come back from its first tick."""
+    node = folder / "move_skill" / "move_skill" / "machine.py"
+    text = node.read_text()
+    assert "status=2" in text
+    node.write_text(text.replace("status=2", "status=_hang()", 1) + HANGS.format(how=how))
+    return folder
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("how", ["_time.sleep(3600)", "pass"], ids=["waits", "loops"])
+@pytest.mark.parametrize("first", ["LevelSkill", "MoveSkill"])
+def test_a_node_that_hangs_is_named_and_says_where_whoever_it_shares_a_process_with(
+    system: System, first: str, how: str
+) -> None:
+    folder = hanging(system.generate(), how)
+    if first == "MoveSkill":  # which runs on the main thread then
+        launch = json.loads((folder / "launch.json").read_text())
+        launch["nodes"].reverse()
+        (folder / "launch.json").write_text(json.dumps(launch))
+    run = Run(folder, "--processes", 1)
+    run.until("hanging")
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 1, run.output
+    who = "MoveSkill (in process 1, with LevelSkill, policy)"
+    said = [line.startswith(f"{who} did not end in 10 s and was killed") for line in run.lines]
+    assert any(said), run.output
+    assert any("in _hang" in line for line in run.lines[said.index(True) :]), run.output
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("count", [1, "each"])
+def test_a_process_that_somebody_asks_to_end_ends_the_run_and_is_named(
+    system: System, count: int | str
+) -> None:
+    run = Run(system.path, "--processes", count)
+    run.until("tick ")
+    children = run.children()
+    os.kill(children["LevelSkill"] if count == "each" else children.popitem()[1], signal.SIGTERM)
+    assert run.end() == 1, run.output
+    who = "process 1 (with LevelSkill, MoveSkill, policy)" if count == 1 else "LevelSkill"
+    assert f"{who} was asked to end by SIGTERM, which m2c run did not send" in run.lines
+    assert any(
+        line.startswith(f"{who} exited with code 0; everything was stopped.") for line in run.lines
+    ), run.output
+
+
+@pytest.mark.zenoh
+def test_a_policy_that_somebody_asks_to_end_ends_the_run_and_is_named(system: System) -> None:
+    run = Run(system.path, "--processes", "each")
+    run.until("tick ")
+    os.kill(run.children()["policy"], signal.SIGTERM)
+    assert run.end() == 1, run.output
+    assert "policy was asked to end by SIGTERM, which m2c run did not send" in run.lines
