@@ -107,7 +107,7 @@ class EventOrder:
     def start(self, listener: Tap, since_ns: int = 0) -> int:
         """Judging begins now; since when all is received (ns), by default since now."""
         self.listener = listener
-        now_ns = self._now_ns()
+        now_ns, self._monotonic_ns = self.read_clocks()
         self.since_ns = since_ns or now_ns
         self.clock.restart(now_ns)
         return self.since_ns
