@@ -94,17 +94,19 @@ def check_recording(
     collector = _Collector(player)
     notes: list[str] = []
     unrecorded = surveyed.unrecorded(properties)
+    left_out = surveyed.left_out(monitored.machines)
     properties.begins_with_first = base is not None
     properties.miss(unrecorded)
+    judged = monitored.machines if attribution is None else attribution.machines
     watch = SystemWatch(
         player,
         monitored.system,
-        monitored.machines if attribution is None else attribution.machines,
+        [machine for machine in judged if machine.name not in left_out],
         monitored.bounds,
         [collector],
         notes.append,
         properties,
-        policy=monitored.policy and attribution is None,
+        policy=monitored.policy and attribution is None and not left_out,
         monotonic_ns=player.monotonic_ns,
         repeated=collector.repeat,
     )
@@ -136,10 +138,20 @@ def check_recording(
             *player.limits(),
             *(unrecorded.values() or silent(recording, properties, named)),
             *assumed(attribution),
+            *(
+                f"{name} is not judged: {topic} was not recorded"
+                for name, topic in left_out.items()
+            ),
         ),
         time="" if base is None else base.sentence,
         unrecorded=tuple(
-            dict.fromkeys([*unrecorded, *(attribution.unrecorded if attribution else ())])
+            dict.fromkeys(
+                [
+                    *unrecorded,
+                    *(attribution.unrecorded if attribution else ()),
+                    *left_out.values(),
+                ]
+            )
         ),
     )
     return CheckResult(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.machine import Machine
+from m2c.model.machine import InterfaceKind, Machine
 from m2c.suggestions import nearest
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.subject import Monitored
@@ -48,11 +48,24 @@ class Surveyed(msgspec.Struct, frozen=True):
         base: by which time it is judged; None: a recording of moon has one time only.
         attribution: who did what; None: it says so itself, or there are no machines.
         recorded: the channels that were recorded, if only to show that nothing happened on them.
+        globs: the channels that moon was to record; empty: all, or it is not moon's.
     """
 
     base: TimeBase | None
     attribution: Attribution | None
     recorded: tuple[str, ...]
+    globs: tuple[str, ...] = ()
+
+    def left_out(self, machines: Iterable[Machine]) -> dict[str, str]:
+        """Those of ``machines`` of which something was not to be recorded: by name, a channel of each."""
+        return {
+            machine.name: interface.channel
+            for machine in machines
+            for interface in reversed(machine.interfaces)
+            if interface.channel is not None
+            and interface.kind is not InterfaceKind.TIMER
+            and not is_recorded(interface.channel, self.globs)
+        }
 
     def unrecorded(self, properties: PropertyWatch) -> dict[str, str]:
         """Each channel that ``properties`` need and that was not recorded, with what is said of it."""
@@ -185,12 +198,12 @@ def _own(recording: Recording, properties: PropertyWatch, named: Iterable[str]) 
     """
     wanted = properties.channels - {ANY_CHANNEL}
     found, globs = recording.contents.channels, tuple[str, ...]()
-    for entry in recording.entries(wanted.__contains__) if wanted else ():
+    for number, entry in enumerate(recording.entries(wanted.__contains__)):
         if isinstance(entry, Began):
             globs = entry.globs
             if entry.paced:
                 return Surveyed(None, None, tuple(sorted(wanted)))
-        if found.keys() >= wanted:
+        if number and found.keys() >= wanted:
             break
     shown = {*found, *recording.topics()} - OWN_TOPICS
     silent = {
@@ -199,7 +212,7 @@ def _own(recording: Recording, properties: PropertyWatch, named: Iterable[str]) 
         if is_recorded(channel, globs)
         and (channel in named or not any(_is_mistyped(channel, other) for other in shown))
     }
-    return Surveyed(None, None, tuple(sorted(shown | silent)))
+    return Surveyed(None, None, tuple(sorted(shown | silent)), globs)
 
 
 def _is_mistyped(name: str, other: str) -> bool:

@@ -17,6 +17,7 @@ from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry, NodeChange
 from moon.recording.writer import RecordingWriter
+from moon.tap.selection import matches
 from tests.recording import bags
 from tests.replay.worlds import LAB_TOUR, lab_tour, tour
 from transports.interface import Observation, ObservationKind
@@ -46,11 +47,13 @@ def until_an_answer(is_numbered: bool, is_right: bool) -> list[Observation]:
     return [*(item for item in seen[:place] if item.stamp_ns < last.stamp_ns), last]
 
 
-def ours(folder: Path, seen: Sequence[Observation], ends: bool = True) -> Path:
+def ours(
+    folder: Path, seen: Sequence[Observation], ends: bool = True, globs: tuple[str, ...] = ()
+) -> Path:
     path = folder / "run.mcap"
     writer = RecordingWriter(path, Definitions(lab_tour()[0].library))
     start_ns = seen[0].stamp_ns - S
-    entries: list[Entry] = [Began(start_ns, "r", "simulated")]
+    entries: list[Entry] = [Began(start_ns, "r", "simulated", globs=globs)]
     nodes = sorted({item.source for item in seen})
     entries += [NodeChange(start_ns + 1000, name, True, start_ns + 500) for name in nodes]
     entries += seen
@@ -111,3 +114,19 @@ def test_wherever_a_good_run_is_cut_off_nobody_is_accused(
     seen = [item if is_numbered else replace(item, order=-1) for item in nominal()]
     cut_ns = seen[0].stamp_ns + round(cut_s * S)
     assert violated(checked(form(tmp_path, [i for i in seen if i.received_ns <= cut_ns]))) == set()
+
+
+@pytest.mark.parametrize("is_numbered", [True, False])
+def test_of_whom_moon_was_not_to_record_all_nothing_is_concluded(tmp_path: Path, is_numbered: bool):
+    globs = (TICK, "/BatteryComponent/**")
+    seen = [
+        item
+        for item in until_an_answer(is_numbered, False)
+        if any(matches(item.channel, glob) for glob in globs)
+    ]
+    result = checked(ours(tmp_path, seen, globs=globs))
+    assert violated(result) == {SKILL}
+    assert "WaitSkill" not in {item.machine for item in result.machines}
+    limits = [limit for limit in result.recording.limits if limit.startswith("WaitSkill ")]
+    assert limits == ["WaitSkill is not judged: /WaitSkill/tick was not recorded"]
+    assert "/WaitSkill/tick" in result.recording.unrecorded
