@@ -381,7 +381,8 @@ class Compiler:
             made = new(step)
             if step.data[root].__class__ is Unknown:
                 unknown_place(step)
-                return  # a part of something unknown: still unknown
+                step.data[root] = anything()  # another: what was sent before tells nothing of it
+                return
             # values are shared between hypotheses: change a copy
             step.data[root] = copy.deepcopy(step.data[root])
             target = holder(step)

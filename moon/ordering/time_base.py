@@ -32,8 +32,6 @@ LATEST_NS = 10_000_000_000
 """A recorder may stand still, and receive late; what is later than this was not late: clocks differ."""
 MAX_HELD = 200_000
 """Entries held at once, whatever the time."""
-FEW = 10
-"""In so few entries a pause is nothing special."""
 _MAX_PLACES = 10_000
 
 
@@ -157,7 +155,6 @@ class Survey:
         told: the first of these, and when that was recorded.
         set_back: how often the recorder's clock was.
         is_on_arrival: whether entries are stamped with the time at which they were recorded.
-        pause_ns: for how long at most nothing was recorded.
         most_late_ns: by how much at most something fresh was recorded after it happened.
     """
 
@@ -168,7 +165,6 @@ class Survey:
         self.set_back = 0
         self.is_on_arrival = True
         self.most_late_ns = 0
-        self.pause_ns = 0
         self._choice = choice
         self._lags: dict[tuple[str, str, str], _Lags] = {}
         """By channel, kind and client: each end of a call has a clock of its own."""
@@ -180,8 +176,6 @@ class Survey:
             self.set_back += 1
             for found in (self.log, self.stamps, self.fresh):
                 found.begin_again()
-        if self.log.count:
-            self.pause_ns = max(self.pause_ns, received_ns - self.log.last_ns)
         self.log.note(received_ns)
         told_ns = read_time(seen, self._choice)
         if told_ns is not None:
@@ -345,10 +339,6 @@ def _order(survey: Survey, late: int) -> tuple[str, ...]:
         )
     if survey.set_back:
         return ("its clock was set back once: what comes after that is judged anew",)
-    rest_ns = survey.log.last_ns - survey.log.first_ns - survey.pause_ns
-    if survey.pause_ns > rest_ns and survey.log.count > FEW:
-        what = f"nothing was recorded for {_seconds(survey.pause_ns)}, longer than all the rest"
-        return (f"{what}: if these are two runs, judge each with --from and --to",)
     return ()
 
 

@@ -15,7 +15,6 @@ from typing import IO
 import lz4.frame
 from msgspec.structs import astuple
 
-from moon.recording.format import form_of
 from moon.recording.offers import OFFERED, note_offer
 from moon.recording.stored import (
     MAX_BYTES,
@@ -114,8 +113,6 @@ class McapFile:
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._channels: dict[int, StoredChannel] = {}
         self._wanted: dict[int, StoredChannel] = {}
-        self._numbers: dict[tuple[str, str, str, str, str], int] = {}
-        """Of the channels of others, by all that they are."""
         self._unwanted: set[int] = set()
 
     def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
@@ -245,20 +242,9 @@ class McapFile:
         made = StoredChannel(topic, name, encoding, schema_encoding, text, metadata)
         known = self._channels.get(number)
         if known is None or astuple(known) != astuple(made):
-            if form_of(metadata) is None:
-                self._look_for_twin(number, made)
             self._channels[number] = made
             self._unwanted.discard(number)
             self._wanted.pop(number, None)
-
-    def _look_for_twin(self, number: int, made: StoredChannel) -> None:
-        """A recorder declares a topic once: who does it again alike has merged two recordings."""
-        key = (made.topic, made.type_name, made.encoding, made.schema, str(made.metadata))
-        if self._numbers.setdefault(key, number) != number and not self.is_of_two:
-            self.is_of_two = True
-            self._fault(
-                self._offset, f"{made.topic} is declared a second time: two files were merged"
-            )
 
     def _message(
         self, data: bytes, wanted: Callable[[StoredChannel], bool]

@@ -10,6 +10,7 @@ from moon.oracle.model_oracle import Resynchronisation
 from moon.oracle.oracle import Oracle
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Outcome
+from tests.oracle.machines import library, read
 from tests.oracle.tour import lab_tour, tour
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
@@ -105,3 +106,46 @@ def test_nothing_is_concluded_from_before_what_is_too_old_to_be_kept() -> None:
     anchor = found.find(1_560_000_000)
     assert anchor is not None
     assert anchor[0] == 1_555_000_000 - 1
+
+
+KEEPS = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Probe" initial="idle">
+  <datamodel><data id="numbers" type="int32[]" expr="[1, 2]"/></datamodel>
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_topic_publisher topic="/out" type="std_msgs/Int32MultiArray"/>
+  <state id="idle">
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_topic_publish name="/out"><field name="data" expr="numbers"/></ros_topic_publish>
+      <assign location="numbers[0]" expr="_req.value"/>
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+
+
+def test_what_was_sent_tells_nothing_of_what_was_changed_since() -> None:
+    """The array is unknown as it is published; what is seen of it is not what it is once a part is assigned."""
+    oracle = Oracle(read(KEEPS), library(), "Probe", synchronised=False)
+    now_ns, order = 10**18, 0
+    oracle.listen(now_ns)
+    ask, out = ("/Probe/ask", "probe_interfaces/srv/Ask_"), ("/out", "std_msgs/msg/Int32MultiArray")
+    empty = {"dim": [], "data_offset": 0}
+    for call, (asked, numbers) in enumerate([(5, [1, 2]), (7, [5, 2])]):
+        now_ns += 10**9
+        oracle.advance(now_ns)
+        for kind, (channel, type_name), data in (
+            (ObservationKind.REQUEST_RECEIVED, ask, {"value": asked}),
+            (ObservationKind.MESSAGE, out, {"layout": empty, "data": numbers}),
+            (ObservationKind.RESPONSE_SENT, ask, {"value": 1, "ok": False}),
+        ):
+            now_ns, order = now_ns + 1000, order + 1
+            seen = Observation(
+                stamp_ns=now_ns, received_ns=now_ns, channel=channel, kind=kind, source="Probe",
+                type_name=type_name, data=data, order=order, client="somebody", call=call + 1,
+            )  # fmt: skip
+            oracle.feed(seen)
+    now_ns += 10**9
+    oracle.reported(order + 1, now_ns, now_ns)
+    oracle.advance(now_ns)
+    assert oracle.outcome is Outcome.CONFORMING
