@@ -352,7 +352,8 @@ class _Drawn:
             under_way = of_actions
         if under_way and self._random.random() < 0.7:
             seen = self._random.choice(under_way)
-            node = self._random.choice([name for name in (seen.source, seen.client) if name])
+            there = [name for name in (seen.source, seen.client) if name in self._happened.nodes]
+            node = self._random.choice(there or [node])
         down_s = self._random.choice((0.0, 0.02, 0.3, 1.5, None))
         return Kill(node, self._instant_s(seen), down_s)
 

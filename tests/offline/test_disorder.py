@@ -116,34 +116,6 @@ def test_a_recording_of_moon_with_two_ends_is_not_judged(tmp_path: Path):
     assert "it holds two runs" in said.out
 
 
-@pytest.mark.parametrize("later_s", [0.5, 20, 5000])
-def test_a_topic_that_is_declared_twice_is_of_two_runs(tmp_path: Path, later_s: float):
-    from mcap.writer import Writer
-
-    path = tmp_path / "merged.mcap"
-    runs = [stored([Line(begin + n, 1) for n in range(5)]) for begin in (0, later_s)]
-    with path.open("wb") as opened:
-        writer = Writer(opened)
-        writer.start(profile="ros2", library="another")
-        schema = writer.register_schema("std_msgs/msg/Int32", "ros2msg", b"int32 data\n")
-        numbers = [writer.register_channel("/level", "cdr", schema) for _ in runs]
-        items = [(item, number) for run, number in zip(runs, numbers, strict=True) for item in run]
-        for item, number in sorted(items, key=lambda pair: pair[0].log_ns):
-            writer.add_message(number, item.log_ns, item.data, item.publish_ns)
-        writer.finish()
-    said = check(tmp_path, path, PROPERTIES)
-    assert said.code == 2, said.out
-    assert "it holds two runs" in said.out
-
-
-@pytest.mark.parametrize("form", FOREIGN)
-def test_a_pause_that_is_longer_than_all_the_rest_is_said(tmp_path: Path, form: Form):
-    lines = [Line(begin + n, 1) for begin in (0, 1000) for n in range(10)]
-    said = check(tmp_path, form(tmp_path, lines), PROPERTIES)
-    (limit,) = [limit for limit in said.limits if limit.startswith("nothing was recorded for")]
-    assert limit.startswith("nothing was recorded for 991.0 s, longer than all the rest: if these")
-
-
 END = 2**63 - 1
 
 
