@@ -175,6 +175,14 @@ class ModelMonitor:
         if oracle is not None:
             oracle.listen(stamp_ns)
 
+    def take_unreached(self) -> set[str]:
+        """Nodes of which it has to be known whether they can be reached: they are to be asked."""
+        return {node for oracle in self._all for node in oracle.take_unreached()}
+
+    def take_findings(self, now_ns: int) -> list[str]:
+        """What was found of links, one sentence each."""
+        return [found for oracle in self._all for found in oracle.take_findings(now_ns)]
+
     def sender_ended(self, node: str) -> None:
         """``node`` is gone, or has started again: what it sent last may never have left."""
         for oracle in self._all:

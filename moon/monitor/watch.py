@@ -182,6 +182,7 @@ class SystemWatch:
                     self._node_up(name, self._nodes[name])
         if clock_ns >= self._order.since_ns:
             self._take(self._models.advance(clock_ns))
+            self._look_at_links(clock_ns)
         self._advance_properties(clock_ns)
         for name, node in self._gone:
             if node.gone_ns is not None and node.gone_ns < clock_ns - 2 * self._bounds.latency:
@@ -214,8 +215,18 @@ class SystemWatch:
         self._report_properties(self._properties.finish(known_ns, end_ns))
         self._report_changes(end_ns)
 
+    def _look_at_links(self, now_ns: int) -> None:
+        """Ask who has to be reached before it is known who is at fault; say what a network did."""
+        for node in self._models.take_unreached():
+            if self.listener is not None:
+                self._silence.ask(self.listener, node)
+        for found in self._models.take_findings(now_ns):
+            self._say(f"warning: {found}")
+
     def _answered(self, node: str, answer: Answer) -> None:
         """``node`` says up to where it has reported everything."""
+        lag_ns = self._transport.now_ns() - answer.stamp_ns
+        self._order.sources.reachability.heard(node, answer.stamp_ns, lag_ns)
         reach_ns = self._clock.reach_ns(self._transport.now_ns())
         self._order.sources.answered(node, answer.next_order, answer.stamp_ns)
         oracle = self._models.watched.get(node)

@@ -9,10 +9,12 @@ was published, or as of when its node took it.
 
 from __future__ import annotations
 
-from moon.oracle.bounds import FOREVER
+from collections.abc import Iterator
+
+from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.confirmation import Conclusion, Publishers
 from moon.oracle.evidence import Shown, evidence_of
-from moon.oracle.in_transit import RequestTracking, TakenMessages, reference_of
+from moon.oracle.in_transit import Expected, Place, RequestTracking, TakenMessages, reference_of
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
@@ -20,6 +22,7 @@ from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
 from moon.ordering.held import Held
 from moon.ordering.judge import Gap
 from moon.ordering.progress import Progress
+from moon.ordering.reachability import Reachability
 from moon.verdict import Verdict
 
 
@@ -51,6 +54,7 @@ class Delivery:
         clock: how far time has passed, for all oracles of one monitor.
         latency: what is received later than this after its stamp is late (ns).
         synchronised: whether what is received first comes from a machine that has just started.
+        reachability: when nodes were heard in time; None: they always can be reached.
 
     Attributes:
         watermark: all that happened until then was handed over (ns).
@@ -71,6 +75,7 @@ class Delivery:
         clock: Clock,
         latency: int,
         synchronised: bool,
+        reachability: Reachability | None = None,
     ) -> None:
         self.watermark = 0
         self.wake = 0
@@ -87,6 +92,11 @@ class Delivery:
         self._taken = takes.expected
         self._clock = clock
         self._latency = latency
+        self._reachability = reachability
+        self.unreached: set[str] = set()
+        """Nodes that have to be asked whether they are there."""
+        self._under_way: dict[Place, TraceEvent] = {}
+        """What is overdue and may be under way through a network that is cut."""
         self._synchronised = synchronised
         self._is_listening = False
         """Whether the judge knows that there is something to listen to."""
@@ -346,10 +356,54 @@ class Delivery:
         """When something is decided if nothing more happens: by the judge, or of what others sent (ns)."""
         return min(self._judge.due_ns, self._requests.due, self._taken.due)
 
+    def _overdue(
+        self, expected: Expected, until: int, verdicts: list[Verdict]
+    ) -> Iterator[TraceEvent]:
+        """What should have arrived by ``until`` (ns) and is not under way any more."""
+        for event in expected.overdue(until):
+            sender = event.observation.source
+            if self._reachability is None:
+                yield event
+                continue
+            if event.stamp < until - LINKED_NS:
+                continue  # it cannot be known whose fault it was
+            nodes = (sender, self._streams.node)
+            reached = self._reachability.reached_ns(nodes, event.stamp + self._latency)
+            if reached is not None and until >= 2 * reached - event.stamp:
+                yield event
+                continue
+            number = event.observation.sequence if expected is self._taken else event.call[1]
+            call = (sender, number, event.observation.life)
+            place = (event.observation.channel, call if expected is self._taken else event.call)
+            expected.wait_on(place, event, until + self._latency)
+            self.unreached.update(nodes)
+            if place not in self._under_way:
+                self._under_way[place] = event
+                text = (
+                    f"what {sender} sent may be under way: the network between it and "
+                    f"{self._streams.node} may be cut"
+                )
+                verdicts += self._conclusion.unknown(event.stamp, text)
+
+    def take_findings(self, until: int) -> list[str]:
+        """What was under way for too long and has come, or is given up, one sentence each."""
+        found = []
+        for place in [p for p in self._under_way if not self._is_expected(p)]:
+            event = self._under_way.pop(place)
+            seconds = (until - event.stamp) / 1e9
+            found.append(
+                f"the link between {event.observation.source} and {self._streams.node} was down or slow for "
+                f"up to {seconds:.1f} s: {event.observation.channel} did not come through"
+            )
+        return found
+
+    def _is_expected(self, place: Place) -> bool:
+        return place in self._requests.events or place in self._taken.events
+
     def _not_received(self, until: int) -> list[Verdict]:
         """Requests that others sent and the machine's node never received."""
         verdicts: list[Verdict] = []
-        for event in self._requests.overdue(until):
+        for event in self._overdue(self._requests, until, verdicts):
             # else perhaps its end is not instrumented
             if self.inputs or self._judge.since_start:
                 expected = f"request {event.call[1]} of {event.call[0]} to be received"
@@ -360,7 +414,7 @@ class Delivery:
     def _not_taken(self, until: int) -> list[Verdict]:
         """Messages on the machine's topics that its node, which reports what it takes, never took."""
         verdicts: list[Verdict] = []
-        for event in self._taken.overdue(until):
+        for event in self._overdue(self._taken, until, verdicts):
             source, channel = event.stream
             expected = f"message {event.observation.sequence} of {source} on {channel} to be taken"
             why = "the message was not taken"

@@ -67,6 +67,11 @@ class Expected:
         self.due = min(stamps, default=FOREVER - self._deadline) + self._deadline
         return list(found.values())
 
+    def wait_on(self, place: Place, event: TraceEvent, until: int) -> None:
+        """``event`` is overdue, but may be under way: it is looked at again at ``until`` (ns)."""
+        self.events[place] = event
+        self.due = min(self.due, until)
+
     def remove_of(self, sender: str) -> None:
         """Nothing of ``sender`` is expected any more."""
         for place in [place for place in self.events if place[1][0] == sender]:

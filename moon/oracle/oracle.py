@@ -131,6 +131,7 @@ class Oracle:
             self._clock,
             bounds.latency,
             synchronised,
+            None if sources is None else sources.reachability,
         )
         self.outputs = 0
         self.repeated = 0
@@ -500,6 +501,17 @@ class Oracle:
             return FOREVER
         due = self._delivery.due_ns
         return due if due > self._delivery.watermark else FOREVER
+
+    def take_unreached(self) -> set[str]:
+        """Nodes of which it has to be known whether they can be reached: they are to be asked."""
+        unreached = self._delivery.unreached
+        if unreached:
+            self._delivery.unreached = set()
+        return unreached
+
+    def take_findings(self, until_ns: int) -> list[str]:
+        """What was found of links, one sentence each."""
+        return self._delivery.take_findings(until_ns)
 
     @property
     def depends_on_time(self) -> bool:

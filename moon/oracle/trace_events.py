@@ -658,7 +658,7 @@ class SourceStreams:
         self._are_followed = numbers is not None
         self._numbers = numbers or Numbers(most=KEPT_STREAMS)
         self._channels = channels
-        self._node = node
+        self.node = node
         self.opened: dict[tuple[str, str, ObservationKind], SourceStream] = {}
         """By source, channel and kind."""
         self.counts: dict[Place, Count] = {}
@@ -677,7 +677,7 @@ class SourceStreams:
             self.opened.clear()
             self.counts.clear()
         message = kind is ObservationKind.MESSAGE
-        own = source == self._node
+        own = source == self.node
         readers = self._channels.readers(channel, source, kind)
         count = None
         if own or (message and readers):
@@ -696,7 +696,7 @@ class SourceStreams:
         """Whether something was received from the machine's node on ``channel``, or a part of that action."""
         part = f"{channel}/_action/"
         return any(
-            source == self._node and (received == channel or received.startswith(part))
+            source == self.node and (received == channel or received.startswith(part))
             for source, received, _ in self.opened
         )
 
@@ -709,7 +709,7 @@ class SourceStreams:
     def restart(self) -> None:
         """The machine's node numbers anew, and nothing was received from it yet."""
         self.received_since = None
-        for key in [key for key in self.opened if key[0] == self._node]:
+        for key in [key for key in self.opened if key[0] == self.node]:
             del self.opened[key]
         if not self._are_followed:
-            self._numbers.forget(self._node)
+            self._numbers.forget(self.node)

@@ -124,6 +124,7 @@ class EventOrder:
             # from the node of this name or from another: nothing is concluded from it
             self._miss(seen, clock.clock_ns, now_ns, f"several sessions claim to be {seen.source}")
             return None
+        self.sources.reachability.heard(seen.source, seen.stamp_ns, now_ns - seen.stamp_ns)
         gap = self.sources.take(seen, clock.clock_ns)
         if gap is not None:
             self._judges.gap(gap)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from moon.ordering.judge import Gap
 from moon.ordering.lives import ANOTHER, PAST, Lives
 from moon.ordering.progress import Progress
+from moon.ordering.reachability import Reachability
 from transports.interface import Observation
 
 KEPT_SOURCES = 10_000
@@ -45,6 +46,7 @@ class Sources:
 
     def __init__(self, latency_ns: int) -> None:
         self._latency_ns = latency_ns
+        self.reachability = Reachability(latency_ns)
         self.known: dict[str, Source] = {}
         """By name."""
 

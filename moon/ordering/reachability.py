@@ -1,0 +1,54 @@
+"""Whether nodes could be reached: what was under way through a network that was cut is nobody's fault.
+
+A monitor sees a network that is cut, too: of one side of it, nothing comes in time. So a node is charged
+with not having what another sent to it only if both were heard in time afterwards. What is sent again after
+a cut may take as long once more as that lasted (RFC 6298, 5.5: each wait is twice the one before).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+KEPT_TIMES = 256
+"""Of each node."""
+MOST_NODES = 1000
+"""Nodes that are followed; their names come from the wire, and never end."""
+_PARTS = 4
+"""A node is noted so often in a latency bound at most."""
+
+
+class Reachability:
+    """When each node was heard in time.
+
+    Args:
+        latency_ns: what comes later than this after its stamp is late.
+    """
+
+    def __init__(self, latency_ns: int) -> None:
+        self._latency_ns = latency_ns
+        self._times: dict[str, deque[int]] = {}
+        self._late_ns: dict[str, int] = {}
+        """Until when a node that was heard late is not counted on."""
+
+    def heard(self, node: str, stamp_ns: int, lag_ns: int) -> None:
+        """Something of ``node`` was received ``lag_ns`` after its stamp."""
+        times = self._times.get(node)
+        if times is None:
+            if len(self._times) >= MOST_NODES:
+                return
+            times = self._times[node] = deque(maxlen=KEPT_TIMES)
+        if lag_ns > self._latency_ns:
+            self._late_ns[node] = stamp_ns + 2 * lag_ns
+        elif times and stamp_ns < times[-1] + self._latency_ns // _PARTS:
+            return
+        elif stamp_ns > self._late_ns.get(node, 0):
+            times.append(stamp_ns)
+
+    def reached_ns(self, nodes: Iterable[str], since_ns: int) -> int | None:
+        """When all of ``nodes`` had been heard in time of what they did after ``since_ns``; None: not all."""
+        found = [
+            next((at for at in self._times.get(node, ()) if at >= since_ns), None) for node in nodes
+        ]
+        known = [at for at in found if at is not None]
+        return max(known) if known and len(known) == len(found) else None
