@@ -367,14 +367,14 @@ class Delivery:
                 continue
             if event.stamp < until - LINKED_NS:
                 continue  # it cannot be known whose fault it was
+            is_message = expected is self._taken
+            place = reference_of(event) if is_message else (event.observation.channel, event.call)
             nodes = (sender, self._streams.node)
             reached = self._reachability.reached_ns(nodes, event.stamp + self._latency)
             if reached is not None and until >= 2 * reached - event.stamp:
+                self._under_way.pop(place, None)
                 yield event
                 continue
-            number = event.observation.sequence if expected is self._taken else event.call[1]
-            call = (sender, number, event.observation.life)
-            place = (event.observation.channel, call if expected is self._taken else event.call)
             expected.wait_on(place, event, until + self._latency)
             self.unreached.update(nodes)
             if place not in self._under_way:

@@ -11,7 +11,6 @@ from catalogue import Detected, Fault
 from listener import DEADLINE_NS, LATENCY_NS, Run, Said
 from onset import Onset, onset
 
-from moon.monitor.watch import UNRESPONSIVE
 from transports.interface import ObservationKind
 
 LATE_NS = 200_000_000
@@ -96,7 +95,7 @@ def judged(chosen: Fault, run: Run) -> Row:
     if ignored is not None or chosen.expected.when is Detected.AT_THE_DEADLINE:
         late_ns = latency_ns - DEADLINE_NS
         row = msgspec.structs.replace(row, after_deadline_ms=late_ns / 1e6)
-        if late_ns < 0 and not said.verdict.reason.startswith(UNRESPONSIVE):
+        if late_ns < 0 and not said.verdict.is_silence:
             # it took another input without having answered: it will not answer any more
             row = msgspec.structs.replace(row, after_deadline_ms=None)
         elif late_ns < 0:
