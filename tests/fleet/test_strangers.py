@@ -41,6 +41,8 @@ MOST_MB = 60
 """What they may take: a name, a subscriber without a message, and three of Zenoh's tokens each."""
 
 
+PER_ROBOT = 2
+"""Threads: its tap's, and that of the policy's tree."""
 LAST = 2
 """Robots that an executor still has in hand: what it ran last, and its last timer."""
 
@@ -67,8 +69,8 @@ def announced(endpoint: str, count: int) -> Iterator[None]:
         process.stdin.close()
 
 
-def test_namespaces_in_which_nothing_happens_take_no_threads_and_hardly_any_memory(
-    start: Any, small: tuple[Path, Path], tmp_path: Path
+def test_robots_beside_a_thousand_strangers_are_judged_and_these_take_hardly_anything(
+    start: Any, small: tuple[Path, Path], wrong: Path, tmp_path: Path
 ) -> None:
     system, generated = small
     with router(tmp_path) as (endpoint, config):
@@ -77,26 +79,30 @@ def test_namespaces_in_which_nothing_happens_take_no_threads_and_hardly_any_memo
         before = status(monitor.process.pid)
         with announced(endpoint, STRANGERS):
             monitor.until(lambda: any("1,000 robots" in line for line in monitor.err))
-            run = start(
-                Process,
-                "m2c",
-                "run",
-                generated,
-                "--namespace",
-                "robots/r1",
-                "--zenoh-config",
-                config,
-            )
+            runs = {
+                name: start(
+                    *(Process, "m2c", "run", *options, "--namespace", name),
+                    *("--zenoh-config", config),
+                )
+                for name, options in (
+                    ("robots/r1", (generated,)),
+                    ("robots/r2", (system, "--replace", f"BatteryLevelSkill={wrong}")),
+                )
+            }
             monitor.until(lambda: monitor.conforming("robots/r1") == ALL)
+            monitor.until(lambda: ("robots/r2", "BatteryLevelSkill") in monitor.violated)
             after = status(monitor.process.pid)
-            assert after["Threads"] <= before["Threads"] + 3
+            assert after["Threads"] <= before["Threads"] + 2 * PER_ROBOT + 1
             assert after["VmRSS"] <= before["VmRSS"] + MOST_MB * 1000
-            assert run.end(signal.SIGINT) == 0, run.said
-        assert monitor.end(signal.SIGINT) == 0, monitor.said
-        assert monitor.robots == {"robots/r1"}
+            for run in runs.values():
+                assert run.end(signal.SIGINT) == 0, run.said
+        assert monitor.end(signal.SIGINT) == 1, monitor.said
+        assert monitor.violated == {("robots/r2", "BatteryLevelSkill")}
+        assert monitor.robots == {*runs}
         assert max(map(len, monitor.err)) < 1000
         summary = json.loads(monitor.out[-1])
         assert summary["robots"]["gone, conforming until it ended"] == 1
+        assert summary["robots"]["gone, violated"] == 1
 
 
 class Robots:
