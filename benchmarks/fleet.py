@@ -413,8 +413,6 @@ def measured_on_zenoh(
                 Child.calling("strangers", run_strangers, endpoint, strangers)
             )
             other.wait_for(lambda line: '"ready"' in line)
-            while monitors[0].answer(60.0).get("known", 0) < strangers:
-                pass
         before_s = processor_s(robots.pid)
         robots.tell("")
         began_ns = robots.answer()["began"]

@@ -537,7 +537,9 @@ class Namespaces(Protocol):
     """
 
     def watch_namespaces(self, pattern: str, handler: Callable[[str, bool], None]) -> None:
-        """``handler(namespace, up)`` whenever the first node of a namespace is up, or none is any more.
+        """``handler(namespace, up)`` whenever somebody is at work in a namespace, or nobody is up any more.
+
+        At work is a node that is up and answers, or one that publishes: names alone are not reported.
 
         Args:
             pattern: the namespaces, ``/`` between their parts; ``*`` stands for anything within one part.

@@ -10,6 +10,7 @@ namespace before the keys that it declares and takes it from those that come.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from collections.abc import Callable, MutableMapping, Sequence
@@ -39,6 +40,13 @@ second. They take 1 MB; those of a tap that is alone take 16."""
 MOST_NAMESPACES = 10_000
 """Namespaces that are distinguished at once; anybody may announce nodes in any number of them."""
 
+ANSWER_S = 5.0
+"""A node that is asked whether it is at work answers at once; this only frees what a lost question holds."""
+SILENT_S = 0.5
+"""Who has not answered after so long is listened to."""
+SILENT_CAPACITY = 256
+"""Messages of all namespaces that are kept for it: those that are at work are not waited for there."""
+
 _TOKENS = f"/{NODE_KEYS}/"
 
 
@@ -48,60 +56,175 @@ class _Present:
     def __init__(self) -> None:
         self._nodes: dict[str, set[NodeToken]] = {}
 
-    def update(self, key: str, up: bool) -> tuple[str, bool] | None:
-        """Take in a token's ``key``; ``(namespace, up)`` if the namespace is new or gone by that.
+    def update(self, namespace: str, token: NodeToken, up: bool) -> bool:
+        """Take in that ``token`` is there or no longer; whether ``namespace`` is new or gone by that.
 
         Raises:
-            TokenError: it is no token of a node, or there are more than are remembered.
+            TokenError: there are more than are remembered.
         """
-        namespace, _, rest = key.partition(_TOKENS)
-        if len(namespace) > MOST_NAMESPACE:
-            raise TokenError(f"a namespace of more than {MOST_NAMESPACE} characters")
-        if not namespace.isprintable():
-            raise TokenError("a namespace with characters that cannot be seen")
-        token = tokens.read_node(f"{NODE_KEYS}/{rest}")
         there = self._nodes.get(namespace)
         if not up:
             if there is None or token not in there:
-                return None
+                return False
             there.discard(token)
             if there:
-                return None
+                return False
             del self._nodes[namespace]
-            return namespace, False
+            return True
         if there is not None:
             if len(there) >= presence.MOST_TOKENS:
                 raise TokenError(f"more than {presence.MOST_TOKENS} nodes are up")
             there.add(token)
-            return None
+            return False
         if len(self._nodes) >= MOST_NAMESPACES:
             raise TokenError(f"more than {MOST_NAMESPACES} namespaces")
         self._nodes[namespace] = {token}
-        return namespace, True
+        return True
 
 
-def watch_namespaces(
-    session: zenoh.Session,
-    executor: Executor,
-    pattern: str,
-    handler: Callable[[str, bool], None],
-    refusals: Refusals,
-) -> Any:
-    """See ``transports.interface.Namespaces``; returns what must be undeclared."""
-    present = _Present()
+def _read(key: str) -> tuple[str, NodeToken]:
+    """The namespace and the node of a token; TokenError if it is none."""
+    namespace, _, rest = key.partition(_TOKENS)
+    if len(namespace) > MOST_NAMESPACE:
+        raise TokenError(f"a namespace of more than {MOST_NAMESPACE} characters")
+    if not namespace.isprintable():
+        raise TokenError("a namespace with characters that cannot be seen")
+    return namespace, tokens.read_node(f"{NODE_KEYS}/{rest}")
 
-    def receive(sample: zenoh.Sample) -> None:
+
+class NamespaceWatch:
+    """Reports the namespaces in which somebody is at work; see ``transports.interface.Namespaces``.
+
+    A token says that a node is up. Anybody may declare any number of them, and whoever listens to each of
+    those namespaces pays for it, as all do who publish. So each node is asked how far it has reported, which
+    nodes answer at once; and what is silent is listened to by one subscriber for all. All but the
+    constructor runs on the executor.
+
+    Args:
+        session: without a namespace.
+        executor: of the transport.
+        pattern: of namespaces.
+        handler: gets ``(namespace, up)``.
+        refusals: where tokens that are none are counted.
+        idle: waits for the first message.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        executor: Executor,
+        pattern: str,
+        handler: Callable[[str, bool], None],
+        refusals: Refusals,
+        idle: IdleTaps,
+    ) -> None:
+        self._session = session
+        self._executor = executor
+        self._key = _key_expression(pattern)
+        self._depth = pattern.count("/") + 1
+        self._handler = handler
+        self._refusals = refusals
+        self._idle = idle
+        self._present = _Present()
+        self._silent: set[str] = set()
+        """Those in which nobody has answered, and nothing was published."""
+        self._at_work: set[str] = set()
+        self._listening: Any = None
+        self._is_planned = False
+        self._is_over = False
+        put, receive = executor.put, self._receive
+        self._watch = presence.watch(
+            session, f"{self._key}{_TOKENS}**", lambda sample: put((receive, sample))
+        )
+
+    def _receive(self, sample: zenoh.Sample) -> None:
+        up = presence.is_up(sample)
         try:
-            change = present.update(str(sample.key_expr), presence.is_up(sample))
+            namespace, token = _read(str(sample.key_expr))
+            is_change = self._present.update(namespace, token, up)
         except TokenError as error:
-            refusals.refuse(NODE_KEYS, "", error)
+            self._refusals.refuse(NODE_KEYS, "", error)
             return
-        if change is not None:
-            handler(*change)
+        if not up:
+            if is_change:
+                self._gone(namespace)
+            return
+        if is_change:
+            self._silent.add(namespace)
+            self._plan()
+        if namespace in self._silent:
+            self._ask(namespace, token)
 
-    put = executor.put
-    key = f"{_key_expression(pattern)}{_TOKENS}**"
-    return presence.watch(session, key, lambda sample: put((receive, sample)))
+    def _gone(self, namespace: str) -> None:
+        self._silent.discard(namespace)
+        self._rest()
+        if namespace in self._at_work:
+            self._at_work.discard(namespace)
+            self._handler(namespace, False)
+
+    def _found(self, namespace: str) -> None:
+        """Somebody is at work there."""
+        if namespace in self._silent:
+            self._silent.discard(namespace)
+            self._rest()
+            self._at_work.add(namespace)
+            self._handler(namespace, True)
+
+    def _ask(self, namespace: str, token: NodeToken) -> None:
+        put, answered = self._executor.put, self._answered
+        came: Any = zenoh.handlers.Callback(
+            lambda reply: put((answered, (namespace, reply))), indirect=False
+        )
+        with contextlib.suppress(zenoh.ZError):  # this session is closed
+            key = f"{namespace}/{tokens.answer_key(token.zid, token.name)}"
+            self._session.get(key, came, timeout=ANSWER_S)
+
+    def _answered(self, answer: tuple[str, zenoh.Reply]) -> None:
+        namespace, reply = answer
+        if reply.ok is not None:
+            self._found(namespace)
+
+    # --- who does not answer -----------------------------------------------------------------------
+
+    def _plan(self) -> None:
+        """Listen soon, if somebody is silent then."""
+        if self._listening is None and not self._is_planned:
+            self._is_planned = True
+            self._executor.after(SILENT_S, self._listen)
+
+    def _listen(self) -> None:
+        self._is_planned = False
+        if self._silent and self._listening is None and not self._is_over:
+            ring: Any = zenoh.handlers.RingChannel(SILENT_CAPACITY)
+            self._listening = self._session.declare_subscriber(f"{self._key}/**", ring)
+            self._wait()
+
+    def _wait(self) -> None:
+        put, spoke = self._executor.put, self._spoke
+        self._idle.add(self._listening.handler, lambda sample: put((spoke, sample)))
+
+    def _spoke(self, sample: zenoh.Sample | None) -> None:
+        """Something was published; what lies there, too, is looked at."""
+        while sample is not None and self._listening is not None:
+            self._found("/".join(str(sample.key_expr).split("/", self._depth)[: self._depth]))
+            if self._listening is not None:
+                sample = self._listening.handler.try_recv()
+        if self._listening is not None:
+            self._wait()
+
+    def _rest(self) -> None:
+        """Nobody is silent any more: nothing more is to be listened for."""
+        if not self._silent and self._listening is not None:
+            listening, self._listening = self._listening, None
+            self._idle.remove(listening.handler)
+            listening.undeclare()
+
+    def undeclare(self) -> None:
+        """Watch no more."""
+        self._is_over = True
+        self._silent.clear()
+        self._rest()
+        self._watch.undeclare()
 
 
 def _key_expression(pattern: str) -> str:

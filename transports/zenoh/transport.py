@@ -30,7 +30,7 @@ from transports.zenoh.executor import Executor
 from transports.zenoh.idle import IdleTaps
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
-from transports.zenoh.namespaces import Within, watch_namespaces
+from transports.zenoh.namespaces import NamespaceWatch, Within
 from transports.zenoh.orders import Orders
 from transports.zenoh.permissions import Permissions
 from transports.zenoh.services import Client, Request, Server
@@ -201,7 +201,9 @@ class ZenohTransport(OnExecutor):
     def watch_namespaces(self, pattern: str, handler: Callable[[str, bool], None]) -> None:
         """See ``transports.interface.Namespaces``."""
         self._declared.append(
-            watch_namespaces(self._session, self._executor, pattern, handler, self._refusals)
+            NamespaceWatch(
+                self._session, self._executor, pattern, handler, self._refusals, self._idle
+            )
         )
 
     def within(self, namespace: str, failed: Callable[[Exception], None]) -> Within:
