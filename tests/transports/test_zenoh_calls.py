@@ -225,3 +225,34 @@ def test_a_handler_at_work_as_its_node_closes_ends_quietly(network):
     caller.post(close_and_call)
     caller.spin()
     assert refused.wait() == ["cannot call /adder/add: session closed"]
+
+
+def test_both_ends_of_a_call_tell_the_lives_of_its_client_apart(network):
+    """It is started again under its name, and numbers its calls from 1 once more."""
+    received = Inbox()
+    listener = network.node("listener")
+    tap = listener.tap([], received)
+    network.process("adder")
+    assert listener.wait_for_nodes(["adder"], WAIT_S) == []
+
+    def live() -> set[int]:
+        """One life of the client, until both ends report its calls; its lives as they have them."""
+        before = len(received)
+        client = network.node("caller")
+        adding = client.client(peer.ADD)
+        for _ in range(200):
+            adding.call_and_wait(peer.AddRequest(1, 2))
+            events = [seen for seen in received[before:] if seen.client == "caller"]
+            ends = {(seen.source, seen.call) for seen in events}
+            if any(("adder", call) in ends and ("caller", call) in ends for _, call in ends):
+                break
+        client.close()
+        eventually(lambda: "caller" not in tap.peers())
+        lives = {seen.client_life for seen in received[before:] if seen.client == "caller"}
+        own = {seen.life for seen in received[before:] if seen.source == "caller"}
+        assert lives == own
+        return lives
+
+    (first,), (second,) = live(), live()
+    assert 0 not in (first, second)
+    assert first != second
