@@ -53,6 +53,12 @@ def of_client(node: Any, handle: Any, service: str) -> set[bytes]:
     return {writer, *_own(node, native.participant_of(writer), readers)}
 
 
+def of_servers(node: Any, service: str) -> frozenset[bytes]:
+    """GIDs of those that serve ``service``, as far as ``node`` has discovered them."""
+    readers = node.get_subscriptions_info_by_topic(request_topic(service), no_mangle=True)
+    return frozenset(native.gid_of(reader) for reader in readers)
+
+
 def _own(node: Any, participant: bytes, endpoints: Iterable[Any]) -> Iterator[bytes]:
     name = node.get_name()
     for endpoint in endpoints:

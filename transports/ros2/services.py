@@ -166,7 +166,7 @@ class Request:
 class _Call:
     """One call on its way; whoever takes it from its client's table ends it."""
 
-    __slots__ = ("done", "number", "request", "stamp_ns", "timer")
+    __slots__ = ("done", "number", "request", "servers", "stamp_ns", "timer")
 
     def __init__(self, request: Any, done: Callable[[CallResult], None], stamp_ns: int) -> None:
         self.request = request
@@ -174,6 +174,8 @@ class _Call:
         self.stamp_ns = stamp_ns
         """When its node made it, which may be before there is a server to send it to; 0 if nobody listens."""
         self.number = 0
+        self.servers: frozenset[bytes] = frozenset()
+        """Those that were there as it was sent."""
         self.timer: Timer | None = None
 
 
@@ -213,6 +215,8 @@ class Client:
         self._known_as = {gid.hex() for gid in endpoints.of_client(node, self._handle, name)}
         self._look = look
         self._had_server = False
+        self._servers: frozenset[bytes] | None = None
+        """Who serves; None: it is to be asked, as the graph has changed."""
         self._lock = threading.Lock()
         self._sent: dict[int, _Call] = {}
         self._held: list[_Call] = []
@@ -289,6 +293,9 @@ class Client:
         except (_rclpy.RCLError, _rclpy.InvalidHandle) as error:
             raise TransportError(f"cannot call {self.name}: {error}") from error
         self._sent[call.number] = call
+        if self._servers is None:
+            self._servers = endpoints.of_servers(self._node, self.name)
+        call.servers = self._servers
         if call.stamp_ns:
             self._events.record(
                 event.REQUEST_SENT, call.stamp_ns, self._gid, call.number, call.request
@@ -357,6 +364,7 @@ class Client:
 
     def graph_changed(self) -> None:
         """On the executor: a server may have come or gone."""
+        self._servers = None
         if self._closed or not (self._held or self._sent):
             return
         while self._take():  # its last answers, before it is given up
@@ -365,6 +373,7 @@ class Client:
         given_up: list[_Call] = []
         with self._lock:
             if self._has_server():
+                lost = self._take_lost()
                 for call in self._held:
                     self._send(call)
                 self._held.clear()
@@ -379,6 +388,17 @@ class Client:
         text = f"{self.name}: the node that serves it ended"
         for call in lost:
             self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
+
+    def _take_lost(self) -> list[_Call]:
+        """The calls whose servers have gone, though others serve now, as after a kill and a restart."""
+        self._servers = endpoints.of_servers(self._node, self.name)
+        lost = []
+        for call in list(self._sent.values()):
+            if call.servers and call.servers.isdisjoint(self._servers):
+                lost.append(self._sent.pop(call.number))
+            elif not call.servers:  # it was sent before its server was in the graph
+                call.servers = self._servers
+        return lost
 
     def _end(self, call: _Call, result: CallResult) -> None:
         if call.timer is not None:

@@ -14,7 +14,9 @@ from transports.conformance import (
     Number,
     Text,
     on,
+    ready,
 )
+from transports.conformance.stage import send_goal
 from transports.interface import (
     GoalHandle,
     GoalStatus,
@@ -126,3 +128,29 @@ def test_an_ordinary_action_server_serves_goals_and_cancels(
     on(network, node, lambda: client.cancel(waits.id))
     assert network.until(lambda: (GoalStatus.CANCELED, "stopped") in waits.received)
     served.destroy()
+
+
+def test_a_goal_fails_with_its_server_though_another_has_taken_its_place(
+    network: ThreadedNetwork,
+) -> None:
+    """As of a node that is killed and started again, before DDS's lease has ended."""
+    client, first, second = (network.node(name) for name in ("client", "first", "second"))
+    kept: list[GoalHandle] = []
+
+    def serve(handle: GoalHandle) -> None:
+        kept.append(handle)
+        handle.accept()
+
+    on(network, first, lambda: first.serve_action(COUNTING, serve, lambda handle: None))
+    ready(network, first, client)
+    goal, _ = send_goal(network, client, 1)
+    assert network.until(lambda: goal.received == [("accepted",)])
+    on(network, second, lambda: second.serve_action(COUNTING, serve, lambda handle: None))
+    ready(network, second, client)
+    service = COUNTING.name + "/_action/get_result"
+    assert network.until(lambda: client.ros_node.count_services(service) == 2)
+    first.close()
+    assert network.until(lambda: len(goal.received) > 1), "the goal does not end"
+    assert [received[0] for received in goal.received] == ["accepted", "failed"]
+    later, _ = send_goal(network, client, 1)
+    assert network.until(lambda: later.received == [("accepted",)]), later.received
