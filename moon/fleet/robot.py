@@ -47,10 +47,11 @@ class FleetModels:
         sinks: Sequence[Sink],
         screens: Sequence[Sink],
         say: Callable[[str], None],
+        repeated: Callable[[Verdict], None],
     ) -> SystemWatch:
         """Fresh judges of one robot; see :class:`SystemWatch`."""
         return self.monitored.watch(
-            connection, sinks, say, screens, self._monotonic_ns, self.compiled
+            connection, sinks, say, screens, self._monotonic_ns, self.compiled, repeated
         )
 
 
@@ -172,7 +173,7 @@ class Robot:
             VerdictTopic(life.connection),
         ]
         screens = [_Naming(self.name, sink) for sink in self._screens]
-        life.watch = watch = self._models.watch(life.joining, sinks, screens, self._say)
+        life.watch = watch = self._models.watch(life.joining, sinks, screens, self._say, self.take)
         self._judged = len(watch.statuses())
         watch.start(since_ns)
 

@@ -28,6 +28,7 @@ from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.properties.property import Property
+from moon.verdict import Verdict
 from moon.wording import Wording
 
 
@@ -90,6 +91,7 @@ class Monitored(msgspec.Struct, frozen=True):
         screens: Sequence[Sink] = (),
         monotonic_ns: Callable[[], int] | None = None,
         compiled: CompiledSystem | None = None,
+        repeated: Callable[[Verdict], None] = lambda verdict: None,
     ) -> SystemWatch:
         """Fresh judges of all that was read; for the arguments see :class:`SystemWatch`."""
         return SystemWatch(
@@ -104,6 +106,7 @@ class Monitored(msgspec.Struct, frozen=True):
             monotonic_ns=monotonic_ns,
             screens=screens,
             compiled=compiled,
+            repeated=repeated,
         )
 
 

@@ -264,3 +264,17 @@ def test_the_last_of_a_robot_that_was_violated_is_its_last_violation(by_hand) ->
     bad.run()
     status = by_hand.status("robots/r2")
     assert (status.verdict, status.last) == ("violated", wrong)
+
+
+def test_the_last_of_a_robot_is_the_newest_of_violations_that_repeat_one_another(by_hand) -> None:
+    bad = by_hand.robot("robots/r2")
+    bad.start()
+    bad.run(status=1)
+    first = by_hand.status("robots/r2").last
+    bad.run(status=2)
+    status = by_hand.status("robots/r2")
+    said = [v for v in by_hand.verdicts if v.outcome is Outcome.VIOLATED]
+    assert len(said) == 1, "the same response, the same field"
+    assert status.violations == 2
+    assert first.endswith("observed response on /Level/tick {status: 1}")
+    assert status.last.endswith("observed response on /Level/tick {status: 2}")
