@@ -42,7 +42,7 @@ def test_what_is_due_after_the_last_entry_is_open(tmp_path: Path, form: Form):
     assert (said.code, said.verdicts) == (0, {"R": "conforming"}), said.out
 
 
-@pytest.mark.parametrize("form", FOREIGN)
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("period_s", [0.02, 0.05, 0.1])
 def test_nothing_is_missed_before_the_first_entry(tmp_path: Path, form: Form, period_s: float):
     run = form(tmp_path, [Line(n * period_s, n) for n in range(60)])
