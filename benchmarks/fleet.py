@@ -150,6 +150,7 @@ class Robots:
         self._unsent: dict[str, int] = dict.fromkeys(self._spaces, 0)
         """Whatever has a stamp before was published."""
         self._declared: list[Any] = []
+        self._publishers: dict[str, Any] = {}
         self._encodings: dict[str, zenoh.Encoding] = {}
         self._encode = msgspec.msgpack.Encoder().encode
 
@@ -237,14 +238,18 @@ class Robots:
         if encoding is None:
             encoding = self._encodings[type_name] = zenoh.Encoding(f"{MEDIA_TYPE};{type_name}")
         name = seen.source
-        self._session.put(
-            key,
+        publisher = self._publishers.get(key)
+        if (
+            publisher is None
+        ):  # declared, as nodes do: else each message is matched against all keys
+            publisher = self._publishers[key] = self._session.declare_publisher(
+                key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
+            )
+        publisher.put(
             payload,
-            encoding=encoding,
             # of events the monitor takes the stamp in their payload
             timestamp=self._stamp(stamp_ns) if seen.kind is ObservationKind.MESSAGE else None,
             attachment=attachment(seen.sequence, seen.order, name.encode()),
-            congestion_control=zenoh.CongestionControl.DROP,
         )
         self._orders[space][name] = seen.order + 1
 
