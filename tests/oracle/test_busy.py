@@ -24,7 +24,7 @@ HEAD = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="{na
   <datamodel><data id="n" type="int32" expr="0"/><data id="m" type="int32" expr="0"/></datamodel>
 """
 JOIN_AFTER_S, SECONDS = 2.0, 5.0
-SEEDS = range(12)
+SEEDS = range(6)
 
 
 def _publish(name: str, value: str) -> str:
@@ -106,7 +106,7 @@ def test_a_fast_publisher_that_is_joined_late_is_found_and_conforms(
         joined = _Joined(subject, compile_system(subject.system), seed, plain)
         assert not joined.accused, f"seed {seed}: {joined.verdicts}"
         found += len(joined.conforming)
-    assert found >= 2 * len(SEEDS) - 2, "all but those that do the same in two states"
+    assert found >= 2 * len(SEEDS) - 1, "all but those that do the same in two states"
 
 
 @pytest.mark.parametrize("plain", [False, True])
@@ -119,7 +119,7 @@ def test_a_wrong_value_of_it_is_found(plain: bool, tmp_path: Path) -> None:
         assert joined.accused <= {"One"}, f"seed {seed}: {joined.verdicts}"
         found += len(joined.accused)
     # who takes a topic on which nothing was published yet waits for the first message there
-    assert found >= len(SEEDS) * 3 // 4
+    assert found >= len(SEEDS) * 2 // 3
 
 
 class _Plain:
