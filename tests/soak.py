@@ -55,6 +55,7 @@ def steps(seed: int) -> list[list[str]]:
         ),
         ["-m", "tests.launch.restarts", "--seed", first],
         ["-m", "tests.transports.ros2_soak", "20"],
+        ["-m", "tests.launch.busy_ros2", "100"],
     ]
 
 

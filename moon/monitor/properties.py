@@ -7,8 +7,9 @@ reported.
 
 What was missed (gaps in the numbers of a source, what came too late) makes whatever depends on it
 inconclusive, from the instant at which it was missed (:meth:`moon.properties.monitor.PropertySet.lose`).
-Where nodes number their reports it is found before anything later counts. Where they do not, a number
-that comes later can show that a violation rested on what was lost: then it is withdrawn.
+Where nodes answer how far they have reported, a violation is reported once all that send on its channels have
+reported up to then, or if it holds whatever they did. Where they do not, a number that comes later can show
+that a violation rested on what was lost: then it is withdrawn.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from moon.monitor.departures import PREFIX, Departures
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
+from moon.oracle.confirmation import UNCONFIRMED
 from moon.ordering.judge import Gap
 from moon.ordering.sources import Sources
 from moon.properties.describe import duration
@@ -58,6 +60,13 @@ class _Loss(msgspec.Struct):
     start: int
     end: int
     channel: str
+
+
+class _Doubt(msgspec.Struct):
+    """A violation that is not certain yet: nodes that answer have not said yet that they did nothing else."""
+
+    name: str
+    verdict: PropertyVerdict
 
 
 class _Tally:
@@ -129,6 +138,7 @@ class PropertyWatch:
         self.channels = frozenset(
             name for name in self._ordered.channels() if not name.startswith(PREFIX)
         )
+        self._doubts: list[_Doubt] = []
         self._losses = [_Loss(0, FOREVER, channel) for channel in sorted(self._unheard)]
         self._reached_ns = -1
         self._is_begun = True
@@ -137,6 +147,7 @@ class PropertyWatch:
         self._presume_ns = 0
         """The same of what is presumed."""
         self._wait_ns = LOOK_NS
+        self._now_ns = 0
 
     def rely_on(self, sources: Sources, senders: Mapping[str, Iterable[str]]) -> None:
         """Nodes number what they report, and can be asked.
@@ -239,13 +250,16 @@ class PropertyWatch:
             lag_ns: how late observations were of late.
         """
         self._wait_ns = min(max(LOOK_NS, lag_ns), self._latency_ns)
-        if now_ns < self._look_ns and self._known_ns(now_ns) < self._due_ns:
+        is_early = now_ns < self._look_ns and self._known_ns(now_ns) < self._due_ns
+        if is_early and not self._doubts:
             return []
         self.turns += 1
         found: list[Verdict] = []
         for loss in self._losses:
             found += self._missed(loss)
         self._losses.clear()
+        self._now_ns = now_ns
+        found += self._certain()
         found += self._pass_to(self._known_ns(now_ns))
         self._presume(now_ns)
         self._due_ns = self._ordered.due_ns if self._is_begun else self._reached_ns + 1
@@ -259,6 +273,9 @@ class PropertyWatch:
             end_ns: nothing later was received.
         """
         found = self.advance(known_ns + self._latency_ns)
+        doubts, self._doubts = self._doubts, []
+        for doubt in doubts:  # nothing more is to come
+            found += self._report(doubt.name, doubt.verdict)
         self._reached_ns = max(self._reached_ns, end_ns)
         return found + self._changes(self._ordered.conclude(end_ns))
 
@@ -298,14 +315,14 @@ class PropertyWatch:
             self._presume_ns = FOREVER
             return
         if self._ordered.presume(until_ns):
-            self._to_ask = names
+            self._to_ask = sorted({*self._to_ask, *names})
         self._presume_ns = self._ordered.presume_ns
 
     def _missed(self, loss: _Loss) -> list[Verdict]:
         """Hand ``loss`` to the properties; a violation of which it leaves nothing is withdrawn."""
         changes = dict(self._ordered.lose(loss.channel, loss.start, loss.end))
         verdicts = self._ordered.verdicts()
-        found: list[Verdict] = []
+        found = self._drop_doubts(loss)
         for name, tally in self._tallies.items():
             standing = verdicts[name]
             stands = standing.since_ns if standing.status is Status.FALSE else None
@@ -354,7 +371,78 @@ class PropertyWatch:
         outcome = _OUTCOMES[verdict.status]
         if outcome is tally.outcome and outcome is not Outcome.VIOLATED:
             return []
+        if outcome is Outcome.VIOLATED:
+            owing = self._owing(tally, verdict.since_ns)
+            if owing and not self._withstands(name, owing):
+                return self._doubt(name, verdict, owing)
         return self._report(name, verdict)
+
+    # --- what is certain ---------------------------------------------------------------------------
+
+    def _owing(self, tally: _Tally, until_ns: int) -> list[str]:
+        """The nodes that send to the property and have not reported up to ``until_ns``, and would answer."""
+        names = [
+            name
+            for name, channels in self._sends.items()
+            if ANY_CHANNEL in tally.channels or not channels or channels & tally.channels
+        ]
+        return self._sources.owing(names, until_ns, self._now_ns)
+
+    def _withstands(self, name: str, owing: Sequence[str]) -> bool:
+        """Whether it is violated whatever these nodes did that they have not reported yet."""
+        losses = [
+            (channel, self._sources.reported_ns(node) + 1)
+            for node in owing
+            for channel in sorted(self._sends[node] or self.channels)
+        ]
+        return self._ordered.withstands(name, losses)
+
+    def _doubt(self, name: str, verdict: PropertyVerdict, owing: Sequence[str]) -> list[Verdict]:
+        """It is violated if nothing is missing; the nodes that may have done something are asked."""
+        self._doubts.append(_Doubt(name, verdict))
+        del self._doubts[:-REMEMBERED]
+        self._to_ask = sorted({*self._to_ask, *owing})
+        tally = self._tallies[name]
+        if tally.outcome is Outcome.INCONCLUSIVE:
+            return []
+        item = self.properties[name]
+        why = f"{UNCONFIRMED}{item.text or item.meaning}"
+        return self._report(
+            name, PropertyVerdict(Status.INCONCLUSIVE, verdict.since_ns, reason=why)
+        )
+
+    def _certain(self) -> list[Verdict]:
+        """Violations of which it is known by now that nothing was missing."""
+        found: list[Verdict] = []
+        doubts, self._doubts = self._doubts, []
+        for doubt in doubts:
+            if self._owing(self._tallies[doubt.name], doubt.verdict.since_ns):
+                self._doubts.append(doubt)
+                continue
+            found += self._report(doubt.name, doubt.verdict)
+            standing = self._ordered.verdicts()[doubt.name]
+            if standing.status is not Status.FALSE:
+                found += self._news(doubt.name, standing)
+        return found
+
+    def _drop_doubts(self, loss: _Loss) -> list[Verdict]:
+        """Something was lost: what that may have been the reason of was no violation."""
+        verdicts = self._ordered.verdicts()
+        found: list[Verdict] = []
+        left = []
+        for doubt in self._doubts:
+            standing, since_ns = verdicts[doubt.name], doubt.verdict.since_ns
+            stands = standing.status is Status.FALSE and standing.since_ns == since_ns
+            if (
+                stands
+                or since_ns < loss.start
+                or not self._tallies[doubt.name].concerns(loss.channel)
+            ):
+                left.append(doubt)
+            elif standing.status is not Status.FALSE:
+                found += self._news(doubt.name, standing)
+        self._doubts = left
+        return found
 
     def _report(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:
         tally, outcome = self._tallies[name], _OUTCOMES[verdict.status]

@@ -326,6 +326,9 @@ class SystemWatch:
         started = node.since >= self._order.since_ns and node.since != before
         # what it did before is of the life that has ended
         received, node.received_ns = node.received_ns >= max(node.since, 1), 0
+        oracle = self._models.oracles.get(name)
+        if oracle is not None and oracle.has_acted(max(node.since, 1)):
+            received = True  # its callers were heard before it was known that it is there
         again = before != 0
         node.up, node.gone_ns = True, None
         self._sort_nodes()

@@ -293,6 +293,10 @@ class OtherEnds:
         """When it happened at the latest: a response is received later than it was sent."""
         return stamp + self._latency if where[0] == ObservationKind.RESPONSE_RECEIVED else stamp
 
+    def has_any(self, since_ns: int) -> bool:
+        """Whether the node did something from ``since_ns`` on, by the other ends."""
+        return any(stamp >= since_ns for _, _, stamp in self._implied.items())
+
     def unsettled(self, until_ns: int) -> set[tuple[Where, Call]]:
         """What the node did not report yet, and may have done by ``until_ns`` or after that.
 

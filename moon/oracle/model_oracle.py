@@ -29,6 +29,8 @@ EVIDENCE = 12
 TRIES = 20
 """So many times in a latency bound it is tried to find a machine of which nothing is known."""
 
+MISSED = "what it sent may not have been received yet"
+
 AT_ONCE = 0
 """As ``due_ns``: it is to be advanced, now that something happened."""
 
@@ -255,11 +257,16 @@ class ModelOracle:
         """``event`` cannot be: a violation; go on from what is still certain."""
         before = self.hypotheses or []
         survivors = survivors_of(self.search, before, event)
+        places = self._places_of(survivors)
+        is_open = bool(places) and event.role is not Role.UNDECLARED
+        if is_open and self._conclusion.may_have_missed(places, event.stamp):
+            self._forget(event.stamp)
+            return self._conclusion.unknown(event.stamp, MISSED)
         explanation = explanation_of(self.search, survivors, event, self._history)
         undeclared = event.role is Role.UNDECLARED
         cause = Cause.UNDECLARED if undeclared else Cause.UNEXPECTED
         verdict = self._verdict_of(event.stamp, explanation, cause)
-        violation = self._violation(verdict, event.stamp, False, self._places_of(survivors))
+        violation = self._violation(verdict, event.stamp, False, places)
         violation.is_certain = undeclared
         verdicts, is_known = self._conclusion.found(violation)
         self._history.append(event)
@@ -274,7 +281,7 @@ class ModelOracle:
         places = self._places_of(before)
         if self._conclusion.may_have_missed(places, until):
             self._forget(until)
-            return self._conclusion.unknown(until, "what it sent may not have been received yet")
+            return self._conclusion.unknown(until, MISSED)
         explanation = explanation_of(self.search, before, None, self._history)
         verdict = self._verdict_of(until, explanation, Cause.UNRESPONSIVE)
         violation = self._violation(verdict, until, True, places)

@@ -446,6 +446,10 @@ class Oracle:
         """The nodes to be asked how far they have reported, to make a violation certain; each once."""
         return self._unconfirmed.to_ask(self.node) if self._unconfirmed.kept else set()
 
+    def has_acted(self, since_ns: int) -> bool:
+        """Whether the node did something since then (ns) that was not received, by its callers' reports."""
+        return self._other_ends.has_any(since_ns)
+
     # --- how it stands --------------------------------------------------------------------------------
 
     def verdict(self, stamp_ns: int = 0) -> Verdict:

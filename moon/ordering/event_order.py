@@ -108,7 +108,7 @@ class EventOrder:
         """Judging begins now; since when all is received (ns), by default since now."""
         self.listener = listener
         now_ns, self._monotonic_ns = self.read_clocks()
-        self.since_ns = since_ns or now_ns
+        self.since_ns = self.sources.listening_ns = since_ns or now_ns
         self.clock.restart(now_ns)
         return self.since_ns
 
@@ -290,6 +290,7 @@ class EventOrder:
             self.since_ns += self._repair_ns
         self._monotonic_ns = monotonic_ns
         self.sources.restart()
+        self.sources.listening_ns = self.since_ns
         self.numbers.clear()
         self.clock.restart(now_ns, held_up)
         self._judges.start_anew(from_ns, self.since_ns, was_set_back, why)

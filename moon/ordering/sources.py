@@ -23,10 +23,11 @@ class Source:
         is_numbered: whether it numbers all that it reports, as far as is known.
         is_up: whether it is there; None: only its observations say so.
         since_ns: since when it is there (ns), or when it went away; 0: that is not known.
+        answers: whether it has answered how far it has reported.
         anew_ns: it numbers anew since then (ns); what it did last before that may be missing.
     """
 
-    __slots__ = ("anew_ns", "is_numbered", "is_up", "lives", "progress", "since_ns")
+    __slots__ = ("anew_ns", "answers", "is_numbered", "is_up", "lives", "progress", "since_ns")
 
     def __init__(self) -> None:
         self.progress = Progress()
@@ -34,6 +35,7 @@ class Source:
         self.is_numbered = True
         self.is_up: bool | None = None
         self.since_ns = 0
+        self.answers = False
         self.anew_ns = 0
 
 
@@ -49,6 +51,8 @@ class Sources:
         self.reachability = Reachability(latency_ns)
         self.known: dict[str, Source] = {}
         """By name."""
+        self.listening_ns = 0
+        """Since when all is received that there is (ns); 0: that is not known."""
 
     def _of(self, name: str) -> Source:
         source = self.known.get(name)
@@ -81,7 +85,7 @@ class Sources:
             source.anew_ns = stamp
         before = progress.reported_ns, progress.gap
         progress.take(order, stamp, now_ns - self._latency_ns)
-        return _gap_of(seen.source, progress, before)
+        return self._gap_of(seen.source, source, before)
 
     def advance(self, now_ns: int) -> Iterator[Gap]:
         """What was not received up to now (ns) and does not come any more."""
@@ -90,13 +94,15 @@ class Sources:
             if source.progress.ahead:
                 before = source.progress.reported_ns, source.progress.gap
                 source.progress.advance(watermark)
-                gap = _gap_of(name, source.progress, before)
+                gap = self._gap_of(name, source, before)
                 if gap is not None:
                     yield gap
 
     def answered(self, name: str, number: int, stamp_ns: int) -> None:
         """``name`` says that all that it did until ``stamp_ns`` has a number below ``number``."""
-        self._of(name).progress.answered(number, stamp_ns)
+        source = self._of(name)
+        source.answers = True
+        source.progress.answered(number, stamp_ns)
 
     def changed(self, name: str, is_up: bool, when_ns: int) -> None:
         """``name`` came up, having begun to connect at ``when_ns``, or went away then."""
@@ -138,6 +144,22 @@ class Sources:
                 known_ns = reported_ns
         return known_ns if is_any else 0
 
+    def owing(self, names: Iterable[str], until_ns: int, now_ns: int) -> list[str]:
+        """Those of ``names`` that answer how far they are, and have not reported up to ``until_ns``."""
+        found = []
+        for name in names:
+            source = self.known.get(name)
+            if source is None or not source.answers or self._is_over(source, now_ns):
+                continue
+            if source.is_numbered and source.progress.reported_ns < until_ns:
+                found.append(name)
+        return found
+
+    def reported_ns(self, name: str) -> int:
+        """All that ``name`` did until then (ns) was received, by its numbers; 0: that is not known."""
+        source = self.known.get(name)
+        return source.progress.reported_ns if source is not None else 0
+
     def is_whole(self, name: str, since_ns: int, until_ns: int) -> bool:
         """Whether all that ``name`` did from ``since_ns`` to ``until_ns`` was received, by its numbers."""
         source = self.known.get(name)
@@ -162,13 +184,21 @@ class Sources:
                 found.append(name)
         return found
 
+    def _gap_of(self, name: str, source: Source, before: tuple[int, int]) -> Gap | None:
+        """What is missing of what ``name`` reported, if that was found since it was as ``before``.
+
+        Of one that was there before all was received, the first number tells nothing.
+        """
+        reported_ns, gap_ns = before
+        progress = source.progress
+        if progress.gap == gap_ns:
+            return None
+        from_ns = reported_ns + 1
+        if not reported_ns:
+            if not source.is_up or not 0 < self.listening_ns <= source.since_ns:
+                return None
+            from_ns = source.since_ns
+        return Gap("", name, from_ns, progress.gap + 1, f"observations of {name} were lost")
+
     def _is_over(self, source: Source, now_ns: int) -> bool:
         return source.is_up is False and source.since_ns < now_ns - self._latency_ns
-
-
-def _gap_of(name: str, progress: Progress, before: tuple[int, int]) -> Gap | None:
-    """What is missing of what ``name`` reported, if that was found since it was as ``before``."""
-    reported_ns, gap_ns = before
-    if progress.gap == gap_ns or not reported_ns:
-        return None  # of what it did before it was received first, nothing is missing
-    return Gap("", name, reported_ns + 1, progress.gap + 1, f"observations of {name} were lost")

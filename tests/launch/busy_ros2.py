@@ -67,7 +67,7 @@ def violated(
     )  # fmt: skip
     printed = done.stdout + done.stderr
     said = [line.split() for line in printed.splitlines()]
-    found = {words[1] for words in said if len(words) > 2 and words[2] == "VIOLATED"}
+    found = {words[words.index("VIOLATED") - 1] for words in said if "VIOLATED" in words}
     if done.returncode and not found:
         raise RuntimeError(f"the run ended with {done.returncode}\n{printed}")
     return found, printed

@@ -51,3 +51,44 @@ def test_a_delay_runs_since_the_node_began_or_since_it_was_found(
     oracle.feed(sent)
     oracle.advance(stamp_ns + 300 * MS)
     assert oracle.outcome is expected
+
+
+CALLS_FIRST = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_service_client service_name="/Other/ask" type="probe_interfaces/Ask"/>
+  <state id="idle">
+    <ros_service_handle_request name="/Probe/ask" target="asking">
+      <ros_service_send_request name="/Other/ask"/>
+      <ros_service_send_response name="/Probe/ask"/>
+    </ros_service_handle_request>
+  </state>
+  <state id="asking">
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_response name="/Probe/ask"/>
+    </ros_service_handle_request>
+    <ros_service_handle_response name="/Other/ask" target="idle"/>
+  </state>
+</scxml>
+"""
+
+
+@pytest.mark.parametrize("is_linked", [False, True])
+def test_what_is_expected_where_nothing_was_received_yet_may_have_been_missed(
+    is_linked: bool,
+) -> None:
+    """The node's first call and what it did then were before the tap was linked to what reports it."""
+    oracle = Oracle(read(CALLS_FIRST), library(), bounds=Bounds(), synchronised=False)
+    oracle.start(BEGAN)
+    oracle.listen(BEGAN if is_linked else BEGAN + 5_000 * MS)
+    first_ns = BEGAN + 3_000 * MS
+    said = []
+    for place, kind in enumerate((ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)):
+        seen = Observation(
+            stamp_ns=first_ns + place * MS, received_ns=first_ns + place * MS, channel="/Probe/ask",
+            kind=kind, type_name="", data={"value": 0}, source="Probe", client="policy", call=2,
+            sequence=place,
+        )  # fmt: skip
+        said += oracle.feed(seen)
+    said += oracle.advance(first_ns + 300 * MS)
+    assert (Outcome.VIOLATED in [verdict.outcome for verdict in said]) == is_linked

@@ -1,0 +1,116 @@
+"""A property is violated once nothing that is missing can be the reason, and never withdrawn."""
+
+from __future__ import annotations
+
+import pytest
+
+from moon.monitor.properties import PropertyWatch
+from moon.ordering.sources import Sources
+from moon.properties.property import Port, Property
+from moon.properties.syntax import parse_formula
+from moon.verdict import Outcome
+from transports.interface import Observation, ObservationKind
+
+MS = 1_000_000
+LATENCY_NS = 200 * MS
+START = 10**18
+PORTS = (Port("asked", "/ask", event=True), Port("done", "/done", event=True))
+RESPONSE = "historically (once[1s:1s] {asked} -> once[0:1s] {done})"
+ABSENCE = "historically not {done}"
+
+
+class Watched:
+    """A monitor of one property; ``Client`` asks and ``Server`` is done, both number what they report."""
+
+    def __init__(self, formula: str, answers: bool = True) -> None:
+        self.watch = PropertyWatch([Property("p", parse_formula(formula), PORTS)], LATENCY_NS)
+        self.sources = Sources(LATENCY_NS)
+        self.watch.rely_on(self.sources, {"/ask": ["Client"], "/done": ["Server"]})
+        self.sources.listening_ns = START
+        self.orders = {"Client": 0, "Server": 0}
+        self.said: list[Outcome] = []
+        self.asked: set[str] = set()
+        for node in self.orders:
+            self.sources.changed(node, True, START)
+            if answers:
+                self.sources.answered(node, 0, START + MS)
+        self._take(self.watch.start(START))
+
+    def _take(self, verdicts) -> None:
+        self.said += [verdict.outcome for verdict in verdicts]
+
+    def hear(self, source: str, channel: str, at_ms: int, now_ms: int) -> None:
+        seen = Observation(
+            stamp_ns=START + at_ms * MS, received_ns=START + now_ms * MS, channel=channel,
+            kind=ObservationKind.MESSAGE, type_name="", data={}, source=source, order=self.orders[source],
+        )  # fmt: skip
+        self.orders[source] += 1
+        gap = self.sources.take(seen, START + now_ms * MS)
+        if gap is not None:
+            self.watch.gap(gap)
+        self.watch.observe(seen)
+
+    def answer(self, node: str, at_ms: int) -> None:
+        self.sources.answered(node, self.orders[node], START + at_ms * MS)
+
+    def advance(self, now_ms: int) -> None:
+        for gap in self.sources.advance(START + now_ms * MS):
+            self.watch.gap(gap)
+        self._take(self.watch.advance(START + now_ms * MS))
+        self.asked |= set(self.watch.take_questions())
+
+    def pass_to(self, now_ms: int, since_ms: int) -> None:
+        for at_ms in range(since_ms, now_ms + 1, 20):
+            self.advance(at_ms)
+
+
+def test_silence_is_a_violation_once_who_was_silent_says_so() -> None:
+    watched = Watched(RESPONSE)
+    watched.hear("Client", "/ask", 10, 12)
+    watched.pass_to(2_000, 20)
+    assert Outcome.VIOLATED not in watched.said
+    assert "Server" in watched.asked
+    for node in ("Client", "Server"):
+        watched.answer(node, 1_990)
+    watched.advance(2_005)
+    assert watched.said.count(Outcome.VIOLATED) == 1
+
+
+def test_what_comes_long_after_the_latency_bound_was_no_violation_before() -> None:
+    watched = Watched(RESPONSE)
+    watched.hear("Client", "/ask", 10, 12)
+    watched.pass_to(2_000, 20)
+    watched.orders["Server"] += 1  # its report that it was done is lost
+    watched.hear("Server", "/other", 2_100, 2_101)
+    watched.pass_to(3_000, 2_110)
+    assert Outcome.VIOLATED not in watched.said
+
+
+def test_who_does_not_answer_is_judged_by_the_latency_bound() -> None:
+    watched = Watched(RESPONSE, answers=False)
+    watched.hear("Client", "/ask", 10, 12)
+    watched.pass_to(2_000, 20)
+    assert watched.said.count(Outcome.VIOLATED) == 1
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_what_must_not_happen_and_does_is_certain_whoever_is_silent(answers: bool) -> None:
+    watched = Watched(ABSENCE, answers)
+    watched.hear("Server", "/done", 500, 502)
+    watched.pass_to(1_000, 510)
+    assert watched.said.count(Outcome.VIOLATED) == 1
+
+
+def test_the_first_reports_of_a_node_that_came_up_while_it_was_listened_to_may_be_what_is_missing() -> (
+    None
+):
+    watched = Watched("historically ({asked} -> once {done})")
+    watched.orders["Server"] = 1  # the first is lost: that it was done
+    watched.hear("Server", "/other", 300, 302)
+    watched.pass_to(600, 310)
+    watched.hear("Client", "/ask", 700, 702)
+    watched.pass_to(2_000, 710)
+    for node in ("Client", "Server"):
+        watched.answer(node, 2_000)
+    watched.pass_to(2_500, 2_010)
+    assert Outcome.VIOLATED not in watched.said
