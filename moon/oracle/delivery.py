@@ -87,6 +87,7 @@ class Delivery:
         self._held = held
         self._streams = streams
         self._progress = progress
+        self._tracking = requests
         self._requests = requests.expected
         self._takes = takes
         self._taken = takes.expected
@@ -149,6 +150,11 @@ class Delivery:
         text = "started in the middle of a run: waiting until its state is certain"
         self._conclusion.unknown(since, text, is_news=True)
 
+    def note_passed(self) -> None:
+        """A request was received: perhaps one that is overdue was sent before it."""
+        if self._tracking.passed:
+            self.wake_at(0)
+
     def lose(self, stamp: int, text: str) -> list[Verdict]:
         """Something is missing since ``stamp`` (ns); ``text``: what, for people."""
         newest = self._drop(stamp)
@@ -165,6 +171,7 @@ class Delivery:
         self._dropped_ns = max(self._dropped_ns, max(stamps, default=0))
         self._held.clear()
         self._requests.clear()
+        self._tracking.passed.clear()
         self._takes.forget()
         self._lost_until = stamp + self._latency
         self._synchronised = False
@@ -310,7 +317,7 @@ class Delivery:
         if judge.hypotheses is not None and judge.due_ns <= until:
             verdicts += judge.advance(until)
             self._look_at_judge()
-        if self._requests.due <= until:
+        if self._requests.due <= until or self._tracking.passed:
             verdicts += self._not_received(until)
         if self._taken.due <= until:
             verdicts += self._not_taken(until)
@@ -403,7 +410,10 @@ class Delivery:
     def _not_received(self, until: int) -> list[Verdict]:
         """Requests that others sent and the machine's node never received."""
         verdicts: list[Verdict] = []
-        for event in self._overdue(self._requests, until, verdicts):
+        passed, self._tracking.passed = self._tracking.passed, []
+        for event in passed:
+            self._under_way.pop((event.observation.channel, event.call), None)
+        for event in (*passed, *self._overdue(self._requests, until, verdicts)):
             # else perhaps its end is not instrumented
             if self.inputs or self._judge.since_start:
                 expected = f"request {event.call[1]} of {event.call[0]} to be received"

@@ -91,13 +91,15 @@ class RequestTracking:
 
     Attributes:
         expected: by channel, client and number of the call.
+        passed: those that were overdue when a later one of their client was received.
     """
 
-    __slots__ = ("_deadline", "_received", "expected")
+    __slots__ = ("_deadline", "_received", "expected", "passed")
 
     def __init__(self, deadline: int) -> None:
         self._deadline = deadline
         self.expected = Expected(deadline, KEPT_REQUESTS)
+        self.passed: list[TraceEvent] = []
         self._received = KnownCalls()
 
     def ask(self, request: TraceEvent) -> None:
@@ -116,9 +118,12 @@ class RequestTracking:
             watermark: nothing older is to come (ns).
         """
         channel, call = request.observation.channel, request.call
-        for place in tuple(self.expected.events):
+        overdue_ns = watermark - self._deadline
+        for place, sent in tuple(self.expected.events.items()):
             if place[0] == channel and _answers(call, place[1]):
                 self.expected.remove(place)
+                if sent.stamp <= overdue_ns and not may_be_same(call, place[1]):
+                    self.passed.append(sent)  # a link keeps its order: it has arrived
         received = self._received
         received.add((_RECEIVED, channel), call, request.stamp)
         if received.count > KEPT_CALLS and received.oldest_ns() < watermark - self._deadline:

@@ -371,6 +371,7 @@ class Oracle:
             self._delivery.inputs += 1
             if event.event is not None and event.event[0] in _TAKEN_UP:
                 self._requests.take(event, self._delivery.watermark)
+                self._delivery.note_passed()
             return True
         match role:
             case Role.ASKED:
