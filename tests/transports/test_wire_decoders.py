@@ -28,7 +28,7 @@ from transports.service_events import (
 )
 from transports.simulated import SimulatedWorld
 from transports.simulated.routes import Sent
-from transports.simulated.transport import SimulatedTransport
+from transports.simulated.transport import Publisher, SimulatedTransport
 from transports.zenoh import presence, services, tap, tokens, wire
 from transports.zenoh.executor import Executor
 from transports.zenoh.tokens import LinkToken, NodeToken, ServerToken, TokenError
@@ -369,10 +369,11 @@ def test_a_simulated_node_and_tap_take_anything(payload: bytes, type_name: str) 
     got: list[Any] = []
     topic = Topic("/x", "std_msgs/msg/Int32", peer.Number)
     node.subscribe(topic, got.append)
+    publisher = Publisher(SimulatedTransport(world, "evil"), topic)
     for subscription in node.routes.subscriptions("/x"):
-        subscription.send(Sent("evil", 0, type_name, payload))
-        subscription.send(Sent("evil", 1, topic.type_name, payload))
-    node.routes.message(Sent("evil", 0, type_name, payload), "/x")
+        subscription.take(publisher, Sent("evil", 0, type_name, payload, 1))
+        subscription.take(publisher, Sent("evil", 1, topic.type_name, payload, 1))
+    node.routes.message(Sent("evil", 0, type_name, payload, 1), "/x")
     world.run_for(1.0)
     assert len(got) + node.refusals.total == 2
     taken = [seen for seen in heard if seen.kind is ObservationKind.MESSAGE_TAKEN]
