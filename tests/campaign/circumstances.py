@@ -154,10 +154,12 @@ class Happened(msgspec.Struct, frozen=True):
     Attributes:
         nodes: the names of all.
         seen: everything, in order.
+        broken: when each property is broken first that is (ns).
     """
 
     nodes: tuple[str, ...]
     seen: tuple[Observation, ...]
+    broken: tuple[int, ...] = ()
 
 
 def draw(random: Random, happened: Happened) -> Circumstances:
@@ -210,7 +212,7 @@ class _Drawn:
         if kind is Kind.MEDDLED:
             return msgspec.structs.replace(made, meddled=True)
         if kind is Kind.RECORDED:
-            return msgspec.structs.replace(made, recorded_s=self._instant_s())
+            return msgspec.structs.replace(made, recorded_s=self._end_s())
         change: Callable[[Conditions], Conditions] = getattr(self, f"_{kind.name.lower()}")
         return msgspec.structs.replace(made, conditions=change(made.conditions))
 
@@ -222,6 +224,14 @@ class _Drawn:
         stamp_ns = (seen or random.choice(self._seen)).stamp_ns
         at_s = (stamp_ns - START_NS) / NS + random.choice(_NEAR_S) * random.uniform(-0.3, 1.0)
         return round(max(at_s, 0.02), 6)
+
+    def _end_s(self) -> float:
+        """When a recorder is killed: mostly just after something that breaks a property."""
+        broken = [stamp_ns for stamp_ns in self._happened.broken if stamp_ns > START_NS]
+        if not broken or self._random.random() < 0.3:
+            return self._instant_s()
+        at_s = (self._random.choice(broken) - START_NS) / NS
+        return round(at_s + self._random.choice((0.01, 0.05, 0.15)), 4)
 
     def _node(self) -> str:
         return self._random.choice(self._happened.nodes)

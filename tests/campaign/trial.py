@@ -122,7 +122,9 @@ class Prepared:
         with _quiet():
             SimulatedRun(self.program, world).run(seconds)
             world.close()
-        return Happened(tuple(machine.name for machine in self.machines), tuple(seen))
+        true = truth.of_properties(self._monitored.properties, seen, world.now_ns)
+        broken = tuple(one.is_broken for one in true.values() if one.is_broken)
+        return Happened(tuple(machine.name for machine in self.machines), tuple(seen), broken)
 
     @functools.cache  # noqa: B019 - it lives as long as its system is tried
     def mutants_of(self, node: str) -> tuple[Mutant, ...]:

@@ -80,9 +80,11 @@ def _broken(items: Sequence[Property], seen: Iterable[Observation], end_ns: int)
         return {}
     monitors = PropertySet(items)
     changes = list(monitors.advance(START_NS - 1))
+    last_ns = START_NS
     for one in seen:
         changes += monitors.observe(one)
-    changes += monitors.advance(end_ns)
+        last_ns = one.stamp_ns
+    changes += monitors.advance(max(end_ns, last_ns))  # several at the last instant differ by a ns
     broken: dict[str, int] = {}
     for name, verdict in changes:
         if verdict.status is Status.FALSE:
