@@ -13,7 +13,15 @@ from typing import Any
 from m2c.model.datatypes import BOOL, STRING, DataType, Structure, is_integer
 from m2c.model.expressions import ObjectLiteral
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import ActionThread, Assign, EventKind, InterfaceKind, Machine, OutputKind
+from m2c.model.machine import (
+    ActionThread,
+    Assign,
+    EventKind,
+    InterfaceKind,
+    Machine,
+    OutputKind,
+    Raise,
+)
 from m2c.model.macrostep import MAX_STEPS, matches
 from m2c.model.scopes import event_parts, interface_kind_of, readable_ports
 from m2c.model.typing import Scope
@@ -289,6 +297,8 @@ class Program:
         draws: whether values are drawn at random.
         certain: whether a step of the machine has one outcome, where all values are known.
         periodic: the periodic timers that matter: instance, event, period (ns).
+        sent_to_itself: events that an instance sends itself, at once or with a delay: instance, event, the
+            send's id, whether it has data.
     """
 
     def __init__(self, machine: Machine, library: InterfaceLibrary) -> None:
@@ -328,6 +338,14 @@ class Program:
             for name, period in rates.items()
             if any(name in state.timers for state in program.states)
         ]
+        self.sent_to_itself = list(
+            dict.fromkeys(
+                (instance, (EventKind.INTERNAL, item.event), item.id, bool(item.fields))
+                for instance, program in enumerate(self.parts)
+                for item in statements_of(program.machine)
+                if isinstance(item, Raise) and item.external
+            )
+        )
         self._channels: dict[tuple[InterfaceKind | None, str], str | None] = {
             (interface.kind, interface.name): interface.channel for interface in machine.interfaces
         }

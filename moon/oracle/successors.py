@@ -108,6 +108,15 @@ class Successors:
             PendingTimer(instance, event, now - self._bounds.latency, now + period, period)
             for instance, event, period in self._program.periodic
         )
+        # what it sent itself before may come at any time: how often and when it did is not known
+        sent = tuple(
+            PendingTimer(
+                *(instance, event, now - self._bounds.latency, FOREVER, 0),
+                anything() if has_data else None,
+                identifier,
+            )
+            for instance, event, identifier, has_data in self._program.sent_to_itself
+        )
         combinations: list[tuple[tuple[int, tuple[Any, ...]], ...]] = [()]
         for program in self._parts:
             data = program.unknown_data()
@@ -135,7 +144,7 @@ class Successors:
                 for event, delay in self._parts[instance].states[state].delays
             )
             found.append(
-                Hypothesis(instances, pending=pending, timers=(*timers, *delays), free=True)
+                Hypothesis(instances, pending=pending, timers=(*timers, *sent, *delays), free=True)
             )
         return found
 
@@ -286,6 +295,8 @@ class Successors:
                 latest + timer.period + slack,
             )
             others = (*hypothesis.timers[:place], following, *hypothesis.timers[place + 1 :])
+        elif timer.high == FOREVER:
+            others = hypothesis.timers  # there may be another
         rest = hypothesis.with_timers(others)
         key = (timer.instance, timer.event) if timer.period else None
         yield from self.run(

@@ -1,0 +1,86 @@
+"""A machine that sends itself events, and a monitor that comes later: what was sent before still arrives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from m2c.launch.in_process import SimulatedRun, compile_system
+from m2c.model import DiagnosticLog, load
+from moon.monitor.models import ModelMonitor
+from moon.verdict import Verdict
+from transports.simulated import SimulatedTransport, SimulatedWorld
+
+MODEL = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" name="Probe" initial="a">
+  <datamodel><data id="n" type="int32" expr="0"/></datamodel>
+  <ros_topic_publisher name="out" topic="/out" type="std_msgs/Int32"/>
+  <ros_time_rate name="beat" rate_hz="1"/>
+  <state id="a">
+    <onentry>{send}</onentry>
+    <ros_rate_callback name="beat">
+      <ros_topic_publish name="out"><field name="data" expr="1"/></ros_topic_publish>
+    </ros_rate_callback>
+    <transition event="over" target="b"/>
+  </state>
+  <state id="b">
+    <ros_rate_callback name="beat">
+      <ros_topic_publish name="out"><field name="data" expr="2"/></ros_topic_publish>
+    </ros_rate_callback>
+  </state>
+</scxml>
+"""
+
+
+def complaints(folder: Path, send: str, joins_s: float, fault: str = "") -> list[Verdict]:
+    """Violations, certain or not, of a monitor that joins after ``joins_s``.
+
+    ``fault``: what the node publishes in its second state.
+    """
+    (folder / "Probe.scxml").write_text(MODEL.format(send=send))
+    log = DiagnosticLog()
+    system = load([folder], log)
+    assert system is not None, log.diagnostics
+    assert not log.has_errors, log.diagnostics
+    program = compile_system(system)
+    if fault:
+        wrong = folder / "wrong"
+        wrong.mkdir()
+        text = MODEL.format(send=send).replace('expr="2"', f'expr="{fault}"')
+        (wrong / "Probe.scxml").write_text(text)
+        other = load([wrong], log)
+        assert other is not None
+        program = compile_system(other)
+    world = SimulatedWorld(seed=1)
+    monitor = ModelMonitor(system.nodes, system.library, synchronised=False, lossy=False)
+    said: list[Verdict] = []
+    run = SimulatedRun(program, world)
+    run.run(joins_s)
+    listener = SimulatedTransport(world, "listener")
+    listener.tap([], lambda observation: said.extend(monitor.feed(observation)))
+    listener.every(0.02, lambda: said.extend(monitor.advance(world.now_ns)))
+    monitor.node_found("Probe", world.now_ns)
+    run.run(20.0)
+    world.close()
+    return [verdict for verdict in said if "expected" in verdict.reason]
+
+
+SENDS = {
+    "one": '<send event="over" delay="7s"/>',
+    "two": '<send event="over" delay="7s" id="s"/><send event="over" delay="9s" id="s"/>',
+    "by an expression": '<send event="over" delayexpr="7000 + n"/>',
+}
+
+
+@pytest.mark.parametrize("send", SENDS.values(), ids=SENDS)
+@pytest.mark.parametrize("joins_s", [1.5, 4.2])
+def test_what_was_sent_before_the_monitor_came_arrives(
+    tmp_path: Path, send: str, joins_s: float
+) -> None:
+    assert complaints(tmp_path, send, joins_s) == []
+
+
+@pytest.mark.parametrize("send", SENDS.values(), ids=SENDS)
+def test_a_fault_after_it_is_found(tmp_path: Path, send: str) -> None:
+    assert complaints(tmp_path, send, 1.5, fault="3")
