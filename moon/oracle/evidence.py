@@ -48,6 +48,7 @@ EVIDENCE: dict[EventKind, tuple[Shown, Shown]] = {
     EventKind.CANCEL: (Shown.BY_NODE, Shown.BY_NODE),
     EventKind.GOAL_ACCEPTED: (Shown.BY_NODE, Shown.BY_NODE),
     EventKind.GOAL_REJECTED: (Shown.BY_NODE, Shown.BY_NODE),
+    EventKind.GOAL_FAILED: (Shown.BY_NODE, Shown.BY_NODE),
     EventKind.SUCCEEDED: (Shown.BY_NODE, Shown.BY_NODE),
     EventKind.ABORTED: (Shown.BY_NODE, Shown.BY_NODE),
     EventKind.CANCELED: (Shown.BY_NODE, Shown.BY_NODE),
