@@ -207,7 +207,7 @@ class Goal:
         stamp: when it was accepted, as the server told its client; None: not known.
         seen: whether its end was observed.
         result: (kind, message) of its end.
-        cancel: whether it is to be cancelled once it is accepted.
+        cancel: whether it is to be cancelled once it is accepted; None: perhaps.
     """
 
     __slots__ = (
@@ -233,7 +233,7 @@ class Goal:
         phase: Phase,
         result: tuple[OutputKind, Any] | None = None,
         seen: bool = False,
-        cancel: bool = False,
+        cancel: bool | None = False,
         stamp: Stamp | None = None,
         name: Any = None,
     ) -> None:
@@ -574,6 +574,18 @@ def goal_to_cancel(made: Hypothesis, interface: str, number: Any) -> Goal | None
         last = dict(made.counts).get((False, interface), 0)
         return next((g for g in sent if g.number == last), None)
     return next((g for g in sent if is_named(g, number)), None)
+
+
+def perhaps_cancel(made: Hypothesis, interface: str) -> None:
+    """A cancel request of a hypothesis that is being made may mean any goal that is not accepted yet."""
+    made.goals = tuple(
+        goal.but(cancel=None)
+        if not (goal.served or goal.cancel)
+        and goal.interface == interface
+        and goal.phase is Phase.NEW
+        else goal
+        for goal in made.goals
+    )
 
 
 def served_goal(made: Hypothesis, output: Output) -> Goal | None:

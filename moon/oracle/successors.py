@@ -34,6 +34,7 @@ from moon.oracle.state import (
     goal_allows,
     goal_called,
     goal_to_cancel,
+    perhaps_cancel,
     served_goal,
     with_goal_changed,
 )
@@ -476,6 +477,7 @@ class Successors:
                 if found is None:
                     if not made.free:
                         return
+                    perhaps_cancel(made, interface)
                     optional = True
                 elif found.phase is Phase.NEW:
                     change_goal(made, found, cancel=True)
@@ -665,14 +667,21 @@ class Inputs:
         return self._owing(rejected, OutputKind.REJECT_GOAL, goal, fact)
 
     def _owing(
-        self, hypothesis: Hypothesis, kind: OutputKind, goal: Goal, fact: TraceEvent
+        self,
+        hypothesis: Hypothesis,
+        kind: OutputKind,
+        goal: Goal,
+        fact: TraceEvent,
+        optional: bool = False,
     ) -> Hypothesis:
         """``hypothesis`` with something more to be sent about ``goal``, by the node and not by a
         statement of the model.
         """
         place = self._place
         owed = Obligation(
-            kind, goal.interface, None, fact.stamp, fact.stamp, place, place, goal=goal.id
+            *(kind, goal.interface, None, fact.stamp, fact.stamp, place, place),
+            goal=goal.id,
+            optional=optional,
         )
         return hypothesis.but(owed=(*hypothesis.owed, owed))
 
@@ -726,6 +735,8 @@ class Inputs:
                 yield hypothesis  # not a goal of this machine's model, or one that has ended
                 return
             hypothesis, goal = adopt_goal(hypothesis, fact.interface, fact.goal, False, Phase.NEW)
+            perhaps_cancel(hypothesis, fact.interface)
+            goal = goal_called(hypothesis, fact.interface, fact.goal, served=False) or goal
         codes = {EventKind.SUCCEEDED: 4, EventKind.CANCELED: 5, EventKind.ABORTED: 6}
         parts: dict[str, Any] = {"goal_id": goal.name}
         if event[0] in codes:
@@ -735,8 +746,9 @@ class Inputs:
             for made in self._successors.run(
                 accepted, 0, event, fact.data, parts, fact.stamp, fact.stamp
             ):
-                cancel = OutputKind.SEND_CANCEL
-                yield self._owing(made, cancel, goal, fact) if goal.cancel else made
+                cancel, is_perhaps = OutputKind.SEND_CANCEL, goal.cancel is None
+                is_due = is_perhaps or goal.cancel
+                yield self._owing(made, cancel, goal, fact, is_perhaps) if is_due else made
             return
         goals = tuple(g for g in hypothesis.goals if not g.is_same(goal))
         ended = hypothesis.but(goals=goals)
