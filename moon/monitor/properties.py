@@ -113,9 +113,6 @@ class PropertyWatch:
         """Observations that came too late to be judged."""
         self.turns = 0
         """Turns at which there was something to look at."""
-        self.begins_with_first = False
-        """Whether what is received at the very instant at which listening begins belongs to it: in a file,
-        where the first entry is the beginning."""
         self._unheard: frozenset[str] = frozenset()
         """Channels of which nothing is received, whatever happens there."""
         self.withdrawn: Callable[[str, int], None] = lambda name, since_ns: None
@@ -168,12 +165,12 @@ class PropertyWatch:
         if name in self._sends or len(self._sends) < MOST_PLACES:
             self._sends.setdefault(name, set()).add(channel)
 
-    def start(self, now_ns: int) -> list[Verdict]:
-        """Listening begins at ``now_ns``; the verdicts that this brings about."""
-        if self.begins_with_first:
-            self._reached_ns, self._is_begun = now_ns - 1, False
-            return []
-        return self._pass_to(now_ns - 1)
+    def start(self, now_ns: int) -> None:
+        """Listening begins at ``now_ns``, with what is received at that instant.
+
+        What holds then is known one latency bound later: by then all are found that were there before.
+        """
+        self._reached_ns, self._is_begun = now_ns - 1, False
 
     def miss(self, channels: Iterable[str]) -> None:
         """Of ``channels`` nothing is received, whatever happens there."""
@@ -237,7 +234,7 @@ class PropertyWatch:
                 new = PropertyVerdict(Status.INCONCLUSIVE, now_ns, reason=why)
                 found += self._news(name, new)
         self._clear()
-        found += self.start(now_ns)
+        self.start(now_ns)
         for departure in self._departures.again(now_ns):
             self._hold(departure)
         return found
@@ -281,6 +278,8 @@ class PropertyWatch:
 
     def _known_ns(self, now_ns: int) -> int:
         """All that was stamped until then (ns) was received, or is lost."""
+        if not self._is_begun:
+            return now_ns - self._latency_ns
         return max(now_ns - self._latency_ns, self._sources.known_ns(self._sends, now_ns))
 
     @property
@@ -309,6 +308,9 @@ class PropertyWatch:
     def _presume(self, now_ns: int) -> None:
         """Ask nodes, if their silence would make something false."""
         until_ns = now_ns - self._wait_ns
+        if not self._is_begun:
+            self._presume_ns = FOREVER
+            return
         names = self._sources.behind(self._sends, until_ns, now_ns) if self.properties else []
         if not names:
             self._ordered.presume_nothing()

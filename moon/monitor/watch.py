@@ -125,7 +125,7 @@ class SystemWatch:
         self._began_ns = self._order.start(self.listener, since_ns)
         transport.watch_nodes(self._node_changed)
         self._turns.plan(0)
-        self._report_properties(self._properties.start(self._began_ns))
+        self._properties.start(self._began_ns)
 
     # --- what is received --------------------------------------------------------------------------
 

@@ -95,7 +95,6 @@ def check_recording(
     notes: list[str] = []
     unrecorded = surveyed.unrecorded(properties)
     left_out = surveyed.left_out(monitored.machines)
-    properties.begins_with_first = not surveyed.is_paced
     properties.miss(unrecorded)
     judged = monitored.machines if attribution is None else attribution.machines
     watch = SystemWatch(

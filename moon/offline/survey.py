@@ -49,14 +49,12 @@ class Surveyed(msgspec.Struct, frozen=True):
         attribution: who did what; None: it says so itself, or there are no machines.
         recorded: the channels that were recorded, if only to show that nothing happened on them.
         globs: the channels that moon was to record; empty: all, or it is not moon's.
-        is_paced: whether a monitor was recorded, with its turns.
     """
 
     base: TimeBase | None
     attribution: Attribution | None
     recorded: tuple[str, ...]
     globs: tuple[str, ...] = ()
-    is_paced: bool = False
 
     def left_out(self, machines: Iterable[Machine]) -> dict[str, str]:
         """Those of ``machines`` of which something was not to be recorded: by name, a channel of each."""
@@ -204,7 +202,7 @@ def _own(recording: Recording, properties: PropertyWatch, named: Iterable[str]) 
         if isinstance(entry, Began):
             globs = entry.globs
             if entry.paced:
-                return Surveyed(None, None, tuple(sorted(wanted)), is_paced=True)
+                return Surveyed(None, None, tuple(sorted(wanted)))
         if number and found.keys() >= wanted:
             break
     shown = {*found, *recording.topics()} - OWN_TOPICS

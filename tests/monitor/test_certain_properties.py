@@ -34,7 +34,7 @@ class Watched:
             self.sources.changed(node, True, START)
             if answers:
                 self.sources.answered(node, 0, START + MS)
-        self._take(self.watch.start(START))
+        self.watch.start(START)
 
     def _take(self, verdicts) -> None:
         self.said += [verdict.outcome for verdict in verdicts]

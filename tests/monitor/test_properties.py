@@ -401,6 +401,28 @@ def test_time_begins_when_listening_begins(tmp_path) -> None:
     assert abs(found.stamp_ns - START - S) <= MS
 
 
+def of_the_beginning(folder: Path) -> Watched:
+    return Watched(
+        folder,
+        "ports: {level: {topic: /battery, field: data, initial: 0}, asked: {service: /Level/tick, on: request}}\n"
+        "properties: [{id: full, pattern: universality, of: level == 100, before: asked}]\n",
+    )
+
+
+def test_who_was_there_before_may_have_changed_what_an_initial_value_breaks(tmp_path) -> None:
+    watched = of_the_beginning(tmp_path)
+    watched.node("Level", True, since=watched.now - 10 * S)
+    watched.pass_time(3000)
+    assert "violated" not in watched.of("full")
+
+
+def test_of_a_system_that_starts_later_an_initial_value_is_judged(tmp_path) -> None:
+    watched = of_the_beginning(tmp_path)
+    watched.node("Level", True)
+    watched.pass_time(3000)
+    assert watched.of("full") == ["violated"]
+
+
 def _said(*arguments: object) -> tuple[int, str]:
     result = CliRunner().invoke(moon, ["monitor", *map(str, arguments)])
     return result.exit_code, " ".join(result.stderr.split())
