@@ -55,6 +55,8 @@ class Snapshot(NamedTuple):  # not msgspec's: mypyc would leave out the module
     open: dict[str, tuple[int, str]]
     values: dict[str, Any]
     waiting: frozenset[str]
+    unseen: frozenset[str]
+    missed: frozenset[str]
     verdicts: tuple[Verdict, ...]
     logs: dict[str, tuple[Change, ...]]
 
@@ -74,8 +76,9 @@ class MonitorGroup:
 
     They begin when every state they use has been observed (or has an initial value): before, nothing
     is known that a verdict could rest on. What happened before is remembered all the same, as far as it was
-    observed: three-valued, as not all states are known yet. Only whether a formula was false before is not
-    asked.
+    observed: three-valued, as not all states are known yet. A state has no value before its first message: if
+    none of it can have been missed, nothing that rests on states alone has happened by that. Only whether a
+    formula was false before is not asked.
     """
 
     def __init__(self, properties: Sequence[Property], ports: Sequence[Port]) -> None:
@@ -188,9 +191,12 @@ class MonitorGroup:
             return found
         self.reached = stamp
         values = self._pass_gaps(stamp)
+        unseen = self._known.unseen
         for port in group.ports:
             if not port.event:
                 self._known.take(port, seen.data)
+        if self._three_valued is not None and unseen != self._known.unseen:
+            self._three_valued.not_yet(self._known.settled(), stamp - 1)
         if self.started < 0 and self._known.waiting:
             if self._three_valued is None:
                 self._known.lose(self._open(group))
@@ -453,7 +459,9 @@ class MonitorGroup:
         now = began if fresh else read["now"]
         self.reached = now
         atoms: dict[str, bool | None] = {}
-        if not fresh:
+        if fresh:
+            self._known.lose(self._gaps.pass_to(now)[0])
+        else:
             self._known.take_from_handlers(read)
         for text, index in self._index.items():
             if text in self._gaps.open:
@@ -525,6 +533,8 @@ class MonitorGroup:
             open=dict(self._gaps.open),
             values=dict(self._known.values),
             waiting=frozenset(self._known.waiting),
+            unseen=self._known.unseen,
+            missed=self._known.missed,
             verdicts=tuple(self.verdicts),
             logs={text: tuple(log) for text, log in self._logs.items()},
             forms=tuple(
@@ -549,6 +559,7 @@ class MonitorGroup:
         self._gaps.coming, self._gaps.open = list(snapshot.coming), dict(snapshot.open)
         self._known.values = dict(snapshot.values)
         self._known.waiting = set(snapshot.waiting)
+        self._known.unseen, self._known.missed = snapshot.unseen, snapshot.missed
         self.verdicts = list(snapshot.verdicts)
         for text, changes in snapshot.logs.items():
             self._logs[text].clear()

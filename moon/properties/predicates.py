@@ -438,6 +438,10 @@ class KnownValues:
                 self.waiting.add(port.name)
             elif not port.event:
                 self.values[port.name] = port.initial
+        self.unseen = frozenset(self.waiting)
+        """States that no message has set yet: they have had no value."""
+        self.missed: frozenset[str] = frozenset()
+        """States of which a message was lost."""
 
     def take(self, port: Port, data: Any) -> None:
         """Take over what an observation's ``data`` says of ``port``."""
@@ -453,12 +457,20 @@ class KnownValues:
         except UNKNOWN_ERRORS:
             self.values[port.name] = None
 
+    def settled(self) -> frozenset[str]:
+        """The predicates of states of which all messages so far were received, and one at least."""
+        events = {port.name for port in self._binding.ports.values() if port.event}
+        others = self.unseen | self.missed | events
+        return frozenset(text for text, names in self._names.items() if others.isdisjoint(names))
+
     def _found(self, name: str) -> None:
+        self.unseen = self.unseen.difference((name,))
         self.waiting.discard(name)
         self.lost.pop(name, None)
 
     def lose(self, names: Mapping[str, str]) -> None:
         """The ports ``names`` may have been set by a message that was lost, for the reason given."""
+        self.missed = self.missed.union(names)
         for name, reason in names.items():
             if not self._binding.ports[name].event:
                 self.waiting.add(name)

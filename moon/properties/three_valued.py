@@ -314,10 +314,30 @@ class ThreeValued:
                 if index in reached:
                     node, upper = self.network.nodes[index], self._grows[index] == best
                     raw[index] = forget(node, raw[index], start, now, self._began, upper)
-            ends = [due for due in program.heap if due[1] in self._pulses]
-            write_state(self.network, program, raw, now)
-            program.heap.extend(ends)
-            heapify(program.heap)
+            self._rewrite(program, raw, now)
+
+    def not_yet(self, texts: Container[str], now: int) -> None:
+        """What was unknown of the predicates ``texts`` until ``now`` is that they had no value.
+
+        Then nothing that rests on them alone has happened by that. A step is to follow.
+        """
+        nodes = self.network.nodes
+        settled: set[int] = set()
+        for index, node in enumerate(nodes):
+            is_atom = node.kind == "atom"
+            if node.text[1:] in texts if is_atom else all(item in settled for item in node.inputs):
+                settled.add(index)
+        raws = [read_state(self.network, program) for program in (self.best, self.worst)]
+        least = {index: raws[self._grows[index]][index] for index in raws[0] if index in settled}
+        for program, raw in zip((self.best, self.worst), raws, strict=True):
+            self._rewrite(program, raw | least, now)
+
+    def _rewrite(self, program: Program, raw: Mapping[int, Sequence[Any]], now: int) -> None:
+        """Put raw variables into ``program``; what else is due there stays."""
+        ends = [due for due in program.heap if due[1] in self._pulses or due[1] == BEGINNING]
+        write_state(self.network, program, raw, now)
+        program.heap.extend(ends)
+        heapify(program.heap)
 
     def observe(
         self,

@@ -302,6 +302,18 @@ class Reference:
         self.monitors = PropertySet([Property("f", self.item.formula, tuple(ports))])
         self.fresh = self.monitors.snapshot()
 
+    @property
+    def remembers_states(self) -> bool:
+        """Whether something but the formula's own past is remembered of states alone."""
+        (group,) = self.monitors.groups
+        nodes, own = group._network.nodes, set(obligations(group._network))
+        alone: set[int] = set()
+        for index, node in enumerate(nodes):
+            is_event = node.kind == "atom" and node.text in group.binding.events
+            if not is_event and alone.issuperset(node.inputs):
+                alone.add(index)
+        return any(nodes[i].kind in ("once", "since") for i in alone - own)
+
     def of(self, messages: list[tuple[Message, int | None]]) -> tuple[Values, Values]:
         """The formula's value after each observation and at the end of each tick, of ``messages``.
 
@@ -422,6 +434,8 @@ def contradiction(seed: int, tally: Tally | None = None, edges: bool = False) ->
                 wrong = range(max(fact.start_ns, start) - start, fact.end_ns + 1 - start)
                 if any(rows[t][fact.predicate] is not fact.value for t in wrong):
                     return describe(seed, triple, f"false at {at} for {fact}, not so in {messages}")
+        if reference.remembered and reference.remembers_states:
+            continue  # a state has no value before its first message; here it has one
         for claim in claims.claims:
             if claim.number != number or claim.instant < claims.started[number]:
                 continue

@@ -98,3 +98,28 @@ def test_a_violation_after_the_beginning_is_found_whatever_was_before() -> None:
     assert monitors.verdicts()["f"].status is Status.TRUE
     monitors.observe(seen(600, "/battery", data=10))
     assert monitors.verdicts()["f"].status is Status.FALSE
+
+
+BEFORE = "historically ({asked} -> once {battery < 30})"
+
+
+def test_a_state_that_had_no_message_yet_has_not_held() -> None:
+    monitors = _monitors(BEFORE)
+    monitors.advance(0)
+    monitors.observe(seen(10, "/ask"))
+    monitors.observe(seen(500, "/battery", data=80))
+    monitors.observe(seen(600, "/ask"))
+    assert monitors.verdicts()["f"].status is Status.FALSE
+
+
+@pytest.mark.parametrize(("start", "end"), [(0, 5), (5, 20), (20, 500), (0, 501), (499, 501)])
+def test_a_state_whose_first_messages_may_have_been_missed_may_have_held(
+    start: int, end: int
+) -> None:
+    monitors = _monitors(BEFORE)
+    monitors.advance(0)
+    monitors.observe(seen(10, "/ask"))
+    monitors.lose("/battery", start, end)
+    monitors.observe(seen(500, "/battery", data=80))
+    monitors.observe(seen(600, "/ask"))
+    assert monitors.verdicts()["f"].status is Status.INCONCLUSIVE
