@@ -42,7 +42,7 @@ def record_tour(path: Path, monitored: Monitored, seconds: float) -> None:
         [],
         print,
         monitored.property_watch(),
-        monotonic_ns=connection.monotonic_ns,
+        monotonic_ns=connection.steady_ns,
     )
     watch.start()
     SimulatedRun(compile_system(monitored.system), world).run(seconds)

@@ -294,10 +294,13 @@ class Answer(msgspec.Struct, frozen=True):
 
 @runtime_checkable
 class VirtualTime(Protocol):
-    """A connection whose time is not that of the computer."""
+    """A connection that is asked for a clock that nobody sets, too.
+
+    Its time is not that of the computer, or it stands before another connection, which is asked.
+    """
 
     def steady_ns(self) -> int:
-        """Virtual time (ns), which nobody sets, whatever the connection's clock shows."""
+        """Time (ns) of the same kind as ``now_ns``, which nobody sets, whatever that one shows."""
         ...
 
 

@@ -32,7 +32,7 @@ def monitor_fleet(
     from moon.fleet.fleet import Fleet
     from moon.fleet.robot import FleetModels
     from moon.fleet.screen import fleet_screen
-    from moon.ordering.event_time_clock import NS, clock_nobody_sets
+    from moon.ordering.event_time_clock import NS
     from moon.sinks.file import VerdictFile
     from transports.interface import Namespaces
 
@@ -41,7 +41,7 @@ def monitor_fleet(
     file = VerdictFile(log_file) if log_file is not None else None
     screen = fleet_screen(as_json)
     sinks: list[Sink] = [file] if file is not None else []
-    models = FleetModels(monitored, clock_nobody_sets(connection))
+    models = FleetModels(monitored)
     fleet = Fleet(
         connection,
         pattern,

@@ -31,15 +31,11 @@ class FleetModels:
 
     Args:
         monitored: what was read.
-        monotonic_ns: a clock that nobody sets.
     """
 
-    def __init__(
-        self, monitored: Monitored, monotonic_ns: Callable[[], int] = time.monotonic_ns
-    ) -> None:
+    def __init__(self, monitored: Monitored) -> None:
         self.monitored = monitored
         self.compiled = CompiledSystem(monitored.system, monitored.machines)
-        self._monotonic_ns = monotonic_ns
 
     def watch(
         self,
@@ -51,7 +47,7 @@ class FleetModels:
     ) -> SystemWatch:
         """Fresh judges of one robot; see :class:`SystemWatch`."""
         return self.monitored.watch(
-            connection, sinks, say, screens, self._monotonic_ns, self.compiled, repeated
+            connection, sinks, say, screens, compiled=self.compiled, repeated=repeated
         )
 
 

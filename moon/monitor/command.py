@@ -179,7 +179,7 @@ def _monitor(
     run: RecordedRun | None = None
     if recorder is not None:
         source = recorded = RecordedConnection(joining, recorder.add, transport, clock)
-        clock = recorded.monotonic_ns
+        clock = recorded.steady_ns
         run = RecordedRun(recorded, recorder)
         sinks.insert(0, run)
         connection.every(FLUSH_S, run.flush)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from moon.ordering.event_time_clock import clock_nobody_sets
 from moon.tap.completeness import when_complete
 from transports.interface import Listener, Observation, Publisher, Tap, Timer, Topic
 
@@ -22,6 +23,7 @@ class Joining:
 
     def __init__(self, connection: Listener) -> None:
         self._connection = connection
+        self._steady_ns = clock_nobody_sets(connection)
         self._up: dict[str, None] = {}
         self._handler: Callable[[Observation], None] | None = None
         self._changed: Callable[[str, bool], None] | None = None
@@ -70,6 +72,10 @@ class Joining:
     def now_ns(self) -> int:
         """See ``Transport.now_ns``."""
         return self._connection.now_ns()
+
+    def steady_ns(self) -> int:
+        """See ``transports.interface.VirtualTime``."""
+        return self._steady_ns()
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """The tap that is open, from now on for ``handler``; of all channels, as monitors want it."""

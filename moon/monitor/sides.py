@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
+from moon.ordering.event_time_clock import clock_nobody_sets
 from transports.interface import Answer, Observation, Tap, Timer, Transport
 
 NodeHandler = Callable[[str, bool], None]
@@ -31,6 +32,7 @@ class Side:
     def __init__(self, there: Transport, home: Transport) -> None:
         self._there = there
         self._home = home
+        self._steady_ns = clock_nobody_sets(home)
 
     @property
     def repair_s(self) -> float:
@@ -40,6 +42,10 @@ class Side:
     def now_ns(self) -> int:
         """The clock of the home transport."""
         return self._home.now_ns()
+
+    def steady_ns(self) -> int:
+        """That of the home transport which nobody sets (``transports.interface.VirtualTime``)."""
+        return self._steady_ns()
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """A tap on this side."""
@@ -88,6 +94,10 @@ class AllSides:
     def now_ns(self) -> int:
         """The clock of the home transport."""
         return self._sides[0].now_ns()
+
+    def steady_ns(self) -> int:
+        """That of the home transport which nobody sets (``transports.interface.VirtualTime``)."""
+        return self._sides[0].steady_ns()
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """A tap on every side."""

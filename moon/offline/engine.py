@@ -106,7 +106,7 @@ def check_recording(
         notes.append,
         properties,
         policy=monitored.policy and attribution is None and not left_out,
-        monotonic_ns=player.monotonic_ns,
+        monotonic_ns=player.steady_ns,
         repeated=collector.repeat,
     )
     properties.withdrawn = collector.withdraw

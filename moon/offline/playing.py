@@ -85,7 +85,7 @@ class Player:
         """The time of the recording."""
         return self._now_ns
 
-    def monotonic_ns(self) -> int:
+    def steady_ns(self) -> int:
         """The recorder's monotonic clock, which has run as its time of day since the last turn."""
         return self._monotonic_ns + (self._now_ns - self._turned_ns if self._paced else 0)
 

@@ -81,7 +81,7 @@ class RecordedConnection:
         """When that began which the monitor deals with now."""
         return self._now_ns
 
-    def monotonic_ns(self) -> int:
+    def steady_ns(self) -> int:
         """The same on a clock that nobody sets, which has run as the time of day since the last turn."""
         return self._monotonic_ns + (self._now_ns - self._turned_ns)
 

@@ -213,7 +213,7 @@ class _Trial:
             lambda sentence: None,
             properties,
             policy=self.monitored.policy,
-            monotonic_ns=connection.monotonic_ns,
+            monotonic_ns=connection.steady_ns,
         )
         self.watch.start()
 

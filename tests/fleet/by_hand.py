@@ -82,16 +82,13 @@ class RobotByHand(HandDriven):
         self._timers.clear()
 
     def now_ns(self) -> int:
-        """Robots act one after the other, each on a time of its own: both clocks are of the one that acts."""
-        self.fleet.acting = self
+        """Robots act one after the other, each on a time of its own."""
         return self.now
 
-    def hear(self, *args, **changes) -> None:
-        self.fleet.acting = self
-        super().hear(*args, **changes)
+    def steady_ns(self) -> int:
+        return self.now
 
     def pass_time(self, milliseconds: int) -> None:
-        self.fleet.acting = self
         until = self.now + milliseconds * MS
         while due := [t for t in self._timers if not t.is_cancelled and t.due_ns <= until]:
             timer = min(due, key=lambda timer: timer.due_ns)
@@ -129,18 +126,14 @@ class FleetByHand:
         self.verdicts: list[Verdict] = []
         self.shown: list[Verdict] = []
         self.by_name: dict[str, RobotByHand] = {}
-        self.acting: RobotByHand | None = None
         log = DiagnosticLog()
         system = load([write_models(folder)], log)
         assert system is not None
-        models = FleetModels(monitored_of(system, (), Bounds()), monotonic_ns=self._monotonic_ns)
+        models = FleetModels(monitored_of(system, (), Bounds()))
         self.fleet = Fleet(
             self, "robots/*", models, [self], [Into(self.shown)], self.said.append, shard, most
         )
         self.fleet.start()
-
-    def _monotonic_ns(self) -> int:
-        return self.now if self.acting is None else self.acting.now
 
     def watch_namespaces(self, pattern: str, handler: Callable[[str, bool], None]) -> None:
         self.pattern = pattern

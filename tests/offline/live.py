@@ -97,7 +97,7 @@ class LiveRun:
             [self._run, self],
             lambda sentence: None,
             monitored().property_watch(),
-            monotonic_ns=self._connection.monotonic_ns,
+            monotonic_ns=self._connection.steady_ns,
         )
         self.watch.start()
         self.world.run_for(BEFORE_S)

@@ -89,7 +89,7 @@ def verdicts(entries: Sequence[Entry], properties: bool = False) -> list[Verdict
         [kept],
         lambda sentence: None,
         subject.property_watch() if properties else None,
-        monotonic_ns=player.monotonic_ns,
+        monotonic_ns=player.steady_ns,
     )
     for number, entry in enumerate(received_on_time(entries)):
         if number == 0:

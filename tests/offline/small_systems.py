@@ -238,7 +238,7 @@ def run(folder: Path, seed: int, seconds: float = SECONDS) -> SmallRun:
     connection = RecordedConnection(SimulatedTransport(world, "monitor"), writer.add, "simulated")
     recorded, kept = RecordedRun(connection, writer), _Kept()
     watch = subject.watch(
-        connection, [recorded, kept], lambda sentence: None, monotonic_ns=connection.monotonic_ns
+        connection, [recorded, kept], lambda sentence: None, monotonic_ns=connection.steady_ns
     )
     watch.start()
     world.run_for(BEFORE_S)
@@ -292,7 +292,7 @@ def judged(
     """What a monitor of ``subject`` says of ``entries``."""
     player, kept = Player(subject.bounds.latency), _Kept()
     watch = subject.watch(
-        player, [kept], lambda sentence: None, monotonic_ns=player.monotonic_ns, compiled=compiled
+        player, [kept], lambda sentence: None, monotonic_ns=player.steady_ns, compiled=compiled
     )
     for number, entry in enumerate(received_on_time(entries)):
         if number == 0:

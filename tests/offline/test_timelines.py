@@ -43,7 +43,7 @@ def test_what_is_false_at_a_deadline_after_the_last_message_is_false_in_the_last
     player = Player(0)
     watch = SystemWatch(
         player, no_system(), (), bounds, [], lambda text: None,
-        PropertyWatch(load_properties(path), bounds.latency), monotonic_ns=player.monotonic_ns,
+        PropertyWatch(load_properties(path), bounds.latency), monotonic_ns=player.steady_ns,
     )  # fmt: skip
     timelines = Timelines(watch, player)
     first = Began(START)

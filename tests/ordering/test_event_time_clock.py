@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from moon.ordering.event_time_clock import EventTimeClock, read_together
+import pytest
+
+from moon.monitor.joining import Joining
+from moon.monitor.sides import AllSides, Side
+from moon.ordering.event_time_clock import EventTimeClock, clock_nobody_sets, read_together
+from moon.recording.recorded import RecordedConnection
+from transports.simulated import SimulatedTransport, SimulatedWorld
 
 MS = 1_000_000
 LATENCY = 200 * MS
@@ -115,3 +121,30 @@ def test_after_being_held_up_what_still_waits_is_waited_for() -> None:
         clock.tick(now * MS)
     assert clock.clock_ns == 4_990 * MS
     assert not clock.is_lost
+
+
+def recorded(home: SimulatedTransport | Joining) -> RecordedConnection:
+    return RecordedConnection(home, lambda entry: None, "simulated")
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        lambda home: home,
+        Joining,
+        recorded,
+        lambda home: recorded(Joining(home)),
+        lambda home: Side(home, home),
+        lambda home: AllSides([Side(home, home)], ()),
+    ],
+)
+def test_whatever_stands_before_a_connection_has_its_two_clocks(before) -> None:
+    world = SimulatedWorld(1)
+    connection = before(SimulatedTransport(world, "monitor"))
+    connection.tap([], lambda seen: None)
+    steady_ns = clock_nobody_sets(connection)
+    looked: list[int] = []
+    for _ in range(3):
+        connection.after(0.5, lambda: looked.append(connection.now_ns() - steady_ns()))
+        world.run_for(1.0)
+    assert len(set(looked)) == 1

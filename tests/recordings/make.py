@@ -160,7 +160,7 @@ def record(transport: str, case: str, path: Path, scratch: Path) -> Expected | N
             Bounds(),
             [found],
             lambda text: print(f"  {text}", file=sys.stderr),
-            monotonic_ns=recorded.monotonic_ns,
+            monotonic_ns=recorded.steady_ns,
         )
         watch.start()
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
