@@ -235,17 +235,30 @@ def test_both_ends_of_a_call_tell_the_lives_of_its_client_apart(network):
     network.process("adder")
     assert listener.wait_for_nodes(["adder"], WAIT_S) == []
 
+    wanted = {
+        ("adder", ObservationKind.RESPONSE_SENT),
+        ("caller", ObservationKind.RESPONSE_RECEIVED),
+    }
+
     def live() -> set[int]:
-        """One life of the client, until both ends report its calls; its lives as they have them."""
+        """One life of the client, until both ends have reported its last call; its lives as they have them."""
         before = len(received)
         client = network.node("caller")
         adding = client.client(peer.ADD)
-        for _ in range(200):
+        asked = 0
+
+        def seen_of(call: int) -> set[tuple[str, ObservationKind]]:
+            return {(s.source, s.kind) for s in received[before:] if s.call == call}
+
+        def both_have_reported() -> bool:
+            nonlocal asked
             adding.call_and_wait(peer.AddRequest(1, 2))
-            events = [seen for seen in received[before:] if seen.client == "caller"]
-            ends = {(seen.source, seen.call) for seen in events}
-            if any(("adder", call) in ends and ("caller", call) in ends for _, call in ends):
-                break
+            asked += 1
+            return any(wanted <= seen_of(call) for call in range(1, asked + 1))
+
+        eventually(both_have_reported)
+        # what is reported later would be taken for the next life's
+        eventually(lambda: wanted <= seen_of(asked))
         client.close()
         eventually(lambda: "caller" not in tap.peers())
         lives = {seen.client_life for seen in received[before:] if seen.client == "caller"}
