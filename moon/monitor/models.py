@@ -127,6 +127,14 @@ class ModelMonitor:
             found.append(self.policy)
         return tuple(found)
 
+    def that_hear(self, node: str) -> set[str]:
+        """The nodes whose verdicts depend on when ``node`` did something."""
+        found = {node}
+        for (_, source, _), oracles in self._targets.items():
+            if source == node:
+                found.update(oracle.node for oracle in oracles)
+        return found
+
     def advance(self, now_ns: int) -> list[Verdict]:
         """Time has passed (ns, on the clock of ``Observation.received_ns``)."""
         verdicts: list[Verdict] = []

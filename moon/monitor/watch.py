@@ -96,6 +96,7 @@ class SystemWatch:
             self.counts,
             self,
             (POLICY, *(node.name for node in everything)),
+            bounds.skew,
         )
         self._clock = self._order.clock
         self._properties.rely_on(self._order.sources, _reporters(system))
@@ -225,8 +226,7 @@ class SystemWatch:
 
     def _answered(self, node: str, answer: Answer) -> None:
         """``node`` says up to where it has reported everything."""
-        lag_ns = self._transport.now_ns() - answer.stamp_ns
-        self._order.sources.reachability.heard(node, answer.stamp_ns, lag_ns)
+        self._order.heard(node, answer.stamp_ns, self._transport.now_ns())
         reach_ns = self._clock.reach_ns(self._transport.now_ns())
         self._order.sources.answered(node, answer.next_order, answer.stamp_ns)
         oracle = self._models.watched.get(node)
@@ -240,6 +240,17 @@ class SystemWatch:
         for node in self._properties.take_questions():
             if self.listener is not None:
                 self._silence.ask(self.listener, node)
+
+    def host_clock_set(self, node: str, from_ns: int, since_ns: int, why: str) -> None:
+        """Its stamps of before and after are not compared (``moon.ordering.event_order.Judges``)."""
+        self._properties.lose_all(from_ns, since_ns)
+        watched = self._models.watched
+        names = [name for name in watched if name in self._models.that_hear(node)]
+        for name in names:
+            watched[name].doubt()
+            self._lose(watched[name], why)
+        concerned = f"resynchronised: {', '.join(names)}" if names else "nothing depends on it"
+        self._say(f"warning: {why}: {concerned}")
 
     def clock_set(self, from_ns: int, since_ns: int, why: str) -> None:
         """Times of before and after are not compared (``moon.ordering.event_order.Judges``)."""

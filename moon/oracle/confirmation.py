@@ -108,12 +108,14 @@ class Waiting:
         answer: the place at which the answer would have come.
         ends: what the other ends of its calls say that the node did, about when the violation happened; its
             own report of each says whether that was later.
+        clocks: the nodes whose clocks may have been set; what they do next shows that.
         is_asked: whether those that may show that it is certain were asked how far they have reported.
     """
 
     __slots__ = (
         "answer",
         "call",
+        "clocks",
         "ends",
         "is_asked",
         "places",
@@ -137,6 +139,7 @@ class Waiting:
         self.since_ns = since_ns
         self.until_ns = until_ns
         self.is_asked = False
+        self.clocks: set[str] = set()
         self.ends: set[tuple[Where, Call]] = set()
         self.call: Call | None = None
         self.answer: Place | None = None
@@ -144,7 +147,9 @@ class Waiting:
     @property
     def is_over(self) -> bool:
         """Whether nothing is left to wait for."""
-        return not self.places and not self.ends and self.reported_ns == NOT_NEEDED
+        if self.places or self.ends or self.clocks:
+            return False
+        return self.reported_ns == NOT_NEEDED
 
 
 class Unconfirmed:
@@ -208,11 +213,14 @@ class Unconfirmed:
                 waiting.is_asked = True
                 found.update(place[0] for place in waiting.places)
                 found.update((node,) if waiting.reported_ns != NOT_NEEDED else ())
+                found.update(waiting.clocks)
         return found
 
     def told(self, sources: Sources, node: str, skew_ns: int) -> list[Verdict]:
         """What other nodes than ``node`` did was received up to some time, by the order of their reports."""
         for waiting in self.kept:
+            if waiting.clocks:
+                waiting.clocks = sources.clocks.doubtful(waiting.clocks)
             until_ns = waiting.until_ns + skew_ns
             for place in tuple(waiting.places):
                 if place[0] != node and sources.is_whole(place[0], waiting.since_ns, until_ns):
@@ -424,6 +432,9 @@ class Confirmation:
         if not known:
             return None
         waiting = Waiting(verdict, places, reported, since, after)
+        waiting.clocks = self._sources.clocks.doubtful(
+            {self._node, *(place[0] for place in self._streams.counts)}
+        )
         if not counted:
             waiting.ends = self._other_ends.unsettled(after + self._skew)
         # what came before the request may be missing

@@ -189,6 +189,10 @@ class Oracle:
         """
         return self._delivery.lose(stamp_ns, text)
 
+    def doubt(self) -> None:
+        """What was found and is not certain yet is not true: stamps that it relies on are not."""
+        self._unconfirmed.kept.clear()
+
     # --- what is received -----------------------------------------------------------------------------
 
     def observe(self, observation: Observation) -> Verdict:

@@ -38,6 +38,17 @@ class Judges(Protocol):
         """
         ...
 
+    def host_clock_set(self, node: str, from_ns: int, since_ns: int, why: str) -> None:
+        """The clock of the host of ``node`` was set: its times before and after that are not compared.
+
+        Args:
+            node: one of those whose clock that is.
+            from_ns: what is stamped from then on (ns since the epoch) is uncertain.
+            since_ns: what is stamped from then on is certain again.
+            why: for people.
+        """
+        ...
+
     def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
         """Nothing from ``from_ns`` to ``since_ns`` is known: all begin in the middle of the run.
 
@@ -62,6 +73,7 @@ class EventOrder:
         counts: what is counted.
         judges: what is missing is reported to them.
         known: the nodes of the system.
+        skew_ns: the clocks of different hosts differ by at most this.
 
     Attributes:
         sources: how far all nodes have reported.
@@ -83,6 +95,7 @@ class EventOrder:
         counts: Counts,
         judges: Judges,
         known: Iterable[str] = (),
+        skew_ns: int = 0,
     ) -> None:
         self._now_ns = now_ns
         self._read_monotonic = monotonic_ns
@@ -91,7 +104,7 @@ class EventOrder:
         self._reception = reception
         self._counts = counts
         self._judges = judges
-        self.sources = Sources(latency_ns)
+        self.sources = Sources(latency_ns, skew_ns)
         self.clock = EventTimeClock(now_ns(), latency_ns)
         self.since_ns = 0
         self.listener: Tap | None = None
@@ -124,7 +137,7 @@ class EventOrder:
             # from the node of this name or from another: nothing is concluded from it
             self._miss(seen, clock.clock_ns, now_ns, f"several sessions claim to be {seen.source}")
             return None
-        self.sources.reachability.heard(seen.source, seen.stamp_ns, now_ns - seen.stamp_ns)
+        self.heard(seen.source, seen.stamp_ns, now_ns)
         gap = self.sources.take(seen, clock.clock_ns)
         if gap is not None:
             self._judges.gap(gap)
@@ -149,6 +162,20 @@ class EventOrder:
             return msgspec.structs.replace(judged, received_ns=limit_ns)
         return judged
 
+    def heard(self, node: str, stamp_ns: int, now_ns: int) -> None:
+        """Something of ``node`` was received at ``now_ns``: it can be reached, and its clock may be set."""
+        self.sources.reachability.heard(node, stamp_ns, now_ns - stamp_ns)
+        if node:
+            set_ns = self.sources.clocks.heard(node, stamp_ns, now_ns)
+            if set_ns:
+                self._host_clock_set(node, set_ns, now_ns)
+
+    def _host_clock_set(self, node: str, set_ns: int, now_ns: int) -> None:
+        from_ns = self.clock.clock_ns - self._latency_ns - abs(set_ns)
+        where = "forward" if set_ns > 0 else "back"
+        what = f"the clock of the host of {node} was set {where} by {_duration(abs(set_ns))}"
+        self._judges.host_clock_set(node, from_ns, now_ns + max(set_ns, 0) + 1, what)
+
     def _miss(self, seen: Observation, from_ns: int, until_ns: int, why: str) -> None:
         self._judges.gap(Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind))
 
@@ -162,7 +189,7 @@ class EventOrder:
             self._miss(seen, seen.stamp_ns, now_ns, f"{why} from {seen.source}")
             return
         self._late.clear()
-        self._start_anew(*self.read_clocks(), why, held_up=True)
+        self._start_anew(*self.read_clocks(), why, held_up=True, is_late=True)
 
     def _is_new(self, seen: Observation) -> bool:
         """Look at its number: whether it was not received before, and what is missing before it."""
@@ -173,6 +200,8 @@ class EventOrder:
         count = self.numbers.of(seen)
         sequence = count.sequence
         if number == sequence.next and seen.life == sequence.life:
+            if stamp < sequence.stamp - SET_NS and self.sources.clocks.went_back(seen.source):
+                self._host_clock_set(seen.source, stamp - sequence.stamp, self.clock.now_ns)
             sequence.next, sequence.stamp = number + 1, stamp
             return True
         before_ns = sequence.stamp
@@ -278,7 +307,14 @@ class EventOrder:
                 self._judges.clock_set(now_ns - self._forward_ns, now_ns, what)
                 self._forward_ns = 0
 
-    def _start_anew(self, now_ns: int, monotonic_ns: int, why: str, held_up: bool = False) -> None:
+    def _start_anew(
+        self,
+        now_ns: int,
+        monotonic_ns: int,
+        why: str,
+        held_up: bool = False,
+        is_late: bool = False,
+    ) -> None:
         """Something is not known to be received, of any node."""
         self._counts.stalls += 1
         passed_ns = max(monotonic_ns - self._monotonic_ns, 0)
@@ -290,6 +326,8 @@ class EventOrder:
             self.since_ns += self._repair_ns
         self._monotonic_ns = monotonic_ns
         self.sources.restart()
+        if not is_late:  # what comes late may be of clocks that were set
+            self.sources.clocks.restart()
         self.sources.listening_ns = self.since_ns
         self.numbers.clear()
         self.clock.restart(now_ns, held_up)

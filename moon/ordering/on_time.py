@@ -47,6 +47,7 @@ def _moving(source: Iterator[Entry]) -> Iterator[Entry]:
     yield first
     held: list[tuple[int, int, Entry]] = []
     newest_ns = first.received_ns
+    lags: dict[str, int] = {}
     looked: Pulse | None = None
     for number, entry in enumerate(source):
         is_set_back = entry.received_ns < newest_ns - LATEST_NS
@@ -58,7 +59,7 @@ def _moving(source: Iterator[Entry]) -> Iterator[Entry]:
                 yield heapq.heappop(held)[2]
             newest_ns = entry.received_ns
         newest_ns = max(newest_ns, entry.received_ns)
-        moved = _moved(entry)
+        moved = _moved(entry, lags)
         heapq.heappush(held, (moved.received_ns, number, moved))
         while held and (held[0][0] <= newest_ns - LATEST_NS or len(held) > MAX_HELD):
             yield heapq.heappop(held)[2]
@@ -66,11 +67,18 @@ def _moving(source: Iterator[Entry]) -> Iterator[Entry]:
         yield heapq.heappop(held)[2]
 
 
-def _moved(entry: Entry) -> Entry:
-    """``entry``, not later than usual."""
+def _moved(entry: Entry, lags: dict[str, int]) -> Entry:
+    """``entry``, not later than usual: as late as what came last of its source and was not.
+
+    Args:
+        entry: as it was received.
+        lags: how late that was, by source (ns).
+    """
     if not isinstance(entry, Observation):
         return entry
     late_ns = entry.received_ns - entry.stamp_ns
     if USUAL_NS < late_ns <= LATEST_NS:
-        return replace(entry, received_ns=entry.stamp_ns + USUAL_NS)
+        return replace(entry, received_ns=entry.stamp_ns + lags.get(entry.source, USUAL_NS))
+    if 0 <= late_ns <= USUAL_NS:
+        lags[entry.source] = late_ns
     return entry

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from moon.ordering.host_clocks import HostClocks
 from moon.ordering.judge import Gap
 from moon.ordering.lives import ANOTHER, PAST, Lives
 from moon.ordering.progress import Progress
@@ -44,10 +45,12 @@ class Sources:
 
     Args:
         latency_ns: nothing is received later than this after its stamp.
+        skew_ns: clocks differ by at most this.
     """
 
-    def __init__(self, latency_ns: int) -> None:
+    def __init__(self, latency_ns: int, skew_ns: int = 0) -> None:
         self._latency_ns = latency_ns
+        self.clocks = HostClocks(latency_ns, skew_ns)
         self.reachability = Reachability(latency_ns)
         self.known: dict[str, Source] = {}
         """By name."""
@@ -90,6 +93,7 @@ class Sources:
     def advance(self, now_ns: int) -> Iterator[Gap]:
         """What was not received up to now (ns) and does not come any more."""
         watermark = now_ns - self._latency_ns
+        self.clocks.now_ns = max(self.clocks.now_ns, now_ns)
         for name, source in self.known.items():
             if source.progress.ahead:
                 before = source.progress.reported_ns, source.progress.gap

@@ -276,6 +276,9 @@ class PolicyOracle:
         self._judge.restart()
         return self.lose(stamp - 1, f"{self.node} was restarted")
 
+    def doubt(self) -> None:
+        """Nothing that was found waits to be certain."""
+
     def lose(self, stamp: int, text: str) -> list[Verdict]:
         """Something from before ``stamp`` (ns) was missed: nothing of then is judged any more."""
         self._unclear_until = stamp

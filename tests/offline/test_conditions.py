@@ -66,6 +66,32 @@ def test_nobody_is_accused_when_the_clock_is_set(step_s: float, seed: int, tmp_p
     assert any("the clock was set" in sentence for sentence in said) == (step_s != 0.05)
 
 
+@pytest.mark.parametrize("seed", range(24))
+def test_nobody_is_accused_when_the_clock_of_another_host_is_set(seed: int, tmp_path: Path) -> None:
+    draw = Random(f"other {seed}")
+    far = draw.sample(NODES, draw.randint(1, 3))
+    clock = HostClock("far", 0.0, ((draw.uniform(0.8, 3.0), draw.choice(STEPS_S)),))
+    hosts = dict.fromkeys(far, "far")
+    conditions = Conditions(hosts=hosts, clocks=(clock,), **common(draw))
+    verdicts, _ = monitored(tmp_path, draw.randrange(1000), conditions)
+    assert accusations(verdicts) == []
+
+
+@pytest.mark.parametrize("step_s", [-0.3, -0.15, 0.08])
+def test_that_the_clock_of_another_host_was_set_is_said(step_s: float, tmp_path: Path) -> None:
+    conditions = Conditions(
+        hosts={"Counter": "far"},
+        clocks=(HostClock("far", 0.0, ((1.5, step_s),)),),
+        rules=Rules.ROS2,
+        tap_delay_s=(0.0, 0.005),
+    )
+    verdicts, said = monitored(tmp_path, 3, conditions)
+    assert accusations(verdicts) == []
+    where = "forward" if step_s > 0 else "back"
+    sentence = f"the clock of the host of Counter was set {where} by"
+    assert [sentence in each for each in said].count(True) == 1
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_nobody_is_accused_when_nodes_are_killed_and_started_again(
     seed: int, tmp_path: Path

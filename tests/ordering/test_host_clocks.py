@@ -1,0 +1,106 @@
+"""Whether the clock of another host was set, by the lags of what its nodes report."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+
+from moon.ordering.host_clocks import HostClocks
+
+MS = 1_000_000
+LATENCY = 200 * MS
+SKEW = 20 * MS
+USUAL = (1 * MS, 6 * MS)
+
+
+class Heard:
+    """Two nodes that report in turn, ten milliseconds apart; the clock of the first is set."""
+
+    def __init__(self, skew_ns: int = 0) -> None:
+        self.clocks = HostClocks(LATENCY, skew_ns)
+        self.draw = Random(1)
+        self.now = 1_000_000 * MS
+        self.ahead = 0
+        self.slow = 0
+        self.steps: list[tuple[str, int]] = []
+
+    def hear(self, times: int = 40, nodes: tuple[str, ...] = ("far", "near")) -> Heard:
+        for _ in range(times):
+            for node in nodes:
+                self.now += 10 * MS
+                stamp = self.now + (self.ahead if node == "far" else 0)
+                lag = self.draw.randint(*USUAL) + (self.slow if node == "far" else 0)
+                found = self.clocks.heard(node, stamp, self.now + lag)
+                if found:
+                    self.steps.append((node, found))
+        return self
+
+
+@pytest.mark.parametrize("step_ms", [-3_600_000, -1000, -190, -50, 50, 100, 300, 3_600_000])
+def test_a_clock_that_is_set_is_found_and_by_how_much(step_ms: int) -> None:
+    heard = Heard().hear()
+    assert heard.steps == []
+    heard.ahead = step_ms * MS
+    heard.hear()
+    ((node, found),) = heard.steps
+    assert node == "far"
+    assert abs(found - step_ms * MS) <= USUAL[1]
+
+
+@pytest.mark.parametrize("step_ms", [-190, -50, 50, 300])
+def test_clocks_that_differ_are_doubtful_until_they_agree_again(step_ms: int) -> None:
+    heard = Heard().hear()
+    assert heard.clocks.doubtful(["far", "near", "unknown"]) == set()
+    heard.ahead = step_ms * MS
+    heard.hear()
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+    heard.ahead = 0
+    heard.hear()
+    assert heard.clocks.doubtful(["far", "near"]) == set()
+
+
+def test_one_report_that_comes_late_is_a_doubt_that_the_next_reports_end() -> None:
+    heard = Heard().hear()
+    heard.slow = 80 * MS
+    heard.hear(1)
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+    heard.slow = 0
+    heard.hear(10)
+    assert heard.clocks.doubtful(["far", "near"]) == set()
+    assert heard.steps == []
+
+
+def test_a_doubt_ends_where_nothing_more_is_received() -> None:
+    heard = Heard().hear()
+    heard.slow = 80 * MS
+    heard.hear(1)
+    heard.clocks.now_ns += 2 * LATENCY
+    assert heard.clocks.doubtful(["far"]) == set()
+
+
+def test_what_was_delayed_together_and_comes_at_once_is_of_no_clock() -> None:
+    """A link that stood still for 150 ms: all that was sent meanwhile comes when it goes on."""
+    heard = Heard().hear()
+    since, until = heard.now, heard.now + 150 * MS
+    for stamp in range(since, until, 10 * MS):
+        heard.clocks.heard("far", stamp, until)
+        heard.clocks.heard("near", stamp, max(stamp, heard.clocks.now_ns))
+    heard.now = until
+    heard.hear()
+    assert heard.steps == []
+
+
+def test_no_clock_was_set_where_clocks_differ_by_what_was_said() -> None:
+    heard = Heard(SKEW)
+    heard.ahead = SKEW
+    heard.hear()
+    assert heard.steps == []
+    assert heard.clocks.doubtful(["far", "near"]) == set()
+
+
+def test_stamps_that_go_back_are_news_once() -> None:
+    heard = Heard().hear()
+    assert heard.clocks.went_back("far")
+    assert not heard.clocks.went_back("far")
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
