@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 KEPT_AHEAD = 1024
 """Observations ahead of a gap that are remembered."""
+KEPT_HOLES = 16
+"""Gaps of which it is remembered when they began."""
 
 
 class Progress:
@@ -14,24 +18,27 @@ class Progress:
         next: the number that follows.
         ahead: number and stamp of what came after a gap.
         gap: what is missing and not waited for any more happened before this stamp (ns).
+        holes: the newest gaps: after when, and before when (ns), what is missing happened.
         answer: the number that followed when the node was asked how far it is, and when that was (ns);
             None where all until then has been received, or it was not asked.
         is_whole: nothing that the node did is missing: all was received from number 0 on, without a gap.
     """
 
-    __slots__ = ("ahead", "answer", "gap", "is_whole", "next", "reported_ns")
+    __slots__ = ("ahead", "answer", "gap", "holes", "is_whole", "next", "reported_ns")
 
     def __init__(self) -> None:
         self.ahead: dict[int, int] = {}
         self.next = 0
         self.reported_ns = 0
         self.gap = 0
+        self.holes: deque[tuple[int, int]] = deque(maxlen=KEPT_HOLES)
         self.answer: tuple[int, int] | None = None
         self.is_whole = True
 
     def restart(self) -> None:
         """The node counts anew, or nothing is known any more."""
         self.ahead.clear()
+        self.holes.clear()
         self.next = 0
         self.reported_ns = 0
         self.answer = None
@@ -74,8 +81,19 @@ class Progress:
             for number in [number for number in ahead if number < self.next]:
                 del ahead[number]
             self.gap = ahead.pop(self.next)
+            self.holes.append((self.reported_ns, self.gap))
             self.is_whole = False
             self._go_on(self.gap)
+
+    def missing_after(self, since_ns: int) -> int:
+        """Something that happened after ``since_ns`` is missing: after when it did at the earliest (ns)."""
+        holes = self.holes
+        if len(holes) == KEPT_HOLES and holes[0][0] > since_ns:
+            return since_ns  # there may have been others before
+        for after_ns, before_ns in holes:
+            if before_ns > since_ns:
+                return max(since_ns, after_ns)
+        return max(since_ns, self.reported_ns) if self.ahead else since_ns
 
     def _go_on(self, stamp: int) -> None:
         ahead = self.ahead

@@ -164,6 +164,13 @@ class Sources:
         source = self.known.get(name)
         return source.progress.reported_ns if source is not None else 0
 
+    def missing_after(self, name: str, since_ns: int) -> int:
+        """Something that ``name`` did after ``since_ns`` is missing: after when at the earliest (ns)."""
+        source = self.known.get(name)
+        if source is None or not source.is_numbered or source.anew_ns > since_ns:
+            return since_ns
+        return source.progress.missing_after(since_ns)
+
     def is_whole(self, name: str, since_ns: int, until_ns: int) -> bool:
         """Whether all that ``name`` did from ``since_ns`` to ``until_ns`` was received, by its numbers."""
         source = self.known.get(name)

@@ -245,3 +245,17 @@ def test_a_stamp_from_the_future_does_not_make_what_follows_late():
     asked.question(2)
     asked.answer(2, 2)
     assert asked.oracle.late == 0
+
+
+def test_what_is_missing_happened_after_all_that_was_received_without_a_gap() -> None:
+    progress = Progress()
+    progress.take(0, 100, 0)
+    progress.take(1, 200, 0)
+    progress.answered(2, 250)
+    progress.take(3, 400, 0)
+    assert progress.missing_after(100) == 250
+    progress.advance(400)
+    progress.take(4, 500, 400)
+    assert progress.missing_after(100) == 250
+    assert progress.missing_after(300) == 300
+    assert progress.missing_after(450) == 450
