@@ -392,7 +392,7 @@ class Confirmation:
     ) -> None:
         self._node = node
         self._sources = sources
-        self._skew = bounds.skew
+        self._skew, self._latency = bounds.skew, bounds.latency
         self._silent_ns = bounds.deadline + bounds.latency
         self._taken_topics = taken_topics
         self._streams = streams
@@ -429,12 +429,11 @@ class Confirmation:
                 wanted = count.place[2] or self._losses.happen
                 if wanted or (is_silence and count.place in expected):
                     known = self._wait_for(places, count, after, since) and known
-        if not known:
+        heard = {self._node, *(place[0] for place in self._streams.counts)}
+        if not known or self._sources.reachability.may_be_late(heard, after - self._latency):
             return None
         waiting = Waiting(verdict, places, reported, since, after)
-        waiting.clocks = self._sources.clocks.doubtful(
-            {self._node, *(place[0] for place in self._streams.counts)}
-        )
+        waiting.clocks = self._sources.clocks.doubtful(heard)
         if not counted:
             waiting.ends = self._other_ends.unsettled(after + self._skew)
         # what came before the request may be missing

@@ -45,6 +45,11 @@ class Reachability:
         elif stamp_ns > self._late_ns.get(node, 0):
             times.append(stamp_ns)
 
+    def may_be_late(self, nodes: Iterable[str], since_ns: int) -> bool:
+        """Whether what one of ``nodes`` sent at ``since_ns`` or later may be late: it was heard late."""
+        late_ns = self._late_ns
+        return any(late_ns.get(node, 0) >= since_ns for node in nodes)
+
     def reached_ns(self, nodes: Iterable[str], since_ns: int) -> int | None:
         """When all of ``nodes`` had been heard in time of what they did after ``since_ns``; None: not all."""
         found = [
