@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from moon.ordering.event_time_clock import SET_NS
+from moon.ordering.event_time_clock import PERIOD_NS, SET_NS
 
 KEPT_LAGS = 32
 """The lags of so many reports, and of up to as many before them, say what is usual of a node."""
@@ -139,7 +139,7 @@ class HostClocks:
             self.now_ns = now_ns
         lag_ns = now_ns - stamp_ns - clock.behind_ns
         is_early = lag_ns < -self._most_ns - clock.margin_ns
-        is_late = clock.is_known and lag_ns > clock.most + SET_NS
+        is_late = clock.is_known and lag_ns > clock.most + PERIOD_NS
         if is_early or is_late or clock.is_certain:
             return self._unusual(clock, lag_ns, is_early, now_ns)
         clock.note(lag_ns, now_ns)
