@@ -18,8 +18,8 @@ MODULES = {
     "moon/offline": "engine playing",
     "moon/oracle": "*",
     "moon/ordering": "event_order event_time_clock held host_clocks judge lives numbers progress reachability"
-    " reception sources",
-    "moon/policy": "calls follow judge oracle remembered",
+    " reception senders sources",
+    "moon/policy": "calls follow judge oracle remembered reported",
     "moon/properties": "monitor_group three_valued monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
     "transports": "cdr sequences",
