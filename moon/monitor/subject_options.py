@@ -52,6 +52,14 @@ _OPTIONS = (
         show_default=True,
         help="Seconds within which a subscriber takes a message, and an event reaches the monitor.",
     ),
+    click.option(
+        "--clock-skew",
+        type=click.FloatRange(min=0, max=3600),
+        callback=finite,
+        default=0.0,
+        show_default=True,
+        help="Seconds by which the clocks of the hosts differ at most.",
+    ),
 )
 
 
@@ -64,6 +72,7 @@ class Choice(NamedTuple):  # msgspec's would cost each --help its import
     without: tuple[str, ...]
     deadline: float
     latency_bound: float
+    clock_skew: float
     lenient: bool
 
     def subject(self, models: tuple[Path, ...], property_ids: tuple[str, ...] = ()) -> Subject:
@@ -72,7 +81,9 @@ class Choice(NamedTuple):  # msgspec's would cost each --help its import
         from moon.oracle.bounds import Bounds
 
         bounds = Bounds(
-            latency=round(self.latency_bound * 1e9), deadline=round(self.deadline * 1e9)
+            latency=round(self.latency_bound * 1e9),
+            deadline=round(self.deadline * 1e9),
+            skew=round(self.clock_skew * 1e9),
         )
         return Subject(
             models,
@@ -97,10 +108,13 @@ def subject_options(command: Callable[..., None]) -> Callable[..., None]:
         without: tuple[str, ...],
         deadline: float,
         latency_bound: float,
+        clock_skew: float,
         lenient: bool,
         **others: object,
     ) -> None:
-        choice = Choice(property_files, interfaces, only, without, deadline, latency_bound, lenient)
+        choice = Choice(
+            property_files, interfaces, only, without, deadline, latency_bound, clock_skew, lenient
+        )
         command(choice=choice, **others)
 
     for option in reversed(_OPTIONS):

@@ -42,9 +42,10 @@ class Bounds(msgspec.Struct, frozen=True):
         """By how much a timer and the stamps may disagree after ``duration`` (ns).
 
         Clocks are read with some granularity, and one that is being slewed runs up to 0.05 % too
-        fast or too slow (RFC 5905, 11.3).
+        fast or too slow (RFC 5905, 11.3). A hybrid logical clock follows the one that is ahead, and
+        stands still until its own host's has come up to that.
         """
-        return duration // 1000 + self.tolerance
+        return duration // 1000 + self.tolerance + self.skew
 
 
 class TooManyError(Exception):

@@ -18,6 +18,7 @@ from moon.explain.command import explain
 from moon.monitor.command import monitor
 from moon.monitor.report import HEADER
 from moon.monitor.status import MachineStatus, Summary
+from moon.oracle.bounds import Bounds
 from moon.ordering.counts import Counts
 from moon.sinks.topic import VerdictMessage
 from tests.monitor.hand_driven import write_models
@@ -78,6 +79,8 @@ def test_a_policy_with_errors_is_refused(tmp_path) -> None:
         ([SYSTEM, "--deadline", "0"], "Invalid value for '--deadline': 0.0 is not in the range"),
         ([SYSTEM, "--deadline", "nan"], "nan is not a number of seconds"),
         ([SYSTEM, "--latency-bound", "-1"], "Invalid value for '--latency-bound'"),
+        ([SYSTEM, "--clock-skew", "-1"], "Invalid value for '--clock-skew'"),
+        ([SYSTEM, "--clock-skew", "nan"], "nan is not a number of seconds"),
         ([SYSTEM, "--for", "inf"], "Invalid value for '--for'"),
         ([SYSTEM, "--transport", "telepathy"], "no transport `telepathy` is installed"),
         ([SYSTEM, "--transport", "simulated"], "that world is in one process"),
@@ -168,3 +171,7 @@ def test_the_page_on_explain_shows_what_the_command_says(monkeypatch) -> None:
             assert json.loads(output) == json.loads(result.stdout)
         else:
             assert output.strip() == result.stdout.strip()
+
+
+def test_the_clock_skew_widens_what_timers_may_be_off() -> None:
+    assert Bounds(skew=5_000_000).slack(10**9) == Bounds().slack(10**9) + 5_000_000
