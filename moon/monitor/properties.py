@@ -227,9 +227,13 @@ class PropertyWatch:
             self.lose(channel, start_ns, end_ns)
 
     def begin_anew(self, now_ns: int, why: str) -> list[Verdict]:
-        """Forget everything that was observed: stamps begin elsewhere. The verdicts on that."""
+        """Forget everything that was observed: stamps begin elsewhere. The verdicts on that.
+
+        A violation of before stands: its stamp says nothing of what is lost from now on.
+        """
         found = []
         for name, tally in self._tallies.items():
+            tally.since.clear()
             if tally.outcome is not None:
                 new = PropertyVerdict(Status.INCONCLUSIVE, now_ns, reason=why)
                 found += self._news(name, new)

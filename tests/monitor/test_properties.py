@@ -524,3 +524,20 @@ def test_a_gap_in_the_numbers_is_a_loss_however_close_the_stamps_are(tmp_path, l
         )
     watched.pass_time(1000)
     assert watched.of("high")[-1] == "inconclusive"
+
+
+def test_a_violation_from_before_the_clock_was_set_back_is_not_withdrawn_by_what_is_lost_later(
+    watched,
+):
+    watched.message(90)
+    watched.tick(1)
+    watched.pass_time(1400)
+    assert watched.properties.violations == 1
+    withdrawn = []
+    watched.properties.withdrawn = lambda name, since_ns: withdrawn.append(name)
+    began_ns = watched.now - 5_000 * MS
+    watched.properties.begin_anew(began_ns, "the clock was set back by 5.0 s")
+    watched.properties.lose("/Level/tick", began_ns, began_ns + 100 * MS)
+    watched.properties.advance(began_ns + 1_000 * MS)
+    assert not withdrawn
+    assert watched.properties.violations == 1
