@@ -3,6 +3,7 @@
 The lag of a report is the time from its stamp to its reception. When the clock of a node's host is set, the
 lags of all that the node reports change by as much, at once, and stay so; those of other nodes do not. A
 network or a host that is slow for a while delays what was sent meanwhile, and nothing that is sent later.
+Nodes hold reports back, too: what is not later than half the latency bound shows nothing.
 So what comes unusually late leaves a doubt, which the next reports decide; what comes before it was sent is
 certain. The least lags of before and after tell by how much the clock was set, as in NTP (RFC 5905, 10).
 """
@@ -86,6 +87,12 @@ class HostClock:
             self._most = lag_ns
             self.most = max(lag_ns, self.most)
 
+    @property
+    def has_moved(self) -> bool:
+        """Whether many lags rose by more than they differ among them: those of a busy monitor do not."""
+        lags = self.unusual
+        return len(lags) == KEPT_LAGS and max(lags) - min(lags) < min(lags) - self.most
+
     def set_by(self, most_ns: int) -> int:
         """The clock was set, by the unusual lags: by how much (ns).
 
@@ -139,7 +146,7 @@ class HostClocks:
             self.now_ns = now_ns
         lag_ns = now_ns - stamp_ns - clock.behind_ns
         is_early = lag_ns < -self._most_ns - clock.margin_ns
-        is_late = clock.is_known and lag_ns > clock.most + PERIOD_NS
+        is_late = clock.is_known and lag_ns > max(clock.most + PERIOD_NS, self._latency_ns // 2)
         if is_early or is_late or clock.is_certain:
             return self._unusual(clock, lag_ns, is_early, now_ns)
         clock.note(lag_ns, now_ns)
@@ -156,10 +163,10 @@ class HostClocks:
         # what a slow link held up comes at once when it goes on
         goes_on = now_ns - lag_ns > clock.since_ns or now_ns > clock.since_ns + self._latency_ns
         clock.unusual.append(lag_ns)
-        count = len(clock.unusual)
-        if count < 2 * FEW_LAGS or not (goes_on or is_early):
+        del clock.unusual[:-KEPT_LAGS]
+        if len(clock.unusual) < 2 * FEW_LAGS or not (goes_on or is_early):
             return 0
-        if not clock.is_certain and count < KEPT_LAGS and not self._is_alone(clock):
+        if not (clock.is_certain or clock.has_moved or self._is_alone(clock)):
             return 0
         return clock.set_by(self._most_ns)
 
