@@ -15,6 +15,7 @@ import behaviortreepy
 import pytest
 
 from m2c.policy.plugin_leaf import PluginLeaf
+from m2c.policy.ticks import LeafTick
 
 SUCCESS, FAILURE, RUNNING = (
     behaviortreepy.NodeStatus.SUCCESS,
@@ -40,8 +41,8 @@ def use_trees(monkeypatch: pytest.MonkeyPatch, halts_all: bool) -> None:
     monkeypatch.setattr(behaviortreepy, "BehaviorTreeFactory", lambda: _Factory(halts_all))
     if halts_all:  # a leaf that was never ticked may be halted
 
-        def halt(leaf: PluginLeaf, node: Any) -> None:
-            leaf._place_of(node).halt()
+        def halt(leaf: PluginLeaf, node: Any, record: LeafTick) -> None:
+            leaf._place_of(node).halt(record)
 
         monkeypatch.setattr(PluginLeaf, "halt", halt)
 

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import msgspec
 
-from m2c.policy.runner import TICKS_CHANNEL
+from m2c.policy.ticks import TICKS_CHANNEL
 from transports.interface import Observation, ObservationKind
 from transports.simulated.world import START_NS
 
