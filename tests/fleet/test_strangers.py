@@ -150,6 +150,7 @@ def test_what_robots_took_is_free_when_they_have_gone(
     connection.post(fleet.start)
     robots = Robots(network)
     threads = threading.active_count()
+    others = {kind: alive(kind) for kind in (SystemWatch, Within)}  # of tests before this one
 
     def seen() -> dict[str, tuple[bool, int]]:
         return {r.name: (r.is_judged, r.received) for r in fleet.robots()}
@@ -169,7 +170,7 @@ def test_what_robots_took_is_free_when_they_have_gone(
         eventually(lambda: not any(judged for judged, _ in seen().values()))
         eventually(lambda: threading.active_count() <= threads)
         assert len(seen()) <= 60
-    eventually(lambda: alive(SystemWatch) <= LAST and alive(Within) <= LAST)
+    eventually(lambda: all(alive(kind) <= others[kind] + LAST for kind in others))
     assert not any("error" in line for line in said), said
 
 
