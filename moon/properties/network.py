@@ -215,7 +215,6 @@ def obligations(network: Network) -> list[int]:
     todo = [(root, False) for root in network.roots]
     while todo:
         index, negated = todo.pop()
-        path.add(index)
         node = network.nodes[index]
         if node.kind == "not":
             todo.append((node.inputs[0], not negated))
@@ -223,6 +222,9 @@ def obligations(network: Network) -> list[int]:
             todo.extend((item, negated) for item in node.inputs)
         elif node.kind == "once" and negated and mode(node) in ("ever", "lower"):
             found.append(index)
+        else:
+            continue
+        path.add(index)
     others = {
         item
         for index, node in enumerate(network.nodes)

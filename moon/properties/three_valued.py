@@ -240,7 +240,12 @@ class ThreeValued:
         self._wanted = sum(node.kind in ("once", "since") for node in plain.nodes)
         self._began = -1
         self._initial = self.best.snapshot(), self.worst.snapshot()
-        self._obligations = {f"l{index}": NEVER for index in obligations(self.network)}
+        own = obligations(plain)
+        self._obligations = {
+            f"l{index}": NEVER
+            for index in obligations(self.network)
+            if self._images.get(index) in own
+        }
         self._grows = _grows(self.network)
         self._spells: dict[bool, list[str]] = {True: [], False: []}
         """Where nodes keep the instant at which their input became true, by :func:`_grows`."""

@@ -229,7 +229,7 @@ class Claims:
             changes = self.monitors.observe(self.triple.observation(message))
             self.changed(changes, message.stamp, number, None)
         for item, group in enumerate(self.groups):
-            runs = group._three_valued
+            runs = group._runs  # also where nothing is unknown any more by now
             if item not in self.begun and item not in self.remembered and runs is not None:
                 self.remembered[item] = max(runs.began, reached[item]), reached[item] < 0
             if item not in self.begun and group.started >= 0:

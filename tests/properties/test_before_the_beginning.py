@@ -16,8 +16,8 @@ PORTS = (
 )
 
 
-def _monitors(source: str) -> PropertySet:
-    return PropertySet([Property("f", parse_formula(source, ticks_per_unit=1), PORTS)])
+def _monitors(source: str, ticks: int = 1) -> PropertySet:
+    return PropertySet([Property("f", parse_formula(source, ticks_per_unit=ticks), PORTS)])
 
 
 PRECEDENCE = "historically ({battery <= 100} -> once {asked})"
@@ -123,3 +123,17 @@ def test_a_state_whose_first_messages_may_have_been_missed_may_have_held(
     monitors.observe(seen(500, "/battery", data=80))
     monitors.observe(seen(600, "/ask"))
     assert monitors.verdicts()["f"].status is Status.INCONCLUSIVE
+
+
+@pytest.mark.parametrize("is_lost", [False, True])
+def test_what_was_false_before_is_no_rise_at_the_beginning(is_lost: bool) -> None:
+    """It is asked for so long ago, and it has not been so: it does not become so as the property begins."""
+    monitors = _monitors("rises (historically[1:] ((not {asked}) and {battery > 20}))", ticks=100)
+    monitors.advance(0)
+    monitors.observe(seen(10, "/ask"))
+    if is_lost:
+        monitors.lose("/ask", 300, 301)
+    monitors.observe(seen(500, "/battery", data=80))
+    assert monitors.verdicts()["f"].status is Status.FALSE
+    monitors.advance(501)
+    assert monitors.verdicts()["f"].status is Status.FALSE

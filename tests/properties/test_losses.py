@@ -26,9 +26,10 @@ def test_a_verdict_holds_in_every_completion_of_what_was_lost(edges):
     assert tally.conclusive > tally.claims // 2, tally
 
 
-@pytest.mark.parametrize("seed", [20007520, 20106439, 30006399, 40039918, 1257])
-def test_nor_in_those_that_once_failed(seed):
-    assert losses.contradiction(seed) is None
+@pytest.mark.parametrize("edges", [False, True])
+@pytest.mark.parametrize("seed", [20007520, 20106439, 30006399, 40039918, 1257, 21522, 502525])
+def test_nor_in_those_that_once_failed(seed, edges):
+    assert losses.contradiction(seed, edges=edges) is None
 
 
 def state(name: str, **more) -> Port:
