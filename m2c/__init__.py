@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from m2c.codegen.generation import OtherPackagesError
     from m2c.codegen.rendering import TemplateFault
     from m2c.codegen.writer import EditedFilesError
+    from m2c.diagnostics import Diagnostic, ModelError
     from m2c.launch.in_process import SimulatedRun
-    from m2c.model.diagnostics import Diagnostic, ModelError
     from m2c.model.machine import Machine
     from m2c.model.system import System
     from transports.simulated import SimulatedWorld
@@ -56,10 +56,10 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Diagnostic": "m2c.model.diagnostics",
+    "Diagnostic": "m2c.diagnostics",
     "EditedFilesError": "m2c.codegen.writer",
     "Machine": "m2c.model.machine",
-    "ModelError": "m2c.model.diagnostics",
+    "ModelError": "m2c.diagnostics",
     "OtherPackagesError": "m2c.codegen.generation",
     "System": "m2c.model.system",
     "TemplateFault": "m2c.codegen.rendering",

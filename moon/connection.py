@@ -143,7 +143,7 @@ def options_of(network: Network) -> dict[str, str]:
 
 def library_in(folders: Sequence[Path], transport: str) -> InterfaceLibrary:
     """The types in ``folders`` of interface packages, and on ROS 2 those of a sourced one."""
-    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.diagnostics import DiagnosticLog
     from m2c.model.interfaces import InterfaceLibrary
 
     known = list(folders)

@@ -13,8 +13,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
-from m2c.model.expression_text import single_quoted
+from m2c.language.datatypes import Array, DataType, Primitive, Structure, is_integer
+from m2c.language.text import single_quoted
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.printable import printable
 

@@ -6,7 +6,7 @@ import msgspec
 
 from m2c.check.ahead import Ahead
 from m2c.check.paths import leaving_at_once, reachable
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import (
     Event,
     EventKind,

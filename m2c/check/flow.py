@@ -6,7 +6,7 @@ from m2c.check.answers import check_answers
 from m2c.check.paths import reachable, shadows, truth
 from m2c.check.responses import check_responses
 from m2c.check.unused import check_interfaces
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import EventKind, Machine, State, Transition
 
 _OF_THREADS = frozenset(

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 
 import msgspec
 
-from m2c.model.diagnostics import Diagnostic, Severity
+from m2c.diagnostics import Diagnostic, Severity
 
 SHOWN = 3
 """Findings of one mistake that are shown each; of more, the first one is."""

@@ -11,9 +11,9 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.ecmascript import parse_expression
-from m2c.model.expressions import Variable
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.expressions import Variable
+from m2c.language.parsing import parse_expression
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     CHANNEL_KINDS,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from m2c.model.evaluate import evaluate
-from m2c.model.expressions import (
+from m2c.language.ecmascript import ExecutionError, truthy
+from m2c.language.evaluate import evaluate
+from m2c.language.expressions import (
     Conditional,
     Expression,
     Index,
@@ -14,10 +15,9 @@ from m2c.model.expressions import (
     Unary,
     children,
 )
+from m2c.language.macrostep import prefix_of
+from m2c.language.typing import is_constant
 from m2c.model.machine import Event, EventKind, If, Machine, State, Statement, Target, Transition
-from m2c.model.macrostep import prefix_of
-from m2c.model.typing import is_constant
-from m2c.runtime.ecmascript import ExecutionError, truthy
 
 
 def truth(cond: Expression | None) -> bool | None:

@@ -12,8 +12,8 @@ from urllib.parse import quote
 
 from m2c.check.grouping import Group, by_rule, grouped
 from m2c.check.rules import RULES, Rule
+from m2c.diagnostics import Diagnostic, Severity
 from m2c.json_format import VERSION, VERSION_KEY
-from m2c.model.diagnostics import Diagnostic, Severity
 from m2c.printable import printable
 from m2c.terminal import show_painted
 

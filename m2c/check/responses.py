@@ -6,8 +6,10 @@ from collections.abc import Iterator
 
 from m2c.check.ahead import Ahead
 from m2c.check.paths import open_branches, truth
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.evaluate import evaluate
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.ecmascript import ExecutionError
+from m2c.language.evaluate import evaluate
+from m2c.language.typing import is_constant
 from m2c.model.machine import (
     Emit,
     Event,
@@ -19,9 +21,7 @@ from m2c.model.machine import (
     OutputKind,
     Statement,
 )
-from m2c.model.typing import is_constant
 from m2c.model.walk import statements_of
-from m2c.runtime.ecmascript import ExecutionError
 
 _MANY = 8
 """So many requests that wait, or more: nobody counts on."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import msgspec
 
-from m2c.model.diagnostics import Severity
+from m2c.diagnostics import Severity
 
 
 class Rule(msgspec.Struct, frozen=True):

@@ -10,7 +10,7 @@ from m2c.check.flow import check_flow
 from m2c.check.names import check_names
 from m2c.check.ticks import check_ticks
 from m2c.check.types import check_types
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import CHANNEL_KINDS, Interface, InterfaceKind, Machine
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System

@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from m2c.model.datatypes import is_integer
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.datatypes import is_integer
 from m2c.model.interfaces import ServiceType
 from m2c.model.machine import InterfaceKind
 from m2c.model.system import System

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from m2c.model.certainty import Certainty, Fit
-from m2c.model.datatypes import (
+from m2c.diagnostics import DiagnosticLog, Position, Severity
+from m2c.language.certainty import Certainty, Fit
+from m2c.language.conversion import STATUS_NUMBERS, STATUSES, ExecutionError, to_string
+from m2c.language.datatypes import (
     ANY,
     INT64,
     NUMBER,
@@ -20,8 +22,8 @@ from m2c.model.datatypes import (
     only_array,
     part,
 )
-from m2c.model.diagnostics import DiagnosticLog, Position, Severity
-from m2c.model.expressions import Expression, Literal, Member, Variable
+from m2c.language.expressions import Expression, Literal, Member, Variable
+from m2c.language.typing import Scope, check_expression, type_of
 from m2c.model.initial import initial_value, is_settled
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -40,10 +42,8 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
-from m2c.model.typing import Scope, check_expression, type_of
-from m2c.model.vocabulary import OUTPUTS, STATUSES
+from m2c.model.vocabulary import OUTPUTS
 from m2c.model.walk import ports_read
-from m2c.runtime.conversion import STATUS_NUMBERS, ExecutionError, to_string
 from m2c.suggestions import nearest
 
 _TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
@@ -61,7 +61,7 @@ def check_types(machine: Machine, library: InterfaceLibrary, log: DiagnosticLog)
     """Report every type fault of ``machine``; False if an interface type is unknown.
 
     Rules: ``unknown-type``, ``bad-initial-value``, those of
-    :func:`m2c.model.typing.check_expression`, and the warning ``unset-output-field``.
+    :func:`m2c.language.typing.check_expression`, and the warning ``unset-output-field``.
     """
     known = True
     for interface in machine.interfaces:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import Emit, Event, EventKind, Interface, InterfaceKind, Machine
 from m2c.model.scopes import interface_kind_of
 from m2c.model.walk import statements_in

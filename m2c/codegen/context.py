@@ -6,12 +6,12 @@ from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.names import attributes, constant
 from m2c.codegen.ports import PortNames
 from m2c.codegen.source import Source, name
-from m2c.model.datatypes import ANY, Array, DataType, Structure
-from m2c.model.expressions import Literal, Unary
+from m2c.language.datatypes import ANY, Array, DataType, Structure
+from m2c.language.expressions import Literal, Unary
+from m2c.language.typing import Scope
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Assign, Data, Machine
 from m2c.model.scopes import readable_ports
-from m2c.model.typing import Scope
 from m2c.model.walk import root_of, statements_of
 
 

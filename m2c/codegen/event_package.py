@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from m2c.codegen.interfaces import needed_structures
 from m2c.codegen.packaging import Packaging
-from m2c.model.datatypes import Array, Structure, describe
+from m2c.language.datatypes import Array, Structure, describe
 from m2c.model.event_types import PACKAGE
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine

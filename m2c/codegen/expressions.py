@@ -10,8 +10,9 @@ import msgspec
 from m2c.codegen.interfaces import zero_text
 from m2c.codegen.names import field_attribute
 from m2c.codegen.source import py, quoted
-from m2c.model.certainty import Certain, Certainty, Fit, fit, is_float, is_native
-from m2c.model.datatypes import (
+from m2c.language.certainty import Certain, Certainty, Fit, fit, is_float, is_native
+from m2c.language.conversion import STATUSES, to_float32
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     FLOAT64,
@@ -26,7 +27,7 @@ from m2c.model.datatypes import (
     only_array,
     part,
 )
-from m2c.model.expressions import (
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -43,10 +44,8 @@ from m2c.model.expressions import (
     Unary,
     Variable,
 )
-from m2c.model.typing import Scope, constant_value, type_of
-from m2c.model.values import LENIENT
-from m2c.model.vocabulary import STATUSES
-from m2c.runtime.conversion import to_float32
+from m2c.language.typing import Scope, constant_value, type_of
+from m2c.language.values import LENIENT
 
 _FUNCTIONS = {
     "+": "add",

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable
 from m2c.codegen.names import camel, distinct, field_attribute
 from m2c.codegen.program import MessageClass, MessageField
 from m2c.codegen.source import Source, name, py
-from m2c.model.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive, Structure
+from m2c.language.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive, Structure
 from m2c.runtime.messages import INTEGERS
 
 

@@ -10,10 +10,10 @@ from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.ports import Port
 from m2c.codegen.source import Source, name, quoted
 from m2c.codegen.statements import ON_ELAPSED, StatementLowering, call
-from m2c.model.datatypes import Array, DataType, Primitive, Structure, is_integer
-from m2c.model.expressions import ObjectLiteral, PortInput, nodes
+from m2c.language.datatypes import Array, DataType, Primitive, Structure, is_integer
+from m2c.language.expressions import ObjectLiteral, PortInput, nodes
+from m2c.language.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
-from m2c.model.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.scopes import event_parts
 from m2c.model.walk import chooses, draws, events_of, expressions_of, statements_of
 

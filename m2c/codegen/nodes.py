@@ -12,7 +12,7 @@ from m2c.codegen.names import MODULE_NAMES, distinct, machine_class
 from m2c.codegen.ports import PortNames, key
 from m2c.codegen.program import Endpoint, Output
 from m2c.codegen.source import Source, name
-from m2c.model.datatypes import Array, DataType, Structure
+from m2c.language.datatypes import Array, DataType, Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine, OutputKind
 from m2c.model.walk import emits_of, events_of

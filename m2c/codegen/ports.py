@@ -6,7 +6,7 @@ import msgspec
 
 from m2c.codegen.names import channel_names, distinct, snake
 from m2c.codegen.source import Source, doc
-from m2c.model.datatypes import Structure
+from m2c.language.datatypes import Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine, OutputKind
 from m2c.model.scopes import event_data_type, event_parts, interface_kind_of, output_data_type

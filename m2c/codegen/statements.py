@@ -10,11 +10,19 @@ from m2c.codegen.context import MachineContext
 from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.names import field_attribute
 from m2c.codegen.source import Source, quoted
-from m2c.model.datatypes import ANY, Array, DataType, Primitive, Structure, part
-from m2c.model.diagnostics import Position
-from m2c.model.expressions import EventData, Expression, Index, Literal, Member, Variable, children
+from m2c.diagnostics import Position
+from m2c.language.datatypes import ANY, Array, DataType, Primitive, Structure, part
+from m2c.language.expressions import (
+    EventData,
+    Expression,
+    Index,
+    Literal,
+    Member,
+    Variable,
+    children,
+)
+from m2c.language.typing import Scope, type_of
 from m2c.model.machine import Assign, Cancel, Emit, Field, If, Log, OutputKind, Raise, Statement
-from m2c.model.typing import Scope, type_of
 
 OUTPUTS = "self._outputs"
 ON_EVENT, ON_ELAPSED = "self.on_event", "self.on_elapsed"

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.diagnostics import Position
+from m2c.diagnostics import Position
 
 _SPELLINGS = {
     "System": {"name", "path", "library", "sources", "findings"},

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.ecmascript import parse_expression, python_boolean
-from m2c.model.expressions import EventData, Expression, nodes
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.expressions import EventData, Expression, nodes
+from m2c.language.parsing import parse_expression, python_boolean
 from m2c.model.machine import EventKind
 
 DATA_NAMES = {

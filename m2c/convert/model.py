@@ -11,9 +11,9 @@ from lxml import etree
 
 from m2c.convert.expressions import DATA_NAMES, respelled
 from m2c.convert.trees import document, drop_prefixes, elements, replace_tag, with_root
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.binding import meaning_of
 from m2c.model.content import LEGACY_SENDS
-from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Dialect, EventKind, Interface, InterfaceKind, Machine, OutputKind
 from m2c.model.states import LEGACY_EVENTS
 from m2c.model.vocabulary import DECLARATIONS, HANDLERS, OUTPUTS

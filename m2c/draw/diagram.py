@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import msgspec
 
+from m2c.diagnostics import Position
 from m2c.draw.wording import Part, Phrase, Wording
-from m2c.model.diagnostics import Position
 from m2c.model.machine import ActionThread, Machine, State, Target, Transition
 
 AGAIN = "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}"

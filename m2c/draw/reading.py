@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.draw.wiring import Wiring, wiring_of
-from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Machine
 from m2c.model.system import MODEL_SUFFIXES, System
 from m2c.policy.alone import is_policy

@@ -10,8 +10,8 @@ from enum import StrEnum
 
 import msgspec
 
-from m2c.model.expression_text import expression_text
-from m2c.model.expressions import Expression, Literal
+from m2c.language.expressions import Expression, Literal
+from m2c.language.text import expression_text
 from m2c.model.machine import (
     Assign,
     Cancel,

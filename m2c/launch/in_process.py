@@ -19,8 +19,8 @@ import msgspec
 
 from m2c.codegen.names import machine_class, package_name
 from m2c.codegen.package import node_texts
+from m2c.diagnostics import DiagnosticLog, ModelError
 from m2c.launch.semantics import Semantics
-from m2c.model.diagnostics import DiagnosticLog, ModelError
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.policy.program import Policy, read_policy

@@ -1,6 +1,6 @@
 """What a model is, and reading it: no middleware, no I/O besides reading files."""
 
-from m2c.model.diagnostics import Diagnostic, DiagnosticLog, ModelError, Position, Severity
+from m2c.diagnostics import Diagnostic, DiagnosticLog, ModelError, Position, Severity
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
 from m2c.model.reader import read_machine

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Emit,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.reader import read_machine

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import re
 
-from m2c.model.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive
+from m2c.language.datatypes import FLOATS, INTEGER_RANGES, Array, DataType, Primitive
 
 Value = bool | int | float | str
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.durations import parse_duration
-from m2c.model.ecmascript import parse_expression, parse_location, python_boolean
-from m2c.model.expressions import EventPart, Expression, Literal, PortInput, Variable, nodes
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.conversion import STATUSES
+from m2c.language.durations import parse_duration
+from m2c.language.expressions import EventPart, Expression, Literal, PortInput, Variable, nodes
+from m2c.language.parsing import parse_expression, parse_location, python_boolean
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,
@@ -25,7 +26,7 @@ from m2c.model.machine import (
 )
 from m2c.model.scopes import parts_in_data
 from m2c.model.structure import check_element, note_read_as, require
-from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, STATUSES, UNSUPPORTED
+from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, UNSUPPORTED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
@@ -39,7 +40,7 @@ LEGACY_SENDS = {
 class ContentReader:
     """Reads expressions and statements of one machine, given its declared interfaces.
 
-    ``parts_in_data``: see :func:`m2c.model.ecmascript.parse_expression`.
+    ``parts_in_data``: see :func:`m2c.language.parsing.parse_expression`.
     """
 
     def __init__(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from m2c.model.content import ContentReader
-from m2c.model.datatypes import (
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.datatypes import (
     ANY,
     NULL,
     NUMBER,
@@ -14,15 +14,15 @@ from m2c.model.datatypes import (
     describe,
     is_number,
 )
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.ecmascript import parse_expression
-from m2c.model.expressions import ArrayLiteral, Expression, Literal, ObjectLiteral, PortInput
+from m2c.language.expressions import ArrayLiteral, Expression, Literal, ObjectLiteral, PortInput
+from m2c.language.parsing import parse_expression
+from m2c.language.typing import Scope, constant_value, type_of
+from m2c.model.content import ContentReader
 from m2c.model.interfaces import InterfaceLibrary, canonical
 from m2c.model.machine import Data, Interface, InterfaceKind, Port
 from m2c.model.naming import absolute
 from m2c.model.structure import check_element, note_read_as, number, require
 from m2c.model.types import parse_type, type_in_comment
-from m2c.model.typing import Scope, constant_value, type_of
 from m2c.model.vocabulary import DECLARATIONS
 from m2c.model.xml import Element
 

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.structure import require
 from m2c.model.xml import Element, read_xml
 from m2c.suggestions import first_of, nearest

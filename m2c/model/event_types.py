@@ -10,7 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
-from m2c.model.datatypes import (
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.conversion import STATUSES
+from m2c.language.datatypes import (
     ANY,
     FLOAT64,
     NULL,
@@ -21,8 +23,8 @@ from m2c.model.datatypes import (
     Structure,
     describe,
 )
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.expressions import EventData, Expression, children
+from m2c.language.expressions import EventData, Expression, children
+from m2c.language.typing import Scope, assignable, check_expression, common_type, is_constant
 from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
 from m2c.model.machine import (
     Emit,
@@ -35,8 +37,6 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import event_parts
-from m2c.model.typing import Scope, assignable, check_expression, common_type, is_constant
-from m2c.model.vocabulary import STATUSES
 from m2c.model.walk import flat
 
 PACKAGE = "plain_events"

@@ -12,8 +12,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.binding import means_channel
-from m2c.model.diagnostics import DiagnosticLog, Position
 from m2c.model.event_types import PACKAGE, define_types, type_names
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -32,7 +33,6 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.walk import changed, statements_of
 
 _TOPIC = CHANNEL_KINDS[InterfaceKind.PUBLISHER]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from m2c.model.datatypes import Array
-from m2c.model.evaluate import evaluate
-from m2c.model.expressions import (
+from m2c.language.datatypes import Array
+from m2c.language.evaluate import evaluate
+from m2c.language.expressions import (
     ArrayLiteral,
     EventData,
     Expression,
@@ -16,8 +16,8 @@ from m2c.model.expressions import (
     Variable,
     children,
 )
+from m2c.language.values import convert, zero
 from m2c.model.machine import Data
-from m2c.model.values import convert, zero
 
 
 def is_settled(expression: Expression, known: Collection[str]) -> bool:

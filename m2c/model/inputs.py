@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from m2c.model.diagnostics import DiagnosticLog, Position, shortened
+from m2c.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.paths import meant, why_no_file, why_no_folder
 from m2c.model.xml import Element
 from m2c.suggestions import nearest

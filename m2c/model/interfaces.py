@@ -16,9 +16,8 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.builtin import BUILTIN, PACKAGE
-from m2c.model.constants import Value, parse_value
-from m2c.model.datatypes import (
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.datatypes import (
     FLOATS,
     INTEGER_RANGES,
     Array,
@@ -27,7 +26,8 @@ from m2c.model.datatypes import (
     Structure,
     describe,
 )
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.model.builtin import BUILTIN, PACKAGE
+from m2c.model.constants import Value, parse_value
 from m2c.model.file_size import size_of
 from m2c.model.paths import entries_below
 from m2c.model.standard import STANDARD_TEXTS, standard_messages

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.file_size import size_of
 from m2c.model.paths import meant
 from m2c.model.xml_fault import place_of

@@ -12,9 +12,9 @@ from enum import StrEnum
 
 import msgspec
 
-from m2c.model.datatypes import DataType
-from m2c.model.diagnostics import Position
-from m2c.model.expressions import Expression, Location
+from m2c.diagnostics import Position
+from m2c.language.datatypes import DataType
+from m2c.language.expressions import Expression, Location
 
 
 class Dialect(StrEnum):

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 
 import msgspec
 
-from m2c.model.datatypes import Array, DataType, Structure, describe
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.datatypes import Array, DataType, Structure, describe
 
 NameRule = Callable[[str, str], tuple[str, str] | None]
 """Of what (``node``, ``topic``, ``service``, ``action``; of messages ``field``, ``type``, ``structure``) and

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.structure import number, require
 from m2c.model.xml import Element
 from m2c.suggestions import nearest

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
 from m2c.model.structure import note_read_as, require

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.binding import bind_plain_events
 from m2c.model.content import ContentReader
 from m2c.model.declarations import DeclarationReader
-from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     ActionThread,

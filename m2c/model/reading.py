@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, ModelError, Position
+from m2c.diagnostics import DiagnosticLog, ModelError, Position
 from m2c.model.system import System, load
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from m2c.model.datatypes import ANY, INT32, INT64, STRING, DataType, Structure
-from m2c.model.expressions import EventPart
+from m2c.language.datatypes import ANY, INT32, INT64, STRING, DataType, Structure
+from m2c.language.expressions import EventPart
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine, OutputKind
 

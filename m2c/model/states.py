@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from m2c.diagnostics import DiagnosticLog
+from m2c.language.durations import parse_duration
 from m2c.model.content import ContentReader
-from m2c.model.diagnostics import DiagnosticLog
-from m2c.model.durations import parse_duration
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, InterfaceKind, State, Target, Transition
 from m2c.model.structure import check_element, note_read_as, number, require

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.datatypes import Array, DataType, Primitive, Structure
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.datatypes import Array, DataType, Primitive, Structure
 from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
 from m2c.model.json_places import JsonValue, read_json
 from m2c.model.structure import require

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
-from m2c.model.diagnostics import DiagnosticLog, Position, shortened
+from m2c.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.vocabulary import ATTRIBUTES
 from m2c.model.xml import Element
 from m2c.suggestions import nearest

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.diagnostics import Diagnostic, DiagnosticLog, Position
 from m2c.model.clock import clock_for
 from m2c.model.deployment import Process, names_in_deployment, read_deployment
-from m2c.model.diagnostics import Diagnostic, DiagnosticLog, Position
 from m2c.model.events import link_events
 from m2c.model.inputs import resolve
 from m2c.model.interfaces import InterfaceLibrary

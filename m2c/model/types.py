@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 
-from m2c.model.datatypes import ANY, FLOATS, INTEGER_RANGES, Array, DataType, Primitive
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
+from m2c.language.conversion import MAX_DEPTH, MAX_LENGTH
+from m2c.language.datatypes import ANY, FLOATS, INTEGER_RANGES, Array, DataType, Primitive
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.xml import Element
-from m2c.runtime.conversion import MAX_DEPTH, MAX_LENGTH
 from m2c.suggestions import nearest
 
 PRIMITIVES = frozenset({*INTEGER_RANGES, *FLOATS, "bool", "string"})

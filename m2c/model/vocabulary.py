@@ -157,5 +157,3 @@ ROOT_CHILDREN = frozenset(
 STATE_CHILDREN = frozenset(
     {"onentry", "onexit", "transition", "ros_action_handle_goal_response"} | HANDLERS.keys()
 )
-STATUSES = ("SUCCESS", "FAILURE", "RUNNING")
-"""What a behaviour-tree node may return."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 
 import msgspec
 
-from m2c.model.diagnostics import Position
-from m2c.model.expressions import (
+from m2c.diagnostics import Position
+from m2c.language.expressions import (
     Expression,
     Index,
     MathCall,

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from m2c.model.diagnostics import DiagnosticLog, Position, shortened
+from m2c.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.file_size import size_of
 from m2c.model.paths import meant
 from m2c.model.xml_encoding import decoded

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 
-from m2c.model.diagnostics import shortened
+from m2c.diagnostics import shortened
 from m2c.model.xml_fault import MalformedXml, malformed, place_of
 
 _MARKS = (

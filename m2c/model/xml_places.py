@@ -18,7 +18,7 @@ from typing import NoReturn
 
 import msgspec
 
-from m2c.model.diagnostics import shortened
+from m2c.diagnostics import shortened
 from m2c.model.xml_fault import hostile, malformed, place_of
 
 MAX_DEPTH = 64

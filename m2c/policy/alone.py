@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.naming import ANYWHERE, Naming, absolute, check_channel
 from m2c.model.system import MODEL_SUFFIXES, POLICY_ROOT
 from m2c.model.xml import Element, read_xml

@@ -10,11 +10,11 @@ import re
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, shortened
+from m2c.diagnostics import DiagnosticLog, shortened
+from m2c.language.conversion import STATUS_NUMBERS
 from m2c.model.xml import Element
 from m2c.policy.plugins import referenced_entry
 from m2c.policy.tree import BLACKBOARD_CHECK, CONDITIONS, BuiltinNode
-from m2c.runtime.conversion import STATUS_NUMBERS
 
 _INTEGER = re.compile(r"[+-]?[0-9]{1,10}")
 _VALUES = ("value_A", "value_B")

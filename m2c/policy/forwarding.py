@@ -6,7 +6,7 @@ not leave it waiting for an answer for ever. Recognised by what the machine does
 
 from __future__ import annotations
 
-from m2c.model.expressions import Binary, EventData, Expression, Literal, Member, Variable
+from m2c.language.expressions import Binary, EventData, Expression, Literal, Member, Variable
 from m2c.model.machine import Emit, EventKind, InterfaceKind, Machine, OutputKind, Transition
 
 ANSWERS = {"SUCCESS": 0, "FAILURE": 1, "RUNNING": 2}

@@ -10,7 +10,7 @@ from m2c.codegen.package import Draft, plugin_modules, type_names
 from m2c.codegen.packaging import code_package
 from m2c.codegen.program import PluginClass, PolicyProgram
 from m2c.codegen.source import name
-from m2c.model.diagnostics import DiagnosticLog, ModelError
+from m2c.diagnostics import DiagnosticLog, ModelError
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
 from m2c.policy.program import read_policy

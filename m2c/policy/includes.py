@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from m2c.model.diagnostics import DiagnosticLog, shortened
+from m2c.diagnostics import DiagnosticLog, shortened
 from m2c.model.paths import meant, why_no_file
 from m2c.model.structure import require
 from m2c.model.xml import Element, read_xml

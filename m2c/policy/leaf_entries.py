@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.policy.entries import nodes_of
 from m2c.policy.leaves import BoundLeaf
 from m2c.policy.tree import LeafNode, PolicyFile, SubTreeNode, TreeNode

@@ -11,8 +11,8 @@ import re
 
 import msgspec
 
-from m2c.model.datatypes import is_integer
-from m2c.model.diagnostics import DiagnosticLog, Position, shortened
+from m2c.diagnostics import DiagnosticLog, Position, shortened
+from m2c.language.datatypes import is_integer
 from m2c.model.interfaces import ServiceType
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute

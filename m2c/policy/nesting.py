@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.policy.tree import LeafNode, SubTreeNode, Tree, TreeNode
 from m2c.suggestions import nearest
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from lxml import etree
 
-from m2c.model.diagnostics import Position
+from m2c.diagnostics import Position
 from m2c.model.xml_writing import below, element, serialised
 from m2c.policy.leaves import BoundLeaf
 from m2c.policy.tree import CONDITIONS, LeafNode, PolicyFile, SubTreeNode, TreeNode

@@ -8,8 +8,8 @@ import re
 
 import msgspec
 
-from m2c.model.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive, describe
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
+from m2c.language.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive, describe
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.naming import absolute
 from m2c.model.walk import emits_of, events_of, ports_read

@@ -6,7 +6,7 @@ sense; what is missing then ends the run, or the process.
 
 from __future__ import annotations
 
-from m2c.model.diagnostics import DiagnosticLog, shortened
+from m2c.diagnostics import DiagnosticLog, shortened
 from m2c.model.xml import Element
 from m2c.policy.plugins import referenced_entry
 from m2c.policy.tree import BLACKBOARD_CHECK

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.datatypes import Structure
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
+from m2c.language.datatypes import Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import CHANNEL_KINDS
 from m2c.model.naming import ANYWHERE, Naming, check_channel

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.structure import note_read_as
 from m2c.model.xml import Element, read_xml
 from m2c.policy.blackboard_check import blackboard_check

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.xml_writing import below, element, serialised
 from m2c.policy.tree import (
     CONDITIONS,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import Position
+from m2c.diagnostics import Position
 
 MANY = 1_000
 """No bound on the number of children."""

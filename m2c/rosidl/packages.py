@@ -16,7 +16,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position, Severity
+from m2c.diagnostics import DiagnosticLog, Position, Severity
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.paths import meant
 from m2c.model.xml import Element, read_xml

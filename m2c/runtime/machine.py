@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from m2c.model.durations import parse_duration
-from m2c.model.macrostep import ERROR_EXECUTION, MAX_STEPS, matches
-from m2c.runtime.conversion import ExecutionError, to_double, to_string
-
-MAX_DELAY_S = 2**63 // 10**9
-"""Timers count nanoseconds in 64 bits: 292 years."""
+from m2c.language.conversion import ExecutionError
+from m2c.language.durations import seconds
+from m2c.language.macrostep import ERROR_EXECUTION, MAX_STEPS, matches
 
 
 class EndlessLoopError(Exception):
@@ -21,22 +16,6 @@ class EndlessLoopError(Exception):
             f"other, last in state `{state}`; the machine was left there"
         )
         self.state = state
-
-
-def seconds(value: Any) -> float:
-    """Seconds of a ``delayexpr``: a time such as ``'5s'``, or a number of milliseconds.
-
-    Raises:
-        ExecutionError: it is neither, or longer than ``MAX_DELAY_S``.
-    """
-    parsed: float | None
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        parsed = to_double(value) / 1000
-    else:
-        parsed = parse_duration(to_string(value))
-    if parsed is None or not parsed <= MAX_DELAY_S:
-        raise ExecutionError(f"`{to_string(value)}` is not a time such as 5s or 200ms")
-    return parsed
 
 
 __all__ = [

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
+from m2c.language.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
 
 int8 = Annotated[int, msgspec.Meta(ge=-(2**7), le=2**7 - 1)]
 int16 = Annotated[int, msgspec.Meta(ge=-(2**15), le=2**15 - 1)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from m2c.model.expressions import Expression, Index, nodes
+from m2c.language.expressions import Expression, Index, nodes
 from m2c.model.machine import (
     Assign,
     Emit,

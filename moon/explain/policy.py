@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.system import System
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.ticks import TICKS_CHANNEL

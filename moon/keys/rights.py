@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.policy.program import Policy, read_policy

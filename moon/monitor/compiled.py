@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.policy.program import Policy, read_policy

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import msgspec
 
-from m2c.model.expressions import Variable
+from m2c.language.expressions import Variable
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.walk import variables_of
 from moon.properties.formula import Formula, Or, Predicate, predicates

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Severity
+from m2c.diagnostics import DiagnosticLog, Severity
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.suggestions import nearest

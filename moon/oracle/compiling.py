@@ -11,11 +11,16 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
-from m2c.model.certainty import Certainty, Fit
-from m2c.model.datatypes import ANY, INT64, Array, DataType, Structure, part
-from m2c.model.diagnostics import Position
-from m2c.model.expression_text import expression_text
-from m2c.model.expressions import Expression, Index, Literal, Member, Variable
+from m2c.diagnostics import Position
+from m2c.language import ecmascript
+from m2c.language.certainty import Certainty, Fit
+from m2c.language.datatypes import ANY, INT64, Array, DataType, Structure, part
+from m2c.language.durations import seconds
+from m2c.language.expressions import Expression, Index, Literal, Member, Variable
+from m2c.language.macrostep import ERROR_EXECUTION, prefix_of
+from m2c.language.text import expression_text
+from m2c.language.typing import Scope, type_of
+from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,
@@ -31,13 +36,8 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
-from m2c.model.typing import Scope, type_of
-from m2c.model.values import zero
 from m2c.model.walk import flat, root_of, variables_of
-from m2c.runtime import ecmascript
-from m2c.runtime.machine import seconds
 from moon.oracle.expressions import Closures
 from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import Unknown, anything, filled_in
@@ -529,7 +529,7 @@ def _evaluate_only(value: Callable[[Step], Any], step: Step) -> None:
 
 
 def _seconds(value: Any) -> Any:
-    """Seconds of a ``delayexpr`` (see ``m2c.runtime.machine.seconds``)."""
+    """Seconds of a ``delayexpr`` (see ``m2c.language.durations.seconds``)."""
     return value if value.__class__ is Unknown else seconds(value)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from m2c.model.datatypes import Array, DataType, Structure
+from m2c.language.datatypes import Array, DataType, Structure
 from moon.oracle.unknowns import agree, is_unknown
 from moon.verdict import Difference
 from moon.wording import field_text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from m2c.model.datatypes import Structure
+from m2c.language.datatypes import Structure
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import output_data_type
 from moon.oracle.bounds import TooManyError

@@ -12,10 +12,12 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from m2c.model.certainty import Certainty, Fit
-from m2c.model.datatypes import ANY, Array, DataType, Structure, is_number, only_array, part
-from m2c.model.evaluate import OPERATORS
-from m2c.model.expressions import (
+from m2c.language import ecmascript
+from m2c.language.certainty import Certainty, Fit
+from m2c.language.conversion import STATUSES, check_length
+from m2c.language.datatypes import ANY, Array, DataType, Structure, is_number, only_array, part
+from m2c.language.evaluate import OPERATORS
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -32,11 +34,8 @@ from m2c.model.expressions import (
     Unary,
     Variable,
 )
-from m2c.model.typing import Scope, type_of
-from m2c.model.values import converter, zero
-from m2c.model.vocabulary import STATUSES
-from m2c.runtime import ecmascript
-from m2c.runtime.conversion import check_length
+from m2c.language.typing import Scope, type_of
+from m2c.language.values import converter, zero
 from moon.oracle import unknowns
 from moon.oracle.unknowns import Unknown
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for

@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from m2c.model.datatypes import BOOL, STRING, DataType, Structure, is_integer
-from m2c.model.expressions import ObjectLiteral
+from m2c.language.datatypes import BOOL, STRING, DataType, Structure, is_integer
+from m2c.language.expressions import ObjectLiteral
+from m2c.language.macrostep import MAX_STEPS, matches
+from m2c.language.typing import Scope
+from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     ActionThread,
@@ -22,10 +25,7 @@ from m2c.model.machine import (
     OutputKind,
     Raise,
 )
-from m2c.model.macrostep import MAX_STEPS, matches
 from m2c.model.scopes import event_parts, interface_kind_of, readable_ports
-from m2c.model.typing import Scope
-from m2c.model.values import zero
 from m2c.model.walk import chooses, draws, root_of, statements_of
 from moon.oracle.compiling import (
     Compiler,

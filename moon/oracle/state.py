@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from m2c.model.diagnostics import Position
+from m2c.diagnostics import Position
 from m2c.model.machine import OutputKind
 from moon.oracle.calls import Call
 from moon.oracle.compiling import Output

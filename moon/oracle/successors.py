@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from m2c.model.datatypes import Structure
-from m2c.model.diagnostics import Position
+from m2c.diagnostics import Position
+from m2c.language.datatypes import Structure
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.calls import Call

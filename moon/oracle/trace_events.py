@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterable
 from enum import IntEnum
 from typing import Any
 
-from m2c.model.datatypes import DataType, Structure
+from m2c.language.datatypes import DataType, Structure
+from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
-from m2c.model.values import zero
 from m2c.model.walk import failure_of_goals
 from moon.oracle.calls import Call
 from moon.ordering.numbers import Count, Numbers, Place

@@ -12,9 +12,9 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
-from m2c.runtime import ecmascript
-from m2c.runtime.conversion import Convert, to_float32
+from m2c.language import ecmascript
+from m2c.language.conversion import Convert, to_float32
+from m2c.language.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
 from moon.wording import number_text
 
 SCALARS = frozenset({int, float, str, bool, type(None)})

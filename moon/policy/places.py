@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.system import System
 from m2c.policy.leaves import bind_leaves
 from m2c.policy.plugins import has_children

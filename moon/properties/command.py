@@ -43,7 +43,7 @@ def check_properties(
     Example:
       moon check-properties examples/lab_tour/properties.yaml examples/lab_tour/system.xml
     """
-    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.diagnostics import DiagnosticLog
     from moon.properties.files import read_properties
 
     files = tuple(path for path in paths if not _is_model(path))
@@ -75,7 +75,7 @@ def check_properties(
 
 def _is_model(path: Path) -> bool:
     """Whether ``path`` is a model, a folder of them or a system file, rather than a property file."""
-    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.diagnostics import DiagnosticLog
     from m2c.model.system import MODEL_SUFFIXES, SYSTEM_ROOTS
     from m2c.model.xml import read_xml
 
@@ -90,7 +90,7 @@ def _interfaces(
     models: tuple[Path, ...], folders: tuple[Path, ...], lenient: bool
 ) -> Interfaces | None:
     """What the properties are held against; models with errors end the process."""
-    from m2c.model.diagnostics import ModelError
+    from m2c.diagnostics import ModelError
     from moon.monitor.reading import interfaces_of, no_system, read_checked, say_why
 
     try:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import msgspec
 
-from m2c.model.expressions import Expression
+from m2c.language.expressions import Expression
 
 TICKS_PER_SECOND = 1_000_000_000
 """Dense time is counted in nanoseconds, as stamps are."""

@@ -388,7 +388,7 @@ def _together(properties: Sequence[Property]) -> list[tuple[list[Property], list
 
 
 def _placeless(port: Port) -> Port:
-    from m2c.model.diagnostics import Position
+    from m2c.diagnostics import Position
 
     return msgspec.structs.replace(port, position=Position(""))
 

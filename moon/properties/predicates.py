@@ -19,9 +19,9 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.evaluate import OPERATORS, UNARY_OPERATORS, evaluate
-from m2c.model.expression_text import expression_text
-from m2c.model.expressions import (
+from m2c.language import ecmascript
+from m2c.language.evaluate import OPERATORS, UNARY_OPERATORS, evaluate
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -35,8 +35,8 @@ from m2c.model.expressions import (
     Unary,
     Variable,
 )
+from m2c.language.text import expression_text
 from m2c.model.walk import variables_of
-from m2c.runtime import ecmascript
 from moon.properties.formula import Formula, Predicate, predicates
 from moon.properties.property import Port
 from transports.interface import ObservationKind

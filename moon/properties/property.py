@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.diagnostics import Position
-from m2c.model.expressions import Expression
+from m2c.diagnostics import Position
+from m2c.language.expressions import Expression
 from moon.properties.formula import Formula
 from moon.properties.patterns import Pattern
 from transports.interface import Observation, ObservationKind

@@ -17,10 +17,10 @@ from typing import TypeVar
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.ecmascript import parse_expression
-from m2c.model.expression_text import expression_text
-from m2c.model.expressions import Binary, Expression, Literal, Logical, Node, Unary, Variable
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.expressions import Binary, Expression, Literal, Logical, Node, Unary, Variable
+from m2c.language.parsing import parse_expression
+from m2c.language.text import expression_text
 from moon.properties.formula import (
     EVER,
     FALSE,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from m2c.model.datatypes import Array, DataType, Primitive, Structure
+from m2c.language.datatypes import Array, DataType, Primitive, Structure
 from transports import cdr
 from transports.cdr import CODES, HEADER_BYTES, CdrError
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from operator import itemgetter
 from typing import Any
 
-from m2c.model.datatypes import Array, DataType, Primitive, Structure
+from m2c.language.datatypes import Array, DataType, Primitive, Structure
 from transports.cdr import CODES, HEADER_BYTES, LITTLE_ENDIAN, MAX_ITEMS, SIZES, CdrError, layouts
 
 HEADER = LITTLE_ENDIAN + bytes(HEADER_BYTES - len(LITTLE_ENDIAN))

@@ -5,7 +5,7 @@ https://mcap.dev/spec/registry, "ros2msg"; the sections are divided and headed a
 
 from __future__ import annotations
 
-from m2c.model.datatypes import Array, DataType, Primitive, Structure
+from m2c.language.datatypes import Array, DataType, Primitive, Structure
 from m2c.model.event_types import PACKAGE
 
 _DIVIDER = "=" * 80

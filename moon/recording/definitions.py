@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from m2c.model.datatypes import Array, DataType, Primitive, Structure
+from m2c.language.datatypes import Array, DataType, Primitive, Structure
 from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
 
 MAX_TEXT = 1024 * 1024

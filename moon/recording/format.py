@@ -13,7 +13,7 @@ import struct
 from collections.abc import Mapping
 from enum import StrEnum
 
-from m2c.model.datatypes import Array, Primitive, Structure
+from m2c.language.datatypes import Array, Primitive, Structure
 from moon.recording.cdr_writing import HEADER
 
 FORMAT_NAME = "moon.recording"

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 import msgspec
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import InterfaceKind, Machine
 from moon.yaml_tree import Mapping, Scalar, Sequence, parse_yaml
 

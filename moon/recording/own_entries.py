@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import Array, Structure
+from m2c.language.datatypes import Array, Structure
 from moon.recording import format as layout
 from moon.recording.cdr import Decoder, part_reader
 from moon.recording.cdr_writing import HEADER

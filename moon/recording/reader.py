@@ -8,7 +8,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from m2c.model.datatypes import Structure
+from m2c.language.datatypes import Structure
 from m2c.model.file_size import size_of
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine

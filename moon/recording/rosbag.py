@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from moon import yaml_tree
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.mcap_file import McapFile

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 
 import msgspec
 
-from m2c.model.datatypes import Structure
+from m2c.language.datatypes import Structure
 from moon.recording import format as layout
 from moon.recording.cdr_writing import HEADER, InexactError, Write, as_typed, encoder
 from moon.recording.definition_text import definition_text

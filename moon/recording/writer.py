@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.datatypes import Structure
+from m2c.language.datatypes import Structure
 from moon.recording import format as layout
 from moon.recording.cdr_writing import HEADER, InexactError, Write, encoder
 from moon.recording.definitions import Definitions

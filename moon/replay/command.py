@@ -79,7 +79,7 @@ def replay(
     Example:
       moon replay run.mcap --without BatteryLevelSkill --endpoint tcp/127.0.0.1:7447
     """
-    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.diagnostics import DiagnosticLog
     from m2c.model.interfaces import InterfaceLibrary
     from m2c.suggestions import nearest
     from moon.recording.reader import RecordingError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from m2c.model.datatypes import Structure
+from m2c.language.datatypes import Structure
 from m2c.runtime.messages import message_class
 from moon.recording.definitions import UnknownTypeError
 from moon.recording.reader import Recording

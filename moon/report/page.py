@@ -14,7 +14,7 @@ import msgspec
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from m2c.model.diagnostics import ModelError
+from m2c.diagnostics import ModelError
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.output_file import write_whole
 from m2c.printable import printable

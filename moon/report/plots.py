@@ -13,8 +13,8 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.expression_text import expression_text
-from m2c.model.expressions import Binary, Expression, Literal, Logical, Unary, Variable
+from m2c.language.expressions import Binary, Expression, Literal, Logical, Unary, Variable
+from m2c.language.text import expression_text
 from moon.monitor.status import PROPERTY
 from moon.properties.predicates import ANY_CHANNEL, UNKNOWN_ERRORS, bind, value_of
 from moon.properties.property import Port, Property

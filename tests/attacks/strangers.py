@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
+from m2c.language.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
 from m2c.model.machine import InterfaceKind
 from moon.monitor.reading import read_checked
 

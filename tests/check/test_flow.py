@@ -8,8 +8,8 @@ import pytest
 
 from m2c.check.flow import check_flow
 from m2c.check.paths import truth
+from m2c.language.parsing import parse_expression
 from m2c.model import DiagnosticLog, InterfaceLibrary, Position, read_machine
-from m2c.model.ecmascript import parse_expression
 
 HEAD = '<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="M" initial="a">\n'
 TICK = '<ros_service_server service_name="/s/tick" type="std_srvs/Trigger"/>'

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from m2c.codegen.expressions import ExpressionCompiler
 from m2c.codegen.source import quoted
-from m2c.model import DiagnosticLog, Position
-from m2c.model.datatypes import (
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     FLOAT64,
@@ -25,9 +24,10 @@ from m2c.model.datatypes import (
     Primitive,
     Structure,
 )
-from m2c.model.ecmascript import parse_expression
-from m2c.model.expressions import ObjectLiteral, PortInput
-from m2c.model.typing import Scope
+from m2c.language.expressions import ObjectLiteral, PortInput
+from m2c.language.parsing import parse_expression
+from m2c.language.typing import Scope
+from m2c.model import DiagnosticLog, Position
 from tests.codegen.harness import Generated
 
 INT32, UINT8, FLOAT32 = Primitive("int32"), Primitive("uint8"), Primitive("float32")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from m2c.codegen.event_package import event_package
 from m2c.codegen.packaging import Packaging
-from m2c.model.datatypes import FLOAT64, INT64, Array, DataType, Structure
-from m2c.model.diagnostics import Position
+from m2c.diagnostics import Position
+from m2c.language.datatypes import FLOAT64, INT64, Array, DataType, Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Dialect, Interface, InterfaceKind, Machine
 from moon.recording.definition_text import definition_text

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from m2c.codegen.expressions import ExpressionCompiler
-from m2c.model import DiagnosticLog, Position
-from m2c.model.datatypes import (
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     FLOAT64,
@@ -20,8 +19,9 @@ from m2c.model.datatypes import (
     Primitive,
     Structure,
 )
-from m2c.model.ecmascript import parse_expression
-from m2c.model.typing import Scope
+from m2c.language.parsing import parse_expression
+from m2c.language.typing import Scope
+from m2c.model import DiagnosticLog, Position
 from tests.codegen.harness import Generated
 
 INT32, INT8 = Primitive("int32"), Primitive("int8")

@@ -236,7 +236,7 @@ HOSTILE = [
 def test_every_filter_makes_one_literal_of_whatever_text(text: str) -> None:
     import tomllib
 
-    from m2c.model.diagnostics import DiagnosticLog
+    from m2c.diagnostics import DiagnosticLog
     from m2c.model.xml import parse_xml
 
     assert ast.literal_eval(py(text)) == text

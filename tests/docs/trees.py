@@ -7,8 +7,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from m2c.diagnostics import Severity
 from m2c.model import DiagnosticLog, load
-from m2c.model.diagnostics import Severity
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.runner import PolicyRunner
 from tests.policy.test_runner import FakeTransport

@@ -9,16 +9,16 @@ from xml.etree import ElementTree
 
 import pytest
 
+from m2c.diagnostics import Position
 from m2c.draw import document, draw_policy, draw_wiring, tree_of, wiring_of
 from m2c.draw.bounds import TooLargeError
 from m2c.draw.dot import machine_as_dot, policy_as_dot, quoted, wiring_as_dot
 from m2c.draw.mermaid import escaped, machine_as_mermaid, policy_as_mermaid, wiring_as_mermaid
 from m2c.draw.wiring import POLICY
 from m2c.draw.wording import short_names
+from m2c.language.parsing import parse_expression
+from m2c.language.text import expression_text
 from m2c.model import DiagnosticLog, System, load
-from m2c.model.diagnostics import Position
-from m2c.model.ecmascript import parse_expression
-from m2c.model.expression_text import expression_text
 from m2c.policy.reader import read_policy_file
 from m2c.policy.tree import PolicyFile
 from tests.systems import SORTING_CELL, read

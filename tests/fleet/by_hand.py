@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
-from m2c.model.diagnostics import DiagnosticLog
 from moon.fleet.choice import WHOLE, Shard
 from moon.fleet.fleet import Fleet
 from moon.fleet.robot import FleetModels

@@ -20,7 +20,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from m2c.model.datatypes import Array, DataType, Primitive, Structure
+from m2c.language.datatypes import Array, DataType, Primitive, Structure
 from m2c.model.machine import InterfaceKind
 from moon.monitor.reading import read_checked
 from tests.keys.intruder import Attempt, configured, say

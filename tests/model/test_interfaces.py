@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from m2c.language.datatypes import Array, DataType, Primitive, Structure, describe
 from m2c.model import DiagnosticLog, InterfaceLibrary
-from m2c.model.datatypes import Array, DataType, Primitive, Structure, describe
 from m2c.model.interfaces import canonical
 
 

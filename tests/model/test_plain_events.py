@@ -10,8 +10,8 @@ import pytest
 import m2c
 from m2c.check import check_system
 from m2c.check.reading import read_and_check
+from m2c.language.datatypes import FLOAT64, INT64, STRING, Array, DataType, Primitive, describe
 from m2c.model import DiagnosticLog, load
-from m2c.model.datatypes import FLOAT64, INT64, STRING, Array, DataType, Primitive, describe
 from m2c.model.machine import Emit, EventKind, InterfaceKind, Machine, Raise
 from m2c.model.naming import Naming
 from m2c.model.system import linked, read_with_reference

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from m2c.check.reading import read_and_check
+from m2c.language.datatypes import Array, Primitive, Structure, describe
 from m2c.model import DiagnosticLog, System
-from m2c.model.datatypes import Array, Primitive, Structure, describe
 from m2c.model.json_places import read_json
 
 XML = """<types>

@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
-from m2c.model.diagnostics import DiagnosticLog
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import no_system
 from moon.monitor.watch import SystemWatch

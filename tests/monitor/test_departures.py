@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
-from m2c.model.diagnostics import DiagnosticLog
 from moon.monitor.departures import Departures, senders
 from moon.properties.files import load_properties
 from moon.properties.formula import text

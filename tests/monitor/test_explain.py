@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
-from m2c.model.diagnostics import DiagnosticLog
 from moon.explain.observables import Observables, observables
 from moon.explain.report import report
 from tests.monitor.hand_driven import write_models

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from msgspec.structs import replace
 
-from m2c.model.expressions import (
+from m2c.language.expressions import (
     EventData,
     Expression,
     Index,

@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from m2c.model.diagnostics import Position
-from m2c.model.expressions import Expression, Index, Variable, children
+from m2c.diagnostics import Position
+from m2c.language.expressions import Expression, Index, Variable, children
 from m2c.model.machine import (
     Assign,
     Event,

@@ -13,8 +13,8 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
-from m2c.model.expressions import Literal, Unary
+from m2c.language.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
+from m2c.language.expressions import Literal, Unary
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.runtime.messages import message_class

@@ -13,8 +13,8 @@ from itertools import combinations
 import msgspec
 from msgspec.structs import replace
 
-from m2c.model.diagnostics import Position
-from m2c.model.expressions import Binary, Expression, Literal, Logical, Unary, Variable
+from m2c.diagnostics import Position
+from m2c.language.expressions import Binary, Expression, Literal, Logical, Unary, Variable
 from m2c.model.machine import (
     Assign,
     Emit,

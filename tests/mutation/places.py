@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 
 from msgspec.structs import replace
 
-from m2c.model.expressions import (
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,

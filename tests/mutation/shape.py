@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.diagnostics import Position
-from m2c.model.expressions import EventData
+from m2c.diagnostics import Position
+from m2c.language.expressions import EventData
 from m2c.model.machine import Machine
 
 

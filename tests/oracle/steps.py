@@ -1,7 +1,7 @@
 """A machine, run one input at a time, all of its choices followed: the reference's small steps.
 
 Written from W3C SCXML (3.13, appendix D) and docs/language.md and docs/values.md, with expressions by
-``m2c.model.evaluate``; it shares nothing else with the generated code or with the oracle.
+``m2c.language.evaluate``; it shares nothing else with the generated code or with the oracle.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import DataType
-from m2c.model.evaluate import evaluate
-from m2c.model.expressions import (
+from m2c.language import ecmascript
+from m2c.language.datatypes import DataType
+from m2c.language.evaluate import evaluate
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -31,6 +32,7 @@ from m2c.model.expressions import (
     Unary,
     Variable,
 )
+from m2c.language.values import convert
 from m2c.model.machine import (
     Assign,
     Emit,
@@ -45,9 +47,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.values import convert
 from m2c.model.walk import draws
-from m2c.runtime import ecmascript
 
 MAX_STEPS = 1000
 """Eventless transitions and internal events in one macrostep before it is an endless loop."""

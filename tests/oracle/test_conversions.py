@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
+from m2c.language.datatypes import Primitive
+from m2c.language.values import converter
 from m2c.model import Machine
-from m2c.model.datatypes import Primitive
 from m2c.model.machine import EventKind
-from m2c.model.values import converter
 from moon.oracle.program import MachineProgram
 from moon.oracle.unknowns import Unknown, anything, is_whole, tolerant
 from tests.oracle.machines import library, read

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from m2c.model.datatypes import FLOAT64, INT32, STRING, Array, DataType, Structure
+from m2c.language.datatypes import FLOAT64, INT32, STRING, Array, DataType, Structure
 from moon.oracle.differing import first_difference
 from moon.oracle.unknowns import Unknown, anything
 from moon.verdict import Cause, Difference, Explanation, Outcome, Verdict, violation_of

@@ -8,9 +8,9 @@ from random import Random
 
 import msgspec
 
+from m2c.language.datatypes import Structure
 from m2c.launch.in_process import Program, SimulatedRun
 from m2c.model import DiagnosticLog
-from m2c.model.datatypes import Structure
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.runtime.messages import message_class

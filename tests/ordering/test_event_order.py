@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from moon.ordering.counts import Counts
 from moon.ordering.event_order import EventOrder

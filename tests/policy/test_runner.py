@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import msgspec
 import pytest
 
-from m2c.model.datatypes import Primitive, Structure
+from m2c.language.datatypes import Primitive, Structure
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.runner import PolicyRunner
 from m2c.policy.ticking import PolicyError

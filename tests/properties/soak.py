@@ -14,8 +14,8 @@ import time
 import traceback
 from pathlib import Path
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
-from m2c.model.diagnostics import DiagnosticLog
 from moon.properties.compiler import compile_network
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.files.xml import parse_property_xml

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from moon.cli import main
 from moon.properties.files.yaml import parse_property_yaml
 from moon.properties.patterns import PatternName, ScopeName

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from m2c.model.diagnostics import DiagnosticLog, ModelError
+from m2c.diagnostics import DiagnosticLog, ModelError
 from moon.cli import main
 from moon.properties.compiler import compile_network
 from moon.properties.files import load_properties, read_properties

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
-from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from moon.cli import main
 from moon.properties.files.interfaces import Interfaces

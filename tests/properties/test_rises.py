@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from moon.properties.describe import formula_deadline
 from moon.properties.files.xml import parse_property_xml
 from moon.properties.files.yaml import parse_property_yaml

@@ -101,7 +101,7 @@ def test_mypy_knows_the_types_of_the_interface(tmp_path: Path) -> None:
     revealed = [line.partition('type is "')[2].rstrip('"') for line in ran.stdout.splitlines()]
     assert [kind for kind in revealed if kind] == [
         "m2c.model.system.System",
-        "list[m2c.model.diagnostics.Diagnostic]",
+        "list[m2c.diagnostics.Diagnostic]",
         "list[pathlib.Path]",
         "moon.oracle.oracle.Oracle",
         "moon.properties.monitor.PropertySet",

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from moon.recording.reader import open_recording
 from tests.recording import bags

@@ -12,7 +12,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from m2c.model.datatypes import Array, Primitive, Structure
+from m2c.language.datatypes import Array, Primitive, Structure
 from moon.recording.cdr import Decoder
 from moon.recording.definitions import Definitions
 from transports.cdr import CdrError

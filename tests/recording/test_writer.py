@@ -20,8 +20,8 @@ from msgspec.structs import replace
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from m2c.model.datatypes import INTEGER_RANGES
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
+from m2c.language.datatypes import INTEGER_RANGES
 from m2c.model.interfaces import InterfaceLibrary
 from moon.recording.contents import Contents
 from moon.recording.definitions import Definitions

@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.launch.in_process import NodeSettings, Program, SimulatedRun, compile_system
 from m2c.model import load
-from m2c.model.diagnostics import DiagnosticLog
 from m2c.model.system import System
 from moon.recording.contents import Contents
 from moon.recording.definitions import Definitions

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from m2c.model.datatypes import Array, Primitive, Structure
+from m2c.language.datatypes import Array, Primitive, Structure
 from moon.recording.cdr import Decoder, part_reader
 from transports import cdr
 

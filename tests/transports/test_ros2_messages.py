@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
+from m2c.language.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.runtime.messages import message_class
 from tests.transports import ros2_network

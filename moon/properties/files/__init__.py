@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from m2c.model.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.property import Property
 

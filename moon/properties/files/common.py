@@ -9,9 +9,9 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import ANY, BOOL, DataType, describe
-from m2c.model.diagnostics import DiagnosticLog, Position, shortened
-from m2c.model.expressions import Expression
+from m2c.diagnostics import DiagnosticLog, Position, shortened
+from m2c.language.datatypes import ANY, BOOL, DataType, describe
+from m2c.language.expressions import Expression
 from m2c.model.walk import variables_of
 from moon.properties.describe import (
     formula_deadline,

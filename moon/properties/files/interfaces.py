@@ -12,7 +12,8 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import (
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     NULL,
@@ -23,8 +24,7 @@ from m2c.model.datatypes import (
     describe,
     is_number,
 )
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.expressions import (
+from m2c.language.expressions import (
     Binary,
     Conditional,
     Expression,
@@ -32,10 +32,10 @@ from m2c.model.expressions import (
     Unary,
     children,
 )
+from m2c.language.typing import Scope, check_expression, type_of
 from m2c.model.interfaces import InterfaceLibrary, canonical
 from m2c.model.machine import InterfaceKind
 from m2c.model.system import System
-from m2c.model.typing import Scope, check_expression, type_of
 from m2c.suggestions import nearest
 
 _KINDS = {

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.model.datatypes import ANY, DataType
-from m2c.model.diagnostics import DiagnosticLog, Position, shortened
-from m2c.model.ecmascript import parse_expression
-from m2c.model.evaluate import evaluate
-from m2c.model.expressions import Expression
+from m2c.diagnostics import DiagnosticLog, Position, shortened
+from m2c.language.datatypes import ANY, DataType
+from m2c.language.evaluate import evaluate
+from m2c.language.expressions import Expression
+from m2c.language.parsing import parse_expression
 from m2c.model.xml import Element, parse_xml, read_xml
 from moon.properties.files.common import (
     ACTION_PARTS,

@@ -8,10 +8,10 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import ANY, DataType
-from m2c.model.diagnostics import DiagnosticLog, Position, shortened
-from m2c.model.ecmascript import parse_expression
-from m2c.model.expressions import Expression
+from m2c.diagnostics import DiagnosticLog, Position, shortened
+from m2c.language.datatypes import ANY, DataType
+from m2c.language.expressions import Expression
+from m2c.language.parsing import parse_expression
 from m2c.model.walk import variables_of
 from moon.properties.files.common import (
     ACTION_PARTS,
@@ -435,7 +435,7 @@ def _inside(scalar: Scalar) -> Position:
 
 def _shifted(expression: Expression, path: tuple[str, ...]) -> Expression:
     """``expression`` with ``data`` standing for the part of the message at ``path``."""
-    from m2c.model.expressions import Member, Node, Variable
+    from m2c.language.expressions import Member, Node, Variable
 
     def walk(node: Any) -> Any:
         if isinstance(node, Variable):

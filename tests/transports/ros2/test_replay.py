@@ -8,7 +8,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Int32
 
-from m2c.model.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from moon.recording.definitions import Definitions
 from moon.recording.offers import Offer

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from m2c.model.expressions import (
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,

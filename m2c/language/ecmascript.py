@@ -17,7 +17,7 @@ from typing import Any, cast
 
 import msgspec
 
-from m2c.runtime.conversion import (
+from m2c.language.conversion import (
     MAX_LENGTH,
     MAX_SAFE_INTEGER,
     ExecutionError,

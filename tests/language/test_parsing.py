@@ -6,9 +6,7 @@ import math
 
 import pytest
 
-from m2c.model import DiagnosticLog, Position
-from m2c.model.ecmascript import MAX_LENGTH, parse_expression, parse_location
-from m2c.model.expressions import (
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -25,6 +23,8 @@ from m2c.model.expressions import (
     Variable,
     children,
 )
+from m2c.language.parsing import MAX_LENGTH, parse_expression, parse_location
+from m2c.model import DiagnosticLog, Position
 
 AT = Position("m", 3, 10)
 HINT = "literals, arrays, objects, members, indices, operators, ?: and Math.* are in it"

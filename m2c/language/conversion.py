@@ -3,7 +3,8 @@
 The first half is ECMA-262 (2024) section 7.1. The second half is what happens to a value that goes to a
 typed place (a variable, an element, a field of a message, a port): see
 docs/decisions/0024-assignments-convert-to-the-declared-type.md. The generated code calls these functions;
-the model oracle and the checks do by way of :mod:`m2c.model.values`, so that an assignment has one meaning.
+the model oracle and the checks do by way of :mod:`m2c.language.values`, so that an assignment has one
+meaning.
 
 Numbers are int or float, ``null`` and ``undefined`` are None, arrays are lists, structures have
 attributes (messages) or are dicts (anonymous objects, and messages as the oracle sees them).
@@ -179,6 +180,8 @@ def type_name(value: Any) -> str:
 
 STATUS_NUMBERS = {"SUCCESS": 1, "FAILURE": 2, "RUNNING": 3}
 """The statuses of a behaviour tree's nodes by name, and the numbers that stand for them in AS2FM."""
+STATUSES = tuple(STATUS_NUMBERS)
+"""What a behaviour-tree node may return."""
 _STATUS_NAMES: dict[int | float, str] = {number: name for name, number in STATUS_NUMBERS.items()}
 
 

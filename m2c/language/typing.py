@@ -8,7 +8,9 @@ from typing import Any
 
 import msgspec
 
-from m2c.model.datatypes import (
+from m2c.diagnostics import DiagnosticLog, shortened
+from m2c.language.conversion import ExecutionError, to_number, to_string
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     FLOAT64,
@@ -28,9 +30,8 @@ from m2c.model.datatypes import (
     only_array,
     part,
 )
-from m2c.model.diagnostics import DiagnosticLog, shortened
-from m2c.model.evaluate import evaluate
-from m2c.model.expressions import (
+from m2c.language.evaluate import evaluate
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -48,8 +49,7 @@ from m2c.model.expressions import (
     Variable,
     children,
 )
-from m2c.model.values import convert
-from m2c.runtime.conversion import ExecutionError, to_number, to_string
+from m2c.language.values import convert
 from m2c.suggestions import nearest
 
 INTEGRAL_MATH = frozenset({"floor", "ceil", "round", "trunc", "sign"})

@@ -1,6 +1,6 @@
 """What is certain of an expression's value before it is evaluated.
 
-``m2c.model.typing`` says what an expression is meant to be; this module says what it can be at run time:
+``m2c.language.typing`` says what an expression is meant to be; this module says what it can be at run time:
 an element may be out of range (undefined), ``0 / 0`` is NaN, ``-n`` of 0 is the double -0. From that
 follows where Python's own operators mean the same as ECMAScript's, which assignments may leave the
 range of their type, and which may fail. It is interval analysis (Cousot and Cousot, *Abstract
@@ -14,7 +14,8 @@ import math
 
 import msgspec
 
-from m2c.model.datatypes import (
+from m2c.language.conversion import STATUSES
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     FLOAT64,
@@ -33,7 +34,7 @@ from m2c.model.datatypes import (
     only_array,
     part,
 )
-from m2c.model.expressions import (
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -51,8 +52,7 @@ from m2c.model.expressions import (
     Variable,
     children,
 )
-from m2c.model.typing import Scope
-from m2c.model.vocabulary import STATUSES
+from m2c.language.typing import Scope
 
 EXACT = 2**53
 """Up to here a double holds every whole number, so that Python's ints compute what ECMAScript does."""

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from m2c.model import DiagnosticLog, Position
-from m2c.model.certainty import Certain, Certainty, Fit
-from m2c.model.datatypes import (
+from m2c.language.certainty import Certain, Certainty, Fit
+from m2c.language.conversion import ExecutionError
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     FLOAT64,
@@ -27,12 +27,12 @@ from m2c.model.datatypes import (
     Structure,
     describe,
 )
-from m2c.model.ecmascript import parse_expression
-from m2c.model.evaluate import evaluate
-from m2c.model.expressions import Expression, PortInput
-from m2c.model.typing import Scope
-from m2c.model.values import convert
-from m2c.runtime.conversion import ExecutionError
+from m2c.language.evaluate import evaluate
+from m2c.language.expressions import Expression, PortInput
+from m2c.language.parsing import parse_expression
+from m2c.language.typing import Scope
+from m2c.language.values import convert
+from m2c.model import DiagnosticLog, Position
 from tests.codegen.limits import Writer
 from tests.drawn import examples
 

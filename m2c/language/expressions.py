@@ -1,7 +1,7 @@
 """Expressions of a model: the ECMAScript sub-language as a typed syntax tree.
 
 The tree is what the checks, the code generator and the model oracle work on; source text is parsed
-once (``m2c.model.ecmascript``) and never evaluated. Event data has one spelling here, whichever
+once (``m2c.language.parsing``) and never evaluated. Event data has one spelling here, whichever
 root the model used: ``_msg.x``, ``_req.x``, ``_res.x``, ``_feedback.x``, ``_goal.x``,
 ``_wrapped_result.result.x`` and ``_event.data.x`` are all ``Member(EventData("data"), "x")``.
 """
@@ -13,7 +13,7 @@ from typing import Literal as OneOf
 
 import msgspec
 
-from m2c.model.diagnostics import Position
+from m2c.diagnostics import Position
 
 
 class Node(msgspec.Struct, frozen=True, tag=True, kw_only=True):

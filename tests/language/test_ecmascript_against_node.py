@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from m2c.language.conversion import ExecutionError
+from m2c.language.datatypes import Primitive
+from m2c.language.evaluate import evaluate
+from m2c.language.parsing import parse_expression
+from m2c.language.values import convert
 from m2c.model import DiagnosticLog, Position
-from m2c.model.datatypes import Primitive
-from m2c.model.ecmascript import parse_expression
-from m2c.model.evaluate import evaluate
-from m2c.model.values import convert
-from m2c.runtime.conversion import ExecutionError
 from tests.drawn import examples
 
 SERVER = """

@@ -1,6 +1,6 @@
 """Values of a type as plain data (a structure is a dict): converted to it, and its zero.
 
-What generated code does in place, by the functions of :mod:`m2c.runtime.conversion`, is done here from the
+What generated code does in place, by the functions of :mod:`m2c.language.conversion`, is done here from the
 type: by the model oracle, by the checks, and by whoever holds the two against each other.
 """
 
@@ -10,9 +10,8 @@ import copy
 from collections.abc import Callable
 from typing import Any
 
-from m2c.model.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
-from m2c.runtime import conversion
-from m2c.runtime.conversion import (
+from m2c.language import conversion
+from m2c.language.conversion import (
     Convert,
     ExecutionError,
     as_flag,
@@ -30,6 +29,7 @@ from m2c.runtime.conversion import (
     to_untyped_number,
     unfit,
 )
+from m2c.language.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
 
 _SCALARS: dict[str, Convert] = {
     **{name: getattr(conversion, f"to_{name}") for name in INTEGER_RANGES if "int" in name},

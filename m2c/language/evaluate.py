@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from m2c.model.expressions import (
+from m2c.language import ecmascript
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -26,7 +27,6 @@ from m2c.model.expressions import (
     Unary,
     Variable,
 )
-from m2c.runtime import ecmascript
 
 OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     "+": ecmascript.add,

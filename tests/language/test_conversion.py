@@ -13,7 +13,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from m2c.model.datatypes import (
+from m2c.language import ecmascript
+from m2c.language.conversion import (
+    MAX_DEPTH,
+    MAX_LENGTH,
+    ExecutionError,
+    to_double,
+    to_message,
+    to_untyped,
+)
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     INTEGER_RANGES,
@@ -24,18 +33,9 @@ from m2c.model.datatypes import (
     Primitive,
     Structure,
 )
-from m2c.model.evaluate import OPERATORS, UNARY_OPERATORS
-from m2c.model.values import convert, zero
-from m2c.runtime import ecmascript
-from m2c.runtime.conversion import (
-    MAX_DEPTH,
-    MAX_LENGTH,
-    ExecutionError,
-    to_double,
-    to_message,
-    to_untyped,
-)
-from m2c.runtime.machine import seconds
+from m2c.language.durations import seconds
+from m2c.language.evaluate import OPERATORS, UNARY_OPERATORS
+from m2c.language.values import convert, zero
 from m2c.runtime.messages import message_class
 
 INNER = Structure("t/msg/Inner", (("n", Primitive("int8")), ("f", Primitive("float32"))))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from m2c.model import DiagnosticLog, Position
-from m2c.model.datatypes import (
+from m2c.language.datatypes import (
     ANY,
     BOOL,
     FLOAT64,
@@ -19,9 +18,10 @@ from m2c.model.datatypes import (
     Structure,
     describe,
 )
-from m2c.model.ecmascript import parse_expression
-from m2c.model.expressions import Expression, PortInput
-from m2c.model.typing import Scope, assignable, check_expression, constant_value, type_of
+from m2c.language.expressions import Expression, PortInput
+from m2c.language.parsing import parse_expression
+from m2c.language.typing import Scope, assignable, check_expression, constant_value, type_of
+from m2c.model import DiagnosticLog, Position
 from m2c.suggestions import nearest
 
 INT8, UINT8, FLOAT32 = Primitive("int8"), Primitive("uint8"), Primitive("float32")

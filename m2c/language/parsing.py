@@ -1,4 +1,4 @@
-"""Parsing expressions: ECMAScript text to the tree of :mod:`m2c.model.expressions`.
+"""Parsing expressions: ECMAScript text to the tree of :mod:`m2c.language.expressions`.
 
 The grammar work is esprima's (standard ESTree, ECMA-262); this module admits the sub-language that
 models use and reports everything else. Nothing is ever evaluated here.
@@ -10,8 +10,9 @@ import re
 from collections.abc import Collection
 from typing import Any, cast
 
-from m2c.model.diagnostics import DiagnosticLog, Position
-from m2c.model.expressions import (
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.conversion import to_double, to_string
+from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
     Conditional,
@@ -29,7 +30,6 @@ from m2c.model.expressions import (
     Unary,
     Variable,
 )
-from m2c.runtime.conversion import to_double, to_string
 
 MAX_LENGTH = 4096
 """Characters in one expression; the longest published one has 120."""
@@ -59,7 +59,6 @@ _ROOTS = {*_DATA_ROOTS, "_event", "_action", "_wrapped_result", "_bt"}
 _EVENT_PARTS: tuple[EventPart, ...] = ("goal_id", "thread_id", "code", "status", "name")
 _BINARY = {"+", "-", "*", "/", "%", "**", "==", "!=", "===", "!==", "<", "<=", ">", ">="}
 _NAMED = {"undefined": None, "True": True, "False": False}
-_BT_STATUSES = ("SUCCESS", "FAILURE", "RUNNING")
 
 _LARGEST_INTEGER = 2**64
 """Literals beyond what an integer of ROS holds are numbers in floating point."""
