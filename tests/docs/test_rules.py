@@ -17,7 +17,7 @@ from tests.docs.rule_examples import RULE_EXAMPLES
 ROOT = Path(__file__).parents[2]
 REFERENCE = (ROOT / "docs" / "rules.md").read_text()
 ROW = re.compile(r"^\| `([a-z-]+)` \| (error|warning|note) \| (.+?) \| (.+) \|$", re.MULTILINE)
-READERS = ("model", "check", "policy")
+READERS = ("language", "model", "check", "policy")
 """Packages whose findings `m2c check` shows."""
 _REPORTS = ("error", "warning", "note", "_error")
 _RULE = re.compile(r"[a-z]+(-[a-z]+)+\Z")
@@ -39,7 +39,7 @@ def rules_in_code() -> set[str]:
             rule = node.args[0]
             if isinstance(rule, ast.Constant) and _RULE.match(str(rule.value)):
                 found.add(str(rule.value))
-    # ecmascript chooses between two names in a variable
+    # the parser of expressions chooses between two names in a variable
     return found | {"bad-expression", "unsupported-expression"}
 
 
