@@ -14,6 +14,7 @@ from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
+from moon.ordering.event_time_clock import SET_NS
 from moon.ordering.judge import Gap
 from moon.ordering.on_time import received_on_time
 from moon.ordering.time_base import in_time
@@ -115,9 +116,7 @@ def check_recording(
     played.play(monitored.bounds.latency, timelines, progress)
     faults = tuple(recording.faults())
     if played.first is None or played.last is None:
-        why = "; ".join(faults) or (
-            "nothing is in that part of it" if view.is_part else "it holds nothing"
-        )
+        why = "; ".join(faults) or played.part.why_empty
         raise EmptyRecordingError(f"{path}: {why}")
     if recording.is_of_two:
         raise NotJudgedError(f"{path}: {TWO_RUNS}")
@@ -143,6 +142,7 @@ def check_recording(
             ),
         ),
         time="" if base is None else base.sentence,
+        steady_ns=played.steady_ns,
         unrecorded=tuple(
             dict.fromkeys(
                 [
@@ -205,6 +205,7 @@ class _Played:
         self.last: Entry | None = None
         self.is_judged_before = False
         self.part = Part(view)
+        self._was_set_back = False
         self._recording = recording
         self._watch = watch
         self._player = player
@@ -223,6 +224,9 @@ class _Played:
             if self.first is None:
                 self.first = entry
                 self._player.start(entry, self._watch.start)
+            if self._is_set_back(entry):
+                self._was_set_back = True
+                self._end(latency_ns)
             self.last = entry
             if type(entry) is Observation:
                 self._late_ns = max(self._late_ns, entry.received_ns - entry.stamp_ns)
@@ -242,12 +246,24 @@ class _Played:
         if progress is not None:
             progress(count)
 
+    @property
+    def steady_ns(self) -> int:
+        """How long it is (ns), where its clock was set back; else 0."""
+        return self._player.steady_ns() if self._was_set_back else 0
+
     def _entries(self) -> Iterator[Entry | Gap]:
         base, entries = self._surveyed.base, self._recording.entries()
         return received_on_time(entries) if base is None else in_time(entries, base)
 
+    def _is_set_back(self, entry: Entry) -> bool:
+        """Whether the clock was set back before ``entry``: a run is over, and another begins."""
+        base, last = self._surveyed.base, self.last
+        return (
+            base is not None and last is not None and entry.received_ns < last.received_ns - SET_NS
+        )
+
     def _end(self, latency_ns: int) -> None:
-        """All is played: nothing comes later.
+        """All is played, of this clock: nothing comes later.
 
         A monitor that ended in good order had judged before what it had received. Any other file is whole
         up to its last entry, but for what was under way: that takes as long as anything in it took.

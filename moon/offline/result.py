@@ -68,6 +68,7 @@ class RecordingFacts(msgspec.Struct, frozen=True):
         limits: what cannot be concluded from what was recorded, one sentence each.
         time: by which of its times it was judged, and why, where a recording may have several.
         unrecorded: channels that are needed, and were not recorded.
+        steady_ns: how long it is (ns), where its clock was set back; else 0.
     """
 
     path: str
@@ -80,11 +81,12 @@ class RecordingFacts(msgspec.Struct, frozen=True):
     limits: tuple[str, ...] = ()
     time: str = ""
     unrecorded: tuple[str, ...] = ()
+    steady_ns: int = 0
 
     @property
     def seconds(self) -> float:
         """How long the recording is."""
-        return (self.last_ns - self.first_ns) / 1e9
+        return (self.steady_ns or self.last_ns - self.first_ns) / 1e9
 
 
 class CheckResult(msgspec.Struct, frozen=True):

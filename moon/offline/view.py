@@ -87,11 +87,13 @@ class Part:
 
     Attributes:
         ends_ns: where it was cut off (ns); 0: it ends with the recording.
+        why_empty: the reason, if nothing is in it.
     """
 
     def __init__(self, view: View) -> None:
         self._view = view
         self.ends_ns = 0
+        self.why_empty = "nothing is in that part of it" if view.is_part else "it holds nothing"
 
     def of(self, entries: Iterable[Entry | Gap]) -> Iterator[Entry | Gap]:
         """Those of ``entries``; who was up before they begin is told at their beginning."""
@@ -106,6 +108,9 @@ class Part:
                 first_ns = at_ns
                 from_ns = self._view.from_.of(first_ns) if self._view.from_ else 0
                 to_ns = self._view.to.of(first_ns) if self._view.to else to_ns
+                if to_ns < from_ns:
+                    self.why_empty = "--from is after --to; expected the earlier instant first"
+                    return
             if at_ns > to_ns and not isinstance(entry, Gap):
                 self.ends_ns = to_ns
                 return

@@ -45,6 +45,25 @@ def test_after_a_clock_that_was_set_back_nothing_is_dropped(
 
 
 @pytest.mark.parametrize("form", FOREIGN)
+@pytest.mark.parametrize("last_s", [0, 0.001, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("by_s", [0.3, 2, 3600])
+def test_what_happened_just_before_a_clock_was_set_back_is_judged(
+    tmp_path: Path, form: Form, last_s: float, by_s: float
+):
+    first = [Line(4000 + n, 1) for n in range(5)] + [Line(4004.5, 9), Line(4004.5 + last_s, 1)]
+    lines = first[: 7 if last_s else 6]
+    back = [Line(lines[-1].at_s - by_s + n, 1) for n in range(3)]
+    said = check(tmp_path, form(tmp_path, lines + back), PROPERTIES)
+    assert (said.code, said.verdicts) == (1, {"A": "violated", "R": "conforming"}), said.out
+
+
+def test_a_recording_whose_clock_was_set_back_is_as_long_as_both_its_parts(tmp_path: Path):
+    lines = [Line(100, 1), Line(101, 1), Line(40, 1), Line(42, 1)]
+    said = check(tmp_path, json_lines(tmp_path, lines), PROPERTIES)
+    assert ", 3.0 s" in said.out.splitlines()[0]
+
+
+@pytest.mark.parametrize("form", FOREIGN)
 def test_no_time_passes_after_a_clock_was_set_back_but_what_was_recorded(
     tmp_path: Path, form: Form
 ):

@@ -249,6 +249,8 @@ def test_a_part_can_be_chosen(tmp_path: Path, form: Form):
     assert said.code == 2
     assert "nothing is in that part of it" in said.out
     assert check(tmp_path, run, PROPERTIES, "--from", "soon").code == 2
+    said = check(tmp_path, run, PROPERTIES, "--from", "4", "--to", "2")
+    assert (said.code, said.out.count("--from is after --to")) == (2, 1)
 
 
 def test_what_is_silent_until_the_chosen_end_is_found(tmp_path: Path):
