@@ -16,7 +16,16 @@ from m2c.language import ecmascript
 from m2c.language.certainty import Certainty, Fit
 from m2c.language.datatypes import ANY, INT64, Array, DataType, Structure, part
 from m2c.language.durations import seconds
-from m2c.language.expressions import Expression, Index, Literal, Member, Variable
+from m2c.language.expressions import (
+    EventData,
+    Expression,
+    Index,
+    Literal,
+    Member,
+    PortInput,
+    Variable,
+    nodes,
+)
 from m2c.language.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.language.text import expression_text
 from m2c.language.typing import Scope, type_of
@@ -37,7 +46,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
-from m2c.model.walk import flat, root_of, variables_of
+from m2c.model.walk import flat, is_draw, root_of, variables_of
 from moon.oracle.expressions import Closures
 from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import Unknown, anything, filled_in
@@ -92,6 +101,7 @@ class Step:
 
     __slots__ = (
         "_position",
+        "asked",
         "data",
         "effect",
         "internal",
@@ -101,6 +111,7 @@ class Step:
         "scheduled",
         "state",
         "tape",
+        "tested",
         "transition",
     )
 
@@ -119,6 +130,10 @@ class Step:
         self.internal: deque[tuple[str, Any]] = deque()
         self.transition: Position | None = None
         """The last transition taken, of those on internal events too; None: nothing has changed."""
+        self.tested: dict[int, bool | None] = {}
+        """What conditions came to since the last transition was taken; None: they failed."""
+        self.asked = 0
+        """How often a condition was evaluated whose outcome is not among these."""
         self.effect: Any = None
         """Kept by who takes this step again and again; see ``moon.oracle.search.Effect``."""
 
@@ -198,6 +213,27 @@ class StateProgram:
         self.eventless: list[TransitionProgram] = []
         self.internal: list[tuple[str, TransitionProgram]] = []
         self.timers: frozenset[str] = frozenset()
+
+
+def remembered(condition: Callable[[Step], bool]) -> Callable[[Step], bool]:
+    """``condition``, which depends on data alone: it comes to the same until a transition is taken.
+
+    Where data are unknown that is a choice, and the same one. A macrostep tests a condition again after each
+    internal event; one that fails is such an event itself.
+    """
+    number = id(condition)
+
+    def test(step: Step) -> bool:
+        if number not in step.tested:
+            step.asked += 1
+            step.tested[number] = None
+            step.tested[number] = condition(step)
+        known = step.tested[number]
+        if known is None:
+            raise ecmascript.ExecutionError("a condition that failed before")
+        return known
+
+    return test
 
 
 def holds(step: Step, condition: Callable[[Step], bool]) -> bool:
@@ -281,11 +317,26 @@ class Compiler:
         ]
         return TransitionProgram(
             None if event is None else (event.kind, event.name),
-            None if transition.cond is None else closures.condition(transition.cond),
+            None if transition.cond is None else self._condition(transition.cond, closures),
             self._block(transition.body, closures),
             targets,
             transition.position,
         )
+
+    def _condition(self, condition: Expression, closures: Closures) -> Callable[[Step], bool]:
+        made = closures.condition(condition)
+        if not self._symbolic:
+            return made
+        if not any(
+            is_draw(node) or isinstance(node, EventData | PortInput) for node in nodes(condition)
+        ):
+            return remembered(made)
+
+        def test(step: Step) -> bool:
+            step.asked += 1
+            return made(step)
+
+        return test
 
     def _block(self, statements: tuple[Statement, ...], closures: Closures) -> Action | None:
         """Executable content; an expression that fails ends it, as SCXML says."""
@@ -372,26 +423,28 @@ class Compiler:
 
         may_fail = not _always_has_place(location, owner)
 
-        def unknown_place(step: Step) -> None:
-            """It is not known whether there is such a place."""
+        def change_something(step: Step) -> None:
+            """It is not known which part it is, nor perhaps whether it is there.
+
+            The variable is another unknown then: what was sent before tells nothing of it.
+            """
             if may_fail and not step.either():
                 raise ecmascript.ExecutionError("a place that may not be there")
+            step.data[root] = anything()
 
         def assign_part(step: Step) -> None:
             made = new(step)
             if step.data[root].__class__ is Unknown:
-                unknown_place(step)
-                step.data[root] = anything()  # another: what was sent before tells nothing of it
+                change_something(step)
                 return
             # values are shared between hypotheses: change a copy
             step.data[root] = copy.deepcopy(step.data[root])
             target = holder(step)
             if target.__class__ is Unknown:
-                unknown_place(step)
+                change_something(step)
                 return
             if is_column and (made.__class__ is Unknown or Unknown in map(type, target)):
-                unknown_place(step)
-                step.data[root] = anything()
+                change_something(step)
                 return
             if isinstance(location, Member):
                 ecmascript.set_member(target, location.name, made, fill, most, least)
@@ -399,8 +452,7 @@ class Compiler:
             assert index is not None
             place = index(step)
             if place.__class__ is Unknown:
-                unknown_place(step)
-                step.data[root] = anything()
+                change_something(step)
                 return
             ecmascript.set_element(target, place, made, fill, most)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from m2c.language.datatypes import BOOL, STRING, DataType, Structure, is_integer
 from m2c.language.expressions import ObjectLiteral
-from m2c.language.macrostep import MAX_STEPS, matches
+from m2c.language.macrostep import ERROR_EXECUTION, MAX_STEPS, matches
 from m2c.language.typing import Scope
 from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
@@ -201,11 +201,9 @@ class MachineProgram:
             found = [t for prefix, t in program.internal if matches(event[1], prefix)]
         else:
             found = program.by_event.get(event, [])
-        for transition in found:
-            if transition.condition is None or holds(step, transition.condition):
-                self._follow(step, states, transition)
-                self._complete_macrostep(step, states)
-                return True
+        if self._follow_first(step, states, found):
+            self._complete_macrostep(step, states)
+            return True
         if step.internal:  # a condition failed
             self._complete_macrostep(step, states)
         return False
@@ -214,6 +212,7 @@ class MachineProgram:
         self, step: Step, states: list[StateProgram], transition: TransitionProgram
     ) -> None:
         step.transition = transition.position
+        step.tested.clear()
         if transition.leaves:
             leave = states[step.state]
             if leave.leave is not None:
@@ -239,23 +238,33 @@ class MachineProgram:
             program.enter(step)
 
     def _complete_macrostep(self, step: Step, states: list[StateProgram]) -> None:
+        asked, waiting = -1, 0
         for _ in range(MAX_STEPS):
-            program = states[step.state]
-            for transition in program.eventless:
-                if transition.condition is None or holds(step, transition.condition):
-                    self._follow(step, states, transition)
-                    break
-            else:
-                if not step.internal:
-                    return
-                name, data = step.internal.popleft()
-                step.message, step.parts = data, {"name": name}
-                for prefix, transition in states[step.state].internal:
-                    if matches(name, prefix) and (
-                        transition.condition is None or holds(step, transition.condition)
-                    ):
-                        self._follow(step, states, transition)
-                        break
+            if self._follow_first(step, states, states[step.state].eventless):
+                asked = -1
+                continue
+            if not step.internal:
+                return
+            name, data = step.internal.popleft()
+            step.message, step.parts = data, {"name": name}
+            found = [t for prefix, t in states[step.state].internal if matches(name, prefix)]
+            taken = self._follow_first(step, states, found)
+            if taken or data is not None or name != ERROR_EXECUTION:
+                asked = -1
+                continue
+            if step.asked == asked and len(step.internal) >= waiting and _is_failing(step):
+                return  # conditions that fail, and are tested again as they failed: an endless loop
+            asked, waiting = step.asked, len(step.internal)
+
+    def _follow_first(
+        self, step: Step, states: list[StateProgram], transitions: list[TransitionProgram]
+    ) -> bool:
+        """Take the first of ``transitions`` that is enabled; whether there is one."""
+        for transition in transitions:
+            if transition.condition is None or holds(step, transition.condition):
+                self._follow(step, states, transition)
+                return True
+        return False
 
     def _events_of_plain_values(self) -> frozenset[EventKey]:
         """Events whose step depends on whole numbers, truth values and texts alone.
@@ -275,6 +284,11 @@ class MachineProgram:
                 if all(_is_plain(inner) for _, inner in fields):
                     found.add((event.kind, event.name))
         return frozenset(found)
+
+
+def _is_failing(step: Step) -> bool:
+    """Whether nothing but what failed waits to be processed."""
+    return all(event == (ERROR_EXECUTION, None) for event in step.internal)
 
 
 def _is_plain(kind: DataType) -> bool:

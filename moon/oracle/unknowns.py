@@ -46,6 +46,10 @@ class Unknown:
             return "?"
         return f"{_end(self.low)}…{_end(self.high)}"
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Unknown:
+        """In a copy, too, it is the same unknown value."""
+        return self
+
     def shape(self) -> tuple[Any, ...]:
         """What two unknown values must share to be treated alike."""
         return ("?", self.low, self.high, self.integer, self.anything)

@@ -22,9 +22,9 @@ TICKS = 36
 """Seven seconds of a real run: the charging station's supply has tripped by then."""
 MACHINES = {CHARGING_STATION: 8, SORTING_CELL: 4}
 """With the policy."""
-JOINED = {CHARGING_STATION: 5, SORTING_CELL: 2}
+JOINED = {CHARGING_STATION: 5, SORTING_CELL: 3}
 """So many are soon found to conform by who joins in the middle: what repairs is silent for long, and the
-policy of the charging station counts attempts; the bins of the sorting cell and its policy are found late."""
+policy of the charging station counts attempts."""
 UNCERTAIN = {CHARGING_STATION: 2, SORTING_CELL: 1}
 """So many may have become uncertain on a busy machine."""
 

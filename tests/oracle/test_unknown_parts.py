@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import pytest
 
 from m2c.model.machine import EventKind
 from moon.oracle.program import MachineProgram
+from moon.oracle.unknowns import anything, is_unknown
 from tests.oracle.machines import library, read
 
 MODEL = """
@@ -36,6 +38,9 @@ MODEL = """
   </state>
 </scxml>
 """
+
+SHOWN = """<if cond="points[0].x &gt; 1"><log label="seen"/></if>"""
+"""What makes a difference to ``points``."""
 
 
 def outcomes(content: str) -> set[int]:
@@ -90,3 +95,53 @@ def test_a_part_that_is_always_there_does_not_fail(content: str) -> None:
 def test_a_value_that_is_not_known_has_its_type(cond: str, expected: set[int]) -> None:
     send = '<ros_topic_publish name="out"><field name="data" expr="1"/></ros_topic_publish>'
     assert expected <= outcomes(f'<if cond="{cond}">{send}</if>')
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        """<assign location="points[n].x" expr="2"/>""",
+        """<assign location="points[n]" expr="points[0]"/>""",
+    ],
+)
+def test_once_an_unknown_part_is_assigned_nothing_is_known_of_the_whole(content: str) -> None:
+    kept = MODEL.replace("""<assign location="points" expr="[]"/>""", "")
+    program = MachineProgram(read(kept.format(content=f"{content}{SHOWN}")), library())
+    data = list(program.unknown_data())
+    place = program.names.index("points")
+    data[place] = [{"x": x, "y": 0.0, "z": 0.0} for x in (1.0, 2.0)]
+    found: Any = program.take(0, tuple(data), (EventKind.MESSAGE, "in"), {"data": 1}, {})
+    assert {is_unknown(step.data[place]) for _, step in found if step.outputs} == {True}
+
+
+def test_a_part_that_stays_as_it_was_is_the_same_unknown_value() -> None:
+    unknown = anything()
+    assert copy.deepcopy([{"x": unknown}, 1]) == [{"x": unknown}, 1]
+
+
+def test_a_condition_that_fails_fails_again_while_nothing_changes() -> None:
+    """Each failure is an event after which all are tested anew: they come to the same as before."""
+    program = MachineProgram(read(WAITS), library())
+    found: Any = program.take(0, program.unknown_data(), (EventKind.MESSAGE, "in"), {"data": 1}, {})
+    ended = {(step.state, len(step.outputs)) for _, step in found}
+    assert ended == {(0, 1), (1, 1), (2, 1)}
+
+
+WAITS = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" name="Probe" initial="s">
+  <datamodel><data id="points" type="geometry_msgs/Point[]" expr="[]"/></datamodel>
+  <ros_topic_subscriber name="in" topic="/in" type="std_msgs/Int32"/>
+  <ros_topic_publisher name="out" topic="/out" type="std_msgs/Int32"/>
+  <state id="s">
+    <transition cond="points[0].x &gt; 3" target="first"/>
+    <transition cond="points[1].x &gt; 3" target="second"/>
+    <ros_topic_callback name="in">
+      <ros_topic_publish name="out"><field name="data" expr="_msg.data"/></ros_topic_publish>
+    </ros_topic_callback>
+  </state>
+  <state id="first"/>
+  <state id="second">
+    <ros_topic_callback name="in"><assign location="points" expr="[]"/></ros_topic_callback>
+  </state>
+</scxml>
+"""
