@@ -23,7 +23,7 @@ from m2c.model.system import System
 from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
-from transports.interface import Observation, ObservationKind, Tap, Transport
+from transports.interface import Connection, Observation, ObservationKind, Tap
 from transports.zenoh import connect
 
 SYSTEM = ROOT / "examples/lab_tour/system.xml"
@@ -61,7 +61,7 @@ class Looker:
 class Looked:
     """A monitor's connection, of which is looked what it made of each thing that it heard."""
 
-    def __init__(self, connection: Transport, look: Callable[[Observation], None]) -> None:
+    def __init__(self, connection: Connection, look: Callable[[Observation], None]) -> None:
         self._connection = connection
         self._look = look
 
@@ -78,7 +78,7 @@ class Looked:
         return self._connection.tap(channels, hear)
 
 
-def watched(connection: Transport, system: System, tour: Child) -> tuple[list[Looker], int]:
+def watched(connection: Connection, system: System, tour: Child) -> tuple[list[Looker], int]:
     """Monitor the tour to its end, with lookers at the oracles; these, and how many violations."""
     lookers: list[Looker] = []
 
@@ -94,7 +94,7 @@ def watched(connection: Transport, system: System, tour: Child) -> tuple[list[Lo
             if looker.stamps:
                 looker.look(connection.now_ns())
 
-    looked = cast(Transport, Looked(connection, look))
+    looked = cast(Connection, Looked(connection, look))
     watch = SystemWatch(looked, system, system.nodes, Bounds(), [], print)
     watch.start()
     lookers += [Looker(item) for item in watch.oracles().values() if isinstance(item, Oracle)]

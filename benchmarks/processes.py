@@ -22,7 +22,7 @@ from typing import IO, Any, Self
 
 import msgspec
 
-from transports.interface import Transport
+from transports.interface import Connection
 from transports.work_queue import WorkQueue
 
 ROOT = Path(__file__).parents[1]
@@ -220,7 +220,7 @@ def until_ended() -> None:
     ended.wait()
 
 
-def spin_until_ended(transport: Transport, hear: Callable[[], None] = lambda: None) -> None:
+def spin_until_ended(transport: Connection, hear: Callable[[], None] = lambda: None) -> None:
     """Spin until SIGTERM, then close; ``hear`` is called by the transport at each line of standard input."""
     signal.signal(signal.SIGTERM, lambda *_: transport.post(transport.close))
 

@@ -18,7 +18,7 @@ from typing import TypeVar
 import msgspec
 
 from benchmarks.processes import READY_S, ROOT, Child, free_endpoint, ready, say
-from transports.interface import Transport
+from transports.interface import Connection
 
 Result = TypeVar("Result")
 
@@ -219,7 +219,7 @@ def ordered(child: Child, order: Order) -> Taken:
     return msgspec.convert(child.ask(msgspec.to_builtins(order), expected + ORDER_S), Taken)
 
 
-def spun(transport: Transport, names: Sequence[str], within_s: float = READY_S) -> None:
+def spun(transport: Connection, names: Sequence[str], within_s: float = READY_S) -> None:
     """Spin ``transport`` in a thread, and wait for nodes; ends this process if one is not up."""
     threading.Thread(target=transport.spin, daemon=True).start()
     transport.announce()

@@ -36,7 +36,9 @@ _ROLE = re.compile(r":\w+:`~?([^`]+)`")
 _IN_FULL = frozenset(
     {
         "Conditions",
+        "Connection",
         "Diagnostic",
+        "Listener",
         "Observation",
         "Recording",
         "System",

@@ -16,10 +16,10 @@ from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
 from moon.properties.monitor import PropertySet
 from moon.verdict import Verdict
-from transports.interface import Transport
+from transports.interface import Closes, Listener
 
 
-class Monitor:
+class Monitor(Closes):
     """Watches a running system, live or simulated, without touching it.
 
     It listens from :meth:`start` on. It takes no part in the system: no node waits for it.
@@ -45,7 +45,7 @@ class Monitor:
 
     def __init__(
         self,
-        transport: Transport,
+        transport: Listener,
         system: System | None = None,
         properties: PropertySet | None = None,
         *,
@@ -67,6 +67,11 @@ class Monitor:
         from the first moment at which its state is certain.
         """
         self._joining.when_complete(self._watch.start, self._say)
+
+    def close(self) -> None:
+        """Listen no more: its verdicts stand; idempotent. What it listens over stays open."""
+        self._watch.close()
+        self._joining.close()
 
     @property
     def violations(self) -> int:

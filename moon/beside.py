@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 if TYPE_CHECKING:
-    from transports.interface import Transport
+    from transports.interface import Connection
 
 Drive = Callable[[Callable[[], bool]], None]
 """Runs the system to its end, or until the argument holds: the observer wants no more."""
@@ -27,7 +27,7 @@ class Beside(NamedTuple):
         drive: see :data:`Drive`; from when it is called everything is to be received.
     """
 
-    connection: Transport
+    connection: Connection
     drive: Drive
 
 
@@ -37,14 +37,14 @@ def system_beside() -> Beside | None:
     return None if context is None else context.find_object(Beside)
 
 
-def monitor(words: Sequence[str], connection: Transport, drive: Drive) -> int:
+def monitor(words: Sequence[str], connection: Connection, drive: Drive) -> int:
     """``moon monitor`` with these words, of a system in this process; its exit code."""
     from moon.monitor.command import monitor as command
 
     return _exit_code(command, words, Beside(connection, drive))
 
 
-def record(words: Sequence[str], connection: Transport, drive: Drive) -> int:
+def record(words: Sequence[str], connection: Connection, drive: Drive) -> int:
     """``moon record``, in the same way."""
     from moon.recording.command import record as command
 

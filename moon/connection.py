@@ -27,7 +27,7 @@ from transports.stop_signals import StopSignals, end_by
 
 if TYPE_CHECKING:
     from m2c.model.interfaces import InterfaceLibrary
-    from transports.interface import Transport
+    from transports.interface import Connection
 
 MONITOR = "monitor"
 OBSERVER = "observer"
@@ -154,7 +154,7 @@ def library_in(folders: Sequence[Path], transport: str) -> InterfaceLibrary:
 
 
 @contextmanager
-def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
+def connected(network: Network, name: str, writing: str) -> Iterator[Connection]:
     """A connection to ``network``, closed afterwards; what goes wrong with it ends the process.
 
     The exit code is 2 then, after one sentence on standard error; 0 if only the reader of standard
@@ -187,7 +187,7 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Transport]:
         sys.exit(2)
 
 
-def _connection(network: Network, name: str) -> Transport:
+def _connection(network: Network, name: str) -> Connection:
     from transports.registry import connect
 
     beside = system_beside()
@@ -212,7 +212,7 @@ class Watching:
         connection: what to run; its executor is the thread that calls ``run``.
     """
 
-    def __init__(self, connection: Transport) -> None:
+    def __init__(self, connection: Connection) -> None:
         self._connection = connection
         self._stopped = False
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import msgspec
 
@@ -304,7 +304,23 @@ class VirtualTime(Protocol):
         ...
 
 
-class Tap(Protocol):
+class Closes(Protocol):
+    """Something that is closed, by hand or at the end of a ``with`` block."""
+
+    def close(self) -> None:
+        """Stop and release everything; idempotent."""
+        ...
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        """Close it, whatever was raised."""
+        self.close()
+
+
+class Tap(Closes, Protocol):
     """A passive listener. Observations arrive on the tap's executor in order of reception."""
 
     def ask(
@@ -352,42 +368,16 @@ class Tap(Protocol):
         ...
 
 
-class Transport(Protocol):
-    """One node's connection to the middleware."""
+class Transport(Closes, Protocol):
+    """What a node needs of the middleware: its connection."""
 
     @property
     def node(self) -> str:
         """The node's name, unique in the system."""
         ...
 
-    @property
-    def repair_s(self) -> float:
-        """How long what the middleware dropped while this process stood still may take to come after all (s).
-
-        0 where all that was not received by then is lost, or comes late and in its order.
-        """
-        ...
-
-    @property
-    def reports_takes(self) -> bool:
-        """Whether nodes report which messages they take, and can be asked how far they have reported."""
-        ...
-
     def now_ns(self) -> int:
         """The transport's clock, ns since the epoch (virtual under ``simulated``)."""
-        ...
-
-    def beside(self, node: str) -> Transport:
-        """Connect another node of this process, which shares with this one what a connection costs.
-
-        It has a name, an executor and liveliness of its own, and ends with this node at the latest.
-
-        Args:
-            node: its name, unique in the system.
-
-        Raises:
-            TransportError: there can be no node of that name.
-        """
         ...
 
     def publisher(self, topic: Topic) -> Publisher:
@@ -442,35 +432,8 @@ class Transport(Protocol):
         waits for them; it may as well do nothing.
         """
 
-    def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
-        """Wait until all ``names`` are up (liveliness); returns those still missing at the end.
-
-        A node counts as up after its ``announce()``.
-        """
-        ...
-
-    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
-        """``handler(name, up)`` whenever a node announces itself or goes away."""
-        ...
-
-    def up_since(self, name: str) -> int:
-        """When ``name`` began to connect: ns since the epoch, on its clock; 0 if that is not known.
-
-        Known from when ``watch_nodes`` has reported that it is up. A node that is discovered late (its
-        link came up late, or again) began before; one that was restarted began anew.
-        """
-        ...
-
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
-        ...
-
-    def tap(
-        self,
-        channels: Sequence[str],
-        handler: Callable[[Observation], None],
-    ) -> Tap:
-        """Receive everything on channels that match one of the globs (empty: all), passively."""
         ...
 
     def spin(self, until: Callable[[], bool] | None = None) -> None:
@@ -482,17 +445,12 @@ class Transport(Protocol):
         ...
 
 
-class Listener(Protocol):
-    """The part of a transport by which one listens to a system; see ``Transport`` for every method."""
+class Listener(Closes, Protocol):
+    """What one needs who listens to a system."""
 
     @property
     def node(self) -> str:
         """See ``Transport.node``."""
-        ...
-
-    @property
-    def repair_s(self) -> float:
-        """See ``Transport.repair_s``."""
         ...
 
     def now_ns(self) -> int:
@@ -515,21 +473,70 @@ class Listener(Protocol):
         """See ``Transport.post``."""
         ...
 
+    @property
+    def repair_s(self) -> float:
+        """How long what the middleware dropped while this process stood still may take to come after all (s).
+
+        0 where all that was not received by then is lost, or comes late and in its order.
+        """
+        ...
+
+    @property
+    def reports_takes(self) -> bool:
+        """Whether nodes report which messages they take, and can be asked how far they have reported."""
+        ...
+
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
-        """See ``Transport.watch_nodes``."""
+        """``handler(name, up)`` whenever a node announces itself or goes away."""
+        ...
+
+    def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
+        """Wait until all ``names`` are up (liveliness); returns those still missing at the end.
+
+        A node counts as up after its ``announce()``.
+        """
         ...
 
     def up_since(self, name: str) -> int:
-        """See ``Transport.up_since``."""
+        """When ``name`` began to connect: ns since the epoch, on its clock; 0 if that is not known.
+
+        Known from when ``watch_nodes`` has reported that it is up. A node that is discovered late (its
+        link came up late, or again) began before; one that was restarted began anew.
+        """
         ...
 
-    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
-        """See ``Transport.tap``."""
+    def tap(
+        self,
+        channels: Sequence[str],
+        handler: Callable[[Observation], None],
+    ) -> Tap:
+        """Receive everything on channels that match one of the globs (empty: all), passively."""
         ...
 
     def close(self) -> None:
         """See ``Transport.close``."""
         ...
+
+
+class Composer(Protocol):
+    """A connection that other nodes of its process can share."""
+
+    def beside(self, node: str) -> Connection:
+        """Connect another node of this process, which shares with this one what a connection costs.
+
+        It has a name, an executor and liveliness of its own, and ends with this node at the latest.
+
+        Args:
+            node: its name, unique in the system.
+
+        Raises:
+            TransportError: there can be no node of that name.
+        """
+        ...
+
+
+class Connection(Transport, Listener, Composer, Protocol):
+    """All that a transport offers: what ``connect`` returns."""
 
 
 @runtime_checkable
@@ -570,6 +577,6 @@ class TransportFactory(Protocol):
     ones raise TransportError.
     """
 
-    def __call__(self, node: str, options: Mapping[str, str]) -> Transport:
+    def __call__(self, node: str, options: Mapping[str, str]) -> Connection:
         """Connect the node called ``node``."""
         ...

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
 
-from transports.interface import Transport
+from transports.interface import Connection
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
 PATIENCE_S = 20.0
@@ -18,7 +18,7 @@ PATIENCE_S = 20.0
 class Network(Protocol):
     """Some nodes that can reach one another, and a way to let things happen."""
 
-    def node(self, name: str) -> Transport:
+    def node(self, name: str) -> Connection:
         """A node whose executor runs."""
         ...
 
@@ -43,12 +43,12 @@ class ThreadedNetwork:
             there already (the first to come may have to listen).
     """
 
-    def __init__(self, connect: Callable[[str, Sequence[Transport]], Transport]) -> None:
+    def __init__(self, connect: Callable[[str, Sequence[Connection]], Connection]) -> None:
         self._connect = connect
-        self._nodes: list[Transport] = []
+        self._nodes: list[Connection] = []
         self._threads: list[threading.Thread] = []
 
-    def node(self, name: str) -> Transport:
+    def node(self, name: str) -> Connection:
         """A node that spins on a thread of its own."""
         transport = self._connect(name, self._nodes)
         thread = threading.Thread(target=transport.spin, name=name)
@@ -85,7 +85,7 @@ class ThreadedNetwork:
         _end(self._nodes, self._threads)
 
 
-def _end(nodes: Sequence[Transport], threads: Sequence[threading.Thread]) -> None:
+def _end(nodes: Sequence[Connection], threads: Sequence[threading.Thread]) -> None:
     for node in reversed(nodes):
         node.close()
     for thread in threads:
@@ -94,7 +94,7 @@ def _end(nodes: Sequence[Transport], threads: Sequence[threading.Thread]) -> Non
 
 
 @contextlib.contextmanager
-def spinning(*nodes: Transport) -> Iterator[None]:
+def spinning(*nodes: Connection) -> Iterator[None]:
     """Each of ``nodes`` spins on a thread of its own; at the end they are closed, the last of them first."""
     threads = [threading.Thread(target=node.spin, name=node.node) for node in nodes]
     for thread in threads:
@@ -107,7 +107,7 @@ def spinning(*nodes: Transport) -> Iterator[None]:
 
 @contextlib.contextmanager
 def nodes_beside(
-    owner: Transport, connect: Callable[[str], Transport] | None = None
+    owner: Connection, connect: Callable[[str], Connection] | None = None
 ) -> Iterator[ThreadedNetwork]:
     """A network whose nodes are all beside ``owner``, which is none of them and ends last.
 

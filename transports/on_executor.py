@@ -10,7 +10,7 @@ from typing import Protocol
 
 from transports import actions
 from transports.completion import Completion
-from transports.interface import Action, ActionClient, GoalHandle, Transport, TransportError
+from transports.interface import Action, ActionClient, Connection, GoalHandle, TransportError
 from transports.timers import Timer
 
 
@@ -42,7 +42,7 @@ class Executor(Protocol):
         ...
 
 
-class OnExecutor(Transport):
+class OnExecutor(Connection):
     """A transport whose node runs on ``executor``; its subclass declares, and releases at the end.
 
     Args:

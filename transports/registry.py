@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from transports import ros_names
-from transports.interface import Transport, TransportError, TransportFactory
+from transports.interface import Connection, TransportError, TransportFactory
 from transports.open_files import FOR_A_CONNECTION, allow_open_files
 
 GROUP = "m2c.transports"
@@ -39,7 +39,7 @@ def name_rules() -> dict[str, NameRule]:
     return {**_OWN_NAMES, **theirs}
 
 
-def connect(transport: str, node: str, options: Mapping[str, str]) -> Transport:
+def connect(transport: str, node: str, options: Mapping[str, str]) -> Connection:
     """Connect ``node`` by the transport called ``transport``.
 
     Args:

@@ -15,12 +15,12 @@ from pathlib import Path
 from forward import forward_action, forward_service, forward_topic
 from routes import PlacementError, Route, read_placement, routes
 
-from transports.interface import Service, Topic, Transport
+from transports.interface import Connection, Service, Topic
 
 NAME = "bridge"
 
 
-def build(found: Iterable[Route], sides: Mapping[str, Transport]) -> None:
+def build(found: Iterable[Route], sides: Mapping[str, Connection]) -> None:
     """Declare the bridge's ends of every route on both sides."""
     for route in found:
         given, taken, channel = sides[route.given], sides[route.taken], route.channel
@@ -55,7 +55,7 @@ def main() -> int:
     from transports.registry import connect
     from transports.stop_signals import StopSignals
 
-    sides: dict[str, Transport] = {}
+    sides: dict[str, Connection] = {}
     signals = StopSignals()
     try:
         system = read_checked([arguments.system])
@@ -79,7 +79,7 @@ def main() -> int:
     return 0 if signals.asked else 1
 
 
-def _spin_beside(other: Transport, home: Transport) -> None:
+def _spin_beside(other: Connection, home: Connection) -> None:
     """Run ``other``; a bridge with one end is none, so ``home`` ends with it."""
     try:
         other.spin()

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from moon.monitor.watch import SystemWatch
     from moon.properties.property import Property
     from moon.verdict import Verdict
-    from transports.interface import Transport
+    from transports.interface import Connection
 
 LATENCY_NS = 200_000_000
 """The latency bound, as ``moon monitor`` has it when nothing is said."""
@@ -55,7 +55,7 @@ class Monitor:
 
     def __init__(
         self,
-        sides: Mapping[str, Transport],
+        sides: Mapping[str, Connection],
         system: System,
         placement: Placement,
         properties: Sequence[Property] = (),
@@ -144,7 +144,7 @@ def run(
     system = read_checked([system_file])
     placement = read_placement(placement_file, system)
     endpoint = free_endpoint()
-    sides: dict[str, Transport] = {}
+    sides: dict[str, Connection] = {}
     threads: list[threading.Thread] = []
     with contextlib.ExitStack() as stack:
         stack.enter_context(own_domain())
@@ -182,7 +182,7 @@ class _Processes:
     """The bridge and both halves, as processes; the monitor runs while they are waited for."""
 
     def __init__(
-        self, scratch: Path, system: Path, placement: Placement, endpoint: str, home: Transport
+        self, scratch: Path, system: Path, placement: Placement, endpoint: str, home: Connection
     ) -> None:
         self._scratch = scratch
         self._system = system

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from m2c.launch.grouping import Group
     from m2c.launch.router import Router
     from m2c.policy.program import Policy
-    from transports.interface import Transport
+    from transports.interface import Connection
     from transports.stop_signals import StopSignals
 
 FILES_OF_PROCESS = 4
@@ -278,7 +278,7 @@ def run(
                 _check_certificates(secure, groups)
                 heard = ask_for_refusals()
 
-            def meet() -> tuple[Transport, Router | None]:
+            def meet() -> tuple[Connection, Router | None]:
                 if routed:
                     return at_router.enter_context(met_at_router(folder, options))
                 return connect(transport, LAUNCHER, meeting_at(options)), None
@@ -322,8 +322,8 @@ def run(
 
 
 def _when_reachable(
-    connect: Callable[[], tuple[Transport, Router | None]], signals: StopSignals
-) -> tuple[Transport, Router | None]:
+    connect: Callable[[], tuple[Connection, Router | None]], signals: StopSignals
+) -> tuple[Connection, Router | None]:
     """Connect, as soon as somebody of another host is there; each attempt waits for some seconds itself."""
     from transports.interface import UnreachableError
 

@@ -32,7 +32,7 @@ from m2c.runtime.main import (
     split_ros_arguments,
 )
 from m2c.terminal import fail, say
-from transports.interface import Transport, TransportError
+from transports.interface import Connection, TransportError
 from transports.stop_signals import StopSignals
 
 SEPARATOR = " | "
@@ -64,22 +64,22 @@ class _Composition:
         owner: the connection of one of them, beside which the others are.
     """
 
-    def __init__(self, owner: Transport) -> None:
+    def __init__(self, owner: Connection) -> None:
         self._owner = owner
         self._connections = {owner.node: owner}
         self._threads: list[threading.Thread] = []
-        self._nodes: list[tuple[Transport, Any]] = []
+        self._nodes: list[tuple[Connection, Any]] = []
         self.policy: RunningPolicy | None = None
         self.died = ""
         """Whose handler raised."""
 
-    def connection(self, name: str) -> Transport:
+    def connection(self, name: str) -> Connection:
         """That of the node ``name``; TransportError if there can be none."""
         if name not in self._connections:
             self._connections[name] = self._owner.beside(name)
         return self._connections[name]
 
-    def add_node(self, connection: Transport, node: Any) -> None:
+    def add_node(self, connection: Connection, node: Any) -> None:
         """``node`` is made on ``connection``."""
         self._nodes.append((connection, node))
 
@@ -121,7 +121,7 @@ class _Composition:
             thread.join()
         return 1 if self.died else code
 
-    def _spin(self, connection: Transport) -> None:
+    def _spin(self, connection: Connection) -> None:
         is_over = False
         try:
             with threads.working_for(list(self._connections).index(connection.node)):
@@ -131,7 +131,7 @@ class _Composition:
             if not is_over:
                 self._end_for(connection)
 
-    def _end_for(self, dead: Transport) -> None:
+    def _end_for(self, dead: Connection) -> None:
         """A handler of ``dead`` raised; nobody serves what it served, so the tree is not halted."""
         if not self.died:
             self.died = dead.node

@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
 
 from m2c.launch.description import LaunchError
-from transports.interface import Transport
+from transports.interface import Connection
 
 GROUP = "m2c.observers"
 
 Drive = Callable[[Callable[[], bool]], None]
 """Runs the system to its end, or until the argument holds. The observer calls it when it listens."""
-Observer = Callable[[Sequence[str], Transport, Drive], int]
+Observer = Callable[[Sequence[str], Connection, Drive], int]
 """Called with its options, a connection of its own and the system; its exit code."""
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess
 from m2c.launch.refusals import asked_as_nodes_are
 from m2c.terminal import say
-from transports.interface import Transport, TransportError
+from transports.interface import Connection, TransportError
 from transports.options import LAUNCHER
 from transports.registry import connect
 
@@ -97,7 +97,7 @@ class Router:
 @contextlib.contextmanager
 def met_at_router(
     folder: Path, options: dict[str, str]
-) -> Iterator[tuple[Transport, Router | None]]:
+) -> Iterator[tuple[Connection, Router | None]]:
     """The launcher's connection to the router at the endpoint; and the router, if it was started for that.
 
     The router ends when everybody else has; the connection, whose closing is awaited, before.

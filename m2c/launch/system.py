@@ -22,7 +22,7 @@ from m2c.launch.router import Router
 from m2c.launch.screen import Guarded, Screen
 from m2c.policy.runner import TreeTick
 from m2c.suggestions import first_of
-from transports.interface import Timer, Transport
+from transports.interface import Connection, Timer
 from transports.stop_signals import StopSignals
 
 _RUN = "m2c run"
@@ -81,7 +81,7 @@ class RunningSystem:
         self,
         description: LaunchDescription,
         folder: Path,
-        transport: Transport,
+        transport: Connection,
         settings: RunSettings,
         screen: Screen,
         router: Router | None = None,

@@ -24,7 +24,7 @@ from m2c.runtime.main import (
     split_ros_arguments,
 )
 from m2c.terminal import say
-from transports.interface import Transport, TransportError
+from transports.interface import Connection, TransportError
 from transports.stop_signals import StopSignals
 
 START_TIMEOUT_S = 30.0
@@ -109,7 +109,7 @@ class RunningPolicy:
 
     def __init__(
         self,
-        connection: Transport,
+        connection: Connection,
         folder: Path,
         plugins: Mapping[str, Callable[..., Any]],
         settings: PolicySettings,

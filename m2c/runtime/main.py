@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from m2c.logs import LineFormatter
 from m2c.runtime.binding import HasLog, HasParameters, NodeSettings
 from m2c.terminal import fail, say
-from transports.interface import Transport, TransportError
+from transports.interface import Connection, TransportError
 from transports.options import transport_options
 from transports.registry import connect
 from transports.stop_signals import StopSignals
@@ -61,7 +61,7 @@ def positive(text: str) -> float:
     return value
 
 
-def connect_or_exit(arguments: argparse.Namespace, ros_arguments: str) -> Transport:
+def connect_or_exit(arguments: argparse.Namespace, ros_arguments: str) -> Connection:
     """The connection that parsed arguments ask for; exits with 2 if there can be none.
 
     Args:
@@ -114,7 +114,7 @@ def set_up_logging(level: str, formatter: logging.Formatter | None = None) -> No
     logging.basicConfig(level=level.upper(), handlers=[handler])
 
 
-def log_on(connection: Transport) -> None:
+def log_on(connection: Connection) -> None:
     """Log where the middleware does, if it has a log of its own; else it stays where it was set up."""
     if isinstance(connection, HasLog):
         root = logging.getLogger()
@@ -123,7 +123,7 @@ def log_on(connection: Transport) -> None:
         root.handlers[:] = [handler]
 
 
-def node_settings(connection: Transport, call_timeout_s: float) -> NodeSettings:
+def node_settings(connection: Connection, call_timeout_s: float) -> NodeSettings:
     """How a node on ``connection`` is run; TransportError if what its launcher has set is no number."""
     if isinstance(connection, HasParameters):
         meaning = "how many seconds a call of another node's service may take"
@@ -132,7 +132,7 @@ def node_settings(connection: Transport, call_timeout_s: float) -> NodeSettings:
 
 
 def main(
-    node_class: Callable[[Transport, NodeSettings], Any],
+    node_class: Callable[[Connection, NodeSettings], Any],
     name: str,
     arguments: Sequence[str] | None = None,
     transport: str = "zenoh",

@@ -11,13 +11,13 @@ from moon.connection import SETTLING_BOUNDS, Watching, say_ready
 
 if TYPE_CHECKING:
     from moon.fleet.choice import Shard
-    from moon.monitor.connection import Sink
+    from moon.monitor.source import Sink
     from moon.monitor.subject import Monitored
-    from transports.interface import Transport
+    from transports.interface import Connection
 
 
 def monitor_fleet(
-    connection: Transport,
+    connection: Connection,
     transport: str,
     monitored: Monitored,
     pattern: str,

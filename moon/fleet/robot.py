@@ -10,8 +10,8 @@ import msgspec
 
 from moon.fleet.status import RobotStatus
 from moon.monitor.compiled import CompiledSystem
-from moon.monitor.connection import Sink
 from moon.monitor.joining import Joining
+from moon.monitor.source import Sink
 from moon.monitor.status import UNSEEN, MachineStatus
 from moon.monitor.subject import Monitored
 from moon.monitor.watch import SystemWatch

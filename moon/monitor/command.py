@@ -30,10 +30,10 @@ from moon.monitor.verdict_options import json_option, log_option
 
 if TYPE_CHECKING:
     from moon.fleet.choice import Shard
-    from moon.monitor.connection import Connection, Sink
+    from moon.monitor.source import Sink, Source
     from moon.monitor.subject import Monitored
     from moon.recording.writer import RecordingWriter
-    from transports.interface import Transport
+    from transports.interface import Connection
 
 FLUSH_S = 0.5
 """How often what was recorded is handed to the system: no more is lost with the process."""
@@ -145,7 +145,7 @@ def _recorder(path: Path | None, monitored: Monitored) -> Iterator[RecordingWrit
 
 
 def _monitor(
-    connection: Transport,
+    connection: Connection,
     transport: str,
     monitored: Monitored,
     recorder: RecordingWriter | None,
@@ -174,7 +174,7 @@ def _monitor(
     if transport == "ros2":
         sinks += _diagnostics(connection)
     joining = Joining(connection)
-    source: Connection = joining
+    source: Source = joining
     clock = clock_nobody_sets(connection)
     run: RecordedRun | None = None
     if recorder is not None:
@@ -223,7 +223,7 @@ def _monitor(
             file.close()
 
 
-def _diagnostics(connection: Transport) -> list[Sink]:
+def _diagnostics(connection: Connection) -> list[Sink]:
     """What publishes on ``/diagnostics``; without its messages, one goes without it."""
     from moon.sinks.diagnostics import Diagnostics
     from transports.interface import TransportError

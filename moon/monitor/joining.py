@@ -66,7 +66,7 @@ class Joining:
 
     @property
     def repair_s(self) -> float:
-        """See ``Transport.repair_s``."""
+        """See ``Listener.repair_s``."""
         return self._connection.repair_s
 
     def now_ns(self) -> int:
@@ -95,12 +95,16 @@ class Joining:
         for seen in held or ():
             self._received(seen)
 
+    def close(self) -> None:
+        """Close the tap."""
+        self._tap.close()
+
     def problems(self) -> Sequence[str]:
         """See ``Tap.problems``."""
         return self._tap.problems()
 
     def up_since(self, name: str) -> int:
-        """See ``Transport.up_since``."""
+        """See ``Listener.up_since``."""
         return self._connection.up_since(name)
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
 from moon.ordering.event_time_clock import clock_nobody_sets
-from transports.interface import Answer, Observation, Tap, Timer, Transport
+from transports.interface import Answer, Closes, Connection, Observation, Tap, Timer
 
 NodeHandler = Callable[[str, bool], None]
 
@@ -29,7 +29,7 @@ class Side:
         home: whose executor and clock are used.
     """
 
-    def __init__(self, there: Transport, home: Transport) -> None:
+    def __init__(self, there: Connection, home: Connection) -> None:
         self._there = there
         self._home = home
         self._steady_ns = clock_nobody_sets(home)
@@ -131,7 +131,7 @@ class AllSides:
         self._sides[0].post(handler)
 
 
-class _Taps:
+class _Taps(Closes):
     """The taps on all sides as one; ``post`` hands on to the home transport's executor."""
 
     def __init__(self, taps: Sequence[Tap], post: Callable[[Callable[[], None]], None]) -> None:

@@ -12,7 +12,6 @@ from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.suggestions import nearest
 from moon.monitor.compiled import CompiledSystem
-from moon.monitor.connection import Connection, Sink
 from moon.monitor.departures import Departures
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import (
@@ -24,6 +23,7 @@ from moon.monitor.reading import (
     read_checked,
     select,
 )
+from moon.monitor.source import Sink, Source
 from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
@@ -85,7 +85,7 @@ class Monitored(msgspec.Struct, frozen=True):
 
     def watch(
         self,
-        connection: Connection,
+        connection: Source,
         sinks: Sequence[Sink],
         say: Callable[[str], None],
         screens: Sequence[Sink] = (),

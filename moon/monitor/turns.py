@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from moon.monitor.connection import Connection
+from moon.monitor.source import Source
 from moon.ordering.event_time_clock import NS, PERIOD_NS, USUAL_GAP_NS
 from transports.interface import Timer
 
@@ -35,7 +35,9 @@ class Turns:
         latency_ns: the latency bound.
     """
 
-    def __init__(self, connection: Connection, turn: Callable[[], None], latency_ns: int) -> None:
+    def __init__(self, connection: Source, turn: Callable[[], None], latency_ns: int) -> None:
+        self.is_over = False
+        """Whether there is no further turn."""
         self.due_ns = 0
         """When the next turn is to be, on the clock of the connection."""
         self._connection = connection
@@ -54,8 +56,16 @@ class Turns:
         if self.due_ns > now_ns + self._soon_ns:
             self._take_in(now_ns, self._soon_ns)
 
+    def end(self) -> None:
+        """There is no further turn."""
+        self.is_over = True
+        if self._timer is not None:
+            self._timer.cancel()
+
     def _take_in(self, now_ns: int, wait_ns: int) -> None:
         if self._timer is not None:
             self._timer.cancel()
         self.due_ns = now_ns + wait_ns
+        if self.is_over:
+            return
         self._timer = self._connection.after(wait_ns / NS, self._turn)

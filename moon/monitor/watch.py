@@ -10,11 +10,11 @@ import msgspec
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.compiled import CompiledSystem
-from moon.monitor.connection import Connection, Sink
 from moon.monitor.departures import senders
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.properties import PropertyWatch
+from moon.monitor.source import Sink, Source
 from moon.monitor.status import POLICY, PROPERTY, UNSEEN, MachineStatus, Summary
 from moon.monitor.turns import Turns
 from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
@@ -54,7 +54,7 @@ class SystemWatch:
 
     def __init__(
         self,
-        transport: Connection,
+        transport: Source,
         system: System,
         machines: Sequence[Machine],
         bounds: Bounds,
@@ -216,6 +216,12 @@ class SystemWatch:
         self._report_properties(self._properties.finish(known_ns, end_ns))
         self._report_changes(end_ns)
 
+    def close(self) -> None:
+        """Listen no more, and judge nothing more: what was said stands; idempotent."""
+        self._turns.end()
+        if self.listener is not None:
+            self.listener.close()
+
     def _look_at_links(self, now_ns: int) -> None:
         """Ask who has to be reached before it is known who is at fault; say what a network did."""
         for node in self._models.take_unreached():
@@ -299,6 +305,8 @@ class SystemWatch:
     # --- nodes -------------------------------------------------------------------------------------
 
     def _node_changed(self, name: str, up: bool) -> None:
+        if self._turns.is_over:
+            return
         now_ns = self._transport.now_ns()
         self._turns.received(now_ns)
         self._order.sources.changed(name, up, self._transport.up_since(name) if up else now_ns)

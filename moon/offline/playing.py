@@ -43,7 +43,7 @@ class Player:
             entry.
 
     Attributes:
-        repair_s: of the middleware that was recorded (``Transport.repair_s``).
+        repair_s: of the middleware that was recorded (``Listener.repair_s``).
     """
 
     def __init__(self, early_ns: int = 0) -> None:
@@ -140,6 +140,13 @@ class Player:
         return tuple(self._missed.values())
 
     def close(self) -> None:
+        """Nothing is open."""
+
+    def __enter__(self) -> Player:
+        """Itself."""
+        return self
+
+    def __exit__(self, *raised: object) -> None:
         """Nothing is open."""
 
     def cancel(self) -> None:

@@ -68,7 +68,7 @@ class EventOrder:
         now_ns: the time of day.
         monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was set.
         latency_ns: nothing is received later than this after its stamp.
-        repair_s: of the middleware (``Transport.repair_s``).
+        repair_s: of the middleware (``Listener.repair_s``).
         reception: looks at stamps, types and sources.
         counts: what is counted.
         judges: what is missing is reported to them.

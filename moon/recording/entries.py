@@ -44,7 +44,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
         transport: the middleware: ``zenoh``, ``ros2``, ``simulated``.
         paced: whether a monitor was recorded, with its turns (:class:`Pulse`). If not, who checks the
             recording takes its own turns.
-        repair_s: the middleware's (``Transport.repair_s``).
+        repair_s: the middleware's (``Listener.repair_s``).
         whole: whether all is received from here on, not only from where it says so (:class:`Whole`).
         globs: the channels that are recorded (``moon.tap.selection.matches``); empty: all.
     """
@@ -72,13 +72,13 @@ class Whole(msgspec.Struct, frozen=True, tag="whole", tag_field="entry"):
 
 
 class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
-    """A node came up or went away (``Transport.watch_nodes``).
+    """A node came up or went away (``Listener.watch_nodes``).
 
     Attributes:
         received_ns: when this was reported to the recorder.
         node: its name.
         up: whether it is up now.
-        since_ns: when it began to connect, on its clock (``Transport.up_since``); 0: not known.
+        since_ns: when it began to connect, on its clock (``Listener.up_since``); 0: not known.
         reported: whether it was reported to the recorder (``told`` in JSON). If not, the node was up before,
             and all that changed is ``since_ns``.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -60,6 +60,7 @@ class Recording:
         self.contents = Contents()
         self.ended = False
         self._at_end = False
+        self._source: Generator[Entry, None, None] | None = None
         self._bag = None if form == JSON_LINES else BagFiles(path)
         if form == OWN and self._bag is not None:
             self._bag.keep_order()
@@ -94,7 +95,9 @@ class Recording:
             wanted: whether the observations on a channel are wanted; by default all are.
         """
         note, has_ended = self.contents.note, False
-        source = self._read_lines() if self._bag is None else self._read_bag(wanted or _everything)
+        self._source = source = (
+            self._read_lines() if self._bag is None else self._read_bag(wanted or _everything)
+        )
         for entry in source:
             if type(entry) is not Observation:
                 if has_ended and isinstance(entry, Began | Ended):
@@ -108,6 +111,19 @@ class Recording:
         if self._bag is not None and self._bag.is_of_two:
             self.is_of_two = True
         self._at_end = True
+
+    def close(self) -> None:
+        """End reading, wherever it is; idempotent."""
+        if self._source is not None:
+            self._source.close()
+
+    def __enter__(self) -> Recording:
+        """Itself."""
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        """Close it, whatever was raised."""
+        self.close()
 
     def faults(self) -> list[str]:
         """What could not be read so far, one sentence each, with its place in the file."""
@@ -184,7 +200,7 @@ class Recording:
         """The type ``type_name``, of which something was read; UnknownTypeError if it is not defined."""
         return self._definitions.structure(type_name)
 
-    def _read_bag(self, wanted: Wanted) -> Iterator[Entry]:
+    def _read_bag(self, wanted: Wanted) -> Generator[Entry, None, None]:
         bag, convert = self._bag, self._conversion
         assert bag is not None
 
@@ -208,7 +224,7 @@ class Recording:
                     yield replace(began, received_ns=message.received_ns)
             yield entry
 
-    def _read_lines(self) -> Iterator[Observation]:
+    def _read_lines(self) -> Generator[Entry, None, None]:
         with self.path.open("rb") as opened:
             packed = opened.read(len(ZSTD_MAGIC)) == ZSTD_MAGIC
         raw = Unpacked(self.path) if packed else self.path.open("rb", buffering=0)

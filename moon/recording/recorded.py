@@ -12,7 +12,7 @@ from typing import Protocol
 
 from msgspec.structs import replace
 
-from moon.monitor.connection import Connection
+from moon.monitor.source import Source
 from moon.ordering.event_time_clock import SET_NS, clock_nobody_sets, read_together
 from moon.recording.entries import (
     UNUSUAL_NS,
@@ -29,10 +29,10 @@ from moon.recording.entries import (
 from moon.recording.writer import RecordingWriter
 from moon.tap.notices import Standing
 from moon.verdict import Verdict
-from transports.interface import Answer, Observation, Publisher, Tap, Timer, Topic
+from transports.interface import Answer, Closes, Observation, Publisher, Tap, Timer, Topic
 
 
-class Home(Connection, Protocol):
+class Home(Source, Protocol):
     """The connection that is recorded: a ``Transport``, or what stands before it."""
 
     @property
@@ -74,7 +74,7 @@ class RecordedConnection:
 
     @property
     def repair_s(self) -> float:
-        """See ``Transport.repair_s``."""
+        """See ``Listener.repair_s``."""
         return self._home.repair_s
 
     def now_ns(self) -> int:
@@ -167,7 +167,7 @@ class RecordedConnection:
                 self._record(NodeChange(self._now_ns, name, True, since_ns, reported=False))
 
 
-class _RecordedTap:
+class _RecordedTap(Closes):
     """A tap whose answers are recorded.
 
     Args:
@@ -182,7 +182,9 @@ class _RecordedTap:
         self.take_dropped = tap.take_dropped
         self.peers = tap.peers
         self.problems = tap.problems
-        self.close = tap.close
+
+    def close(self) -> None:
+        self._tap.close()
 
     @property
     def is_complete(self) -> bool:

@@ -10,7 +10,7 @@ from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
 from moon.tap.notices import Standing
 from moon.tap.selection import Selection, check, is_recorded
-from transports.interface import Observation, Tap, Transport
+from transports.interface import Listener, Observation, Tap
 
 MAX_KNOWN = 100_000
 """Channels of which it is kept whether they are wanted; names come from the wire, and never end."""
@@ -35,7 +35,7 @@ class Recorder:
 
     def __init__(
         self,
-        connection: Transport,
+        connection: Listener,
         transport: str,
         writer: RecordingWriter,
         globs: Sequence[str],

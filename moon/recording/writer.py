@@ -23,7 +23,7 @@ from moon.recording.offers import Offer
 from moon.recording.source_streams import SourceStream, SourceStreams, Types
 from moon.recording.whole import pack_whole
 from moon.sinks.topic import message_of
-from transports.interface import Observation
+from transports.interface import Closes, Observation
 from transports.ros_forms import OWN_PACKAGES
 
 FLUSH_S = 0.5
@@ -51,7 +51,7 @@ class Split(msgspec.Struct, frozen=True):
     seconds: float = 0.0
 
 
-class RecordingWriter:
+class RecordingWriter(Closes):
     """Writes one recording.
 
     Args:

@@ -17,7 +17,7 @@ from moon.tap.selection import GlobError, check
 if TYPE_CHECKING:
     from m2c.model.interfaces import InterfaceLibrary
     from moon.replay.script import Script
-    from transports.interface import Transport
+    from transports.interface import Connection
 
 DISCOVERY_S = 1.0
 """How long it is looked who is there already, and then let be seen who is played."""
@@ -113,7 +113,7 @@ def replay(
 
 
 def _replay(
-    conductor: Transport,
+    conductor: Connection,
     network: Network,
     script: Script,
     path: Path,
@@ -166,7 +166,7 @@ def _replay(
         say("stopped before the recording's end")
 
 
-def _connector(network: Network) -> Callable[[str], Transport]:
+def _connector(network: Network) -> Callable[[str], Connection]:
     from moon.connection import options_of
     from transports.registry import connect
 
@@ -174,7 +174,7 @@ def _connector(network: Network) -> Callable[[str], Transport]:
 
 
 def _who_is_there(
-    conductor: Transport, nodes: set[str], without: tuple[str, ...]
+    conductor: Connection, nodes: set[str], without: tuple[str, ...]
 ) -> frozenset[str]:
     """Those of ``nodes`` that are up; who is named in ``without`` is waited for."""
     up: set[str] = set()

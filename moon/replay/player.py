@@ -18,6 +18,7 @@ from transports.interface import (
     CallOutcome,
     CallResult,
     Client,
+    Connection,
     GoalEvents,
     GoalHandle,
     GoalStatus,
@@ -25,7 +26,6 @@ from transports.interface import (
     Request,
     Service,
     Timer,
-    Transport,
 )
 
 NS = 1_000_000_000
@@ -71,7 +71,7 @@ class Player:
 
     def __init__(
         self,
-        transport: Transport,
+        transport: Connection,
         recording: Recording,
         rate: float,
         say: Callable[[str], None],

@@ -14,7 +14,7 @@ from moon.recording.stored import plural
 from moon.replay.calls import RecordedCall
 from moon.replay.player import NS, Counts, Player
 from moon.replay.script import UNNAMED, Script
-from transports.interface import Observation, ObservationKind, Transport, TransportError
+from transports.interface import Connection, Observation, ObservationKind, TransportError
 
 _LATE_NS = NS
 """A timer that ends so far from when it should was not held up: the clock was set."""
@@ -46,8 +46,8 @@ class Replay:
     def __init__(
         self,
         script: Script,
-        conductor: Transport,
-        connect: Callable[[str], Transport],
+        conductor: Connection,
+        connect: Callable[[str], Connection],
         is_played: Callable[[str], bool],
         rate: float,
         say: Callable[[str], None],
@@ -71,7 +71,7 @@ class Replay:
         """What the clock shows when the timer that runs now is over; 0: none does."""
 
     @property
-    def transports(self) -> list[Transport]:
+    def transports(self) -> list[Connection]:
         """The connections of the nodes that are played, the conductor's own not among them."""
         own = self._conductor
         return [p.transport for p in self._players.values() if p.transport is not own]

@@ -12,7 +12,7 @@ from typing import ClassVar
 import msgspec
 
 from moon.verdict import Outcome, Verdict
-from transports.interface import Topic, Transport
+from transports.interface import Listener, Topic
 
 DIAGNOSTICS_CHANNEL = "/diagnostics"
 REPEAT_S = 1.0
@@ -115,7 +115,7 @@ class Diagnostics:
         TransportError: ``diagnostic_msgs`` is not installed.
     """
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Listener) -> None:
         self._transport = transport
         self._publisher = transport.publisher(DIAGNOSTICS)
         self._statuses: dict[str, DiagnosticStatus] = {}

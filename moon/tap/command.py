@@ -15,7 +15,7 @@ from moon.tap.selection import KINDS, GlobError, Selection
 
 if TYPE_CHECKING:
     from moon.wording import Wording
-    from transports.interface import Transport
+    from transports.interface import Connection
 
 
 @click.command()
@@ -77,7 +77,7 @@ def tap(
 
 
 def _watch(
-    connection: Transport,
+    connection: Connection,
     selection: Selection,
     wording: Wording,
     as_json: bool,

@@ -65,7 +65,7 @@ class Selection:
         return wanted
 
     def tapped(self) -> list[str]:
-        """Globs for ``Transport.tap``, whose ``*`` crosses parts: all that may match, and more."""
+        """Globs for ``Listener.tap``, whose ``*`` crosses parts: all that may match, and more."""
         globs = []
         for glob in self._channels:
             literal = glob.replace("[", "[[]")

@@ -28,7 +28,7 @@ from m2c.model import DiagnosticLog, load
 from m2c.rosidl.build import build_interfaces
 from tests.monitor.processes import free_endpoint
 from tests.transports import ros2_network, shared_memory
-from transports.interface import Transport
+from transports.interface import Connection
 from transports.networks import spinning
 from transports.registry import connect
 
@@ -50,7 +50,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class Up:
     """Who is up, as another node hears it."""
 
-    def __init__(self, connection: Transport) -> None:
+    def __init__(self, connection: Connection) -> None:
         self._names: set[str] = set()
         self._changed = threading.Condition()
         connection.watch_nodes(self._take)
@@ -119,7 +119,7 @@ def busy(processes: int) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def middleware(transport: str) -> Iterator[tuple[Transport, list[str]]]:
+def middleware(transport: str) -> Iterator[tuple[Connection, list[str]]]:
     """A node that hears the others, and their command line."""
     with contextlib.ExitStack() as around:
         arguments, options = ["--transport", transport], {}

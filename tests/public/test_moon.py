@@ -212,3 +212,28 @@ def test_an_oracle_judges_one_machine(tour: m2c.System) -> None:
             if isinstance(entry, Observation):
                 oracle.feed(entry)
         assert str(oracle.outcome) == expected
+
+
+def test_a_monitor_that_is_closed_judges_nothing_more(
+    tour: m2c.System,
+) -> None:
+    with SimulatedWorld(seed=1) as world:
+        with moon.Monitor(world.connect("monitor"), tour) as monitor:
+            monitor.start()
+            world.run_for(0.01)
+            run = m2c.simulate(tour, world)
+            run.run(5.0)
+            before = monitor.statuses()
+        for node in run.nodes:
+            world.nodes[node].close()  # what it owes now is never sent
+        world.run_for(20.0)
+        assert monitor.statuses() == before
+        assert not monitor.violations
+    assert not world.nodes
+
+
+def test_a_recording_that_is_closed_is_read_no_further(tour: m2c.System) -> None:
+    with moon.Recording.open("tests/recordings/zenoh-T3.mcap", tour.library) as recording:
+        entries = recording.entries()
+        next(entries)
+    assert list(entries) == []

@@ -108,7 +108,7 @@ def test_mypy_knows_the_types_of_the_interface(tmp_path: Path) -> None:
         "int",
         "moon.verdict.Verdict",
         "moon.recording.reader.Recording",
-        "transports.interface.Transport",
+        "transports.interface.Connection",
     ], ran.stdout + ran.stderr
     errors = [line for line in ran.stdout.splitlines() if " error: " in line]
     assert len(errors) == 1

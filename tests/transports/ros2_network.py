@@ -11,7 +11,7 @@ from pathlib import Path
 
 from m2c.rosidl.build import InterfaceInstall, build_interfaces
 from tests.transports import shared_memory
-from transports.interface import Transport
+from transports.interface import Connection
 from transports.networks import ThreadedNetwork
 
 HERE = Path(__file__).parent
@@ -72,10 +72,10 @@ def network() -> ThreadedNetwork:
     """Nodes in this process's domain."""
     from transports.ros2 import connect
 
-    def join(name: str, others: Sequence[Transport]) -> Transport:
+    def join(name: str, others: Sequence[Connection]) -> Connection:
         return connect(name, {})
 
     return ThreadedNetwork(join)
 
 
-Connect = Callable[[str], Transport]
+Connect = Callable[[str], Connection]

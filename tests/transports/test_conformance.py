@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from transports.conformance import CHECKS, CHECKS_OF_ENDS, Check
-from transports.interface import Transport
+from transports.interface import Connection
 from transports.networks import SimulatedNetwork, ThreadedNetwork, nodes_beside
 from transports.simulated import Conditions
 from transports.zenoh import connect
@@ -30,7 +30,7 @@ def test_zenoh(check: Check) -> None:
         free.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
 
-    def join(name: str, others: Sequence[Transport]) -> Transport:
+    def join(name: str, others: Sequence[Connection]) -> Connection:
         return connect(name, {"endpoint" if others else "listen": endpoint})
 
     network = ThreadedNetwork(join)

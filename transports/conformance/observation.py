@@ -21,16 +21,16 @@ from transports.conformance.stage import (
 )
 from transports.interface import (
     CallResult,
+    Connection,
     Observation,
     ObservationKind,
     Publisher,
     Topic,
-    Transport,
 )
 from transports.networks import Network
 
 
-def _tapped_publisher(network: Network) -> tuple[Transport, Publisher, list[Observation]]:
+def _tapped_publisher(network: Network) -> tuple[Connection, Publisher, list[Observation]]:
     """The node ``source``, its publisher of ``NUMBERS``, and what another node learns of it."""
     source, listener = network.node("source"), network.node("listener")
     received: list[Observation] = []
@@ -65,7 +65,7 @@ def a_tap_receives_every_message_once_and_in_order(network: Network) -> None:
     assert stamps == sorted(stamps), "stamps of one source go back"
 
 
-def _tapped_service(network: Network) -> tuple[Transport, Transport, list[Observation]]:
+def _tapped_service(network: Network) -> tuple[Connection, Connection, list[Observation]]:
     """A server of ``DOUBLE``, its client, and what a third node learns of them."""
     server, client, listener = (network.node(n) for n in ("server", "client", "listener"))
     received: list[Observation] = []
@@ -76,7 +76,7 @@ def _tapped_service(network: Network) -> tuple[Transport, Transport, list[Observ
 
 
 def _until_both_ends_report(
-    network: Network, client: Transport, received: list[Observation]
+    network: Network, client: Connection, received: list[Observation]
 ) -> None:
     """Call ``DOUBLE`` until all four events of a call come: its ends learn of a tap by and by."""
 

@@ -11,10 +11,10 @@ import msgspec
 from transports.interface import (
     Action,
     CallResult,
+    Connection,
     GoalEvents,
     Service,
     Topic,
-    Transport,
     TransportError,
 )
 from transports.networks import PATIENCE_S, Network
@@ -63,7 +63,7 @@ DOUBLE = Service("/conformance/double", "conformance/srv/Double", Ask, Answer)
 COUNTING = Action("/conformance/count", "conformance/action/Count", Number, Text, Number)
 
 
-def on(network: Network, node: Transport, work: Callable[[], Any]) -> Any:
+def on(network: Network, node: Connection, work: Callable[[], Any]) -> Any:
     """``work()`` on the executor of ``node``; its value, or the TransportError it raises."""
     done: list[tuple[Any, TransportError | None]] = []
 
@@ -81,7 +81,7 @@ def on(network: Network, node: Transport, work: Callable[[], Any]) -> Any:
     return value
 
 
-def ready(network: Network, *nodes: Transport) -> None:
+def ready(network: Network, *nodes: Connection) -> None:
     """Announce ``nodes`` and wait until each has seen all."""
     names = [node.node for node in nodes]
     for node in nodes:
@@ -91,7 +91,7 @@ def ready(network: Network, *nodes: Transport) -> None:
         assert not missing, f"{node.node} does not see {missing} although they are announced"
 
 
-def refused(network: Network, node: Transport, work: Callable[[], Any], what: str) -> str:
+def refused(network: Network, node: Connection, work: Callable[[], Any], what: str) -> str:
     """The text of the TransportError that ``work`` must raise."""
     try:
         on(network, node, work)
@@ -101,7 +101,7 @@ def refused(network: Network, node: Transport, work: Callable[[], Any], what: st
 
 
 def calls(
-    network: Network, node: Transport, values: range, timeout_s: float = PATIENCE_S
+    network: Network, node: Connection, values: range, timeout_s: float = PATIENCE_S
 ) -> list[tuple[int, CallResult]]:
     """Results as they come of one call for each of ``values``."""
     results: list[tuple[int, CallResult]] = []
@@ -137,7 +137,7 @@ class Goal:
         )
 
 
-def send_goal(network: Network, node: Transport, value: int) -> tuple[Goal, Any]:
+def send_goal(network: Network, node: Connection, value: int) -> tuple[Goal, Any]:
     """A goal that ``node`` sends, and the client that it is sent by."""
     goal = Goal()
     client = on(network, node, lambda: node.action_client(COUNTING))

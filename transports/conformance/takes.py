@@ -1,6 +1,6 @@
 """What taps learn of messages that nodes take, and how far a node has reported.
 
-A transport that does not report takes (``Transport.reports_takes``) says nothing of them, and answers None.
+A transport that does not report takes (``Listener.reports_takes``) says nothing of them, and answers None.
 Every public function is a check.
 """
 

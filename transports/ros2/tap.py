@@ -18,7 +18,7 @@ import msgspec
 from transports import ros_forms
 from transports.cdr import CdrError
 from transports.channel_filter import matches
-from transports.interface import Answer, Observation, TransportError
+from transports.interface import Answer, Closes, Observation, TransportError
 from transports.ros2 import native, qos
 from transports.ros2.announcements import Announcements
 from transports.ros2.executor import Executor
@@ -95,7 +95,7 @@ class _Waiting(msgspec.Struct):
 _STAMP = attrgetter("stamp_ns")
 
 
-class Tap:
+class Tap(Closes):
     """A passive listener; see ``transports.interface.Tap``."""
 
     def __init__(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from transports.channel_filter import channel_filter
-from transports.interface import NAMELESS, Answer, Observation, ObservationKind, Service
+from transports.interface import NAMELESS, Answer, Closes, Observation, ObservationKind, Service
 from transports.losses import Losses
 from transports.payloads import PayloadError, plain
 from transports.service_events import EVENT_SUFFIX, TAKEN_SUFFIX
@@ -218,7 +218,7 @@ class Routes:
             witness(seen)
 
 
-class Tap:
+class Tap(Closes):
     """A passive listener; see ``transports.interface.Tap``."""
 
     def __init__(

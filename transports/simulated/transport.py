@@ -11,6 +11,7 @@ from transports import actions
 from transports.interface import (
     Action,
     ActionClient,
+    Closes,
     GoalHandle,
     Message,
     Observation,
@@ -174,7 +175,7 @@ class Subscription:
         self._handler(decoded)
 
 
-class SimulatedTransport:
+class SimulatedTransport(Closes):
     """A node in a simulated world; see ``transports.interface.Transport`` for every method.
 
     ``spin`` runs the whole world, so one thread drives any number of nodes.

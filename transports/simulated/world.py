@@ -14,7 +14,7 @@ from enum import IntEnum
 from queue import Empty
 from typing import TYPE_CHECKING, Any
 
-from transports.interface import Observation, TransportError
+from transports.interface import Closes, Observation, TransportError
 from transports.simulated.clocks import Clocks
 from transports.simulated.conditions import Conditions, Kill
 from transports.simulated.network import NS, Link, Network, Pauses, Range
@@ -94,7 +94,7 @@ class Completion:
         return self._value
 
 
-class SimulatedWorld:
+class SimulatedWorld(Closes):
     """Nodes, links and taps on virtual time.
 
     Args:

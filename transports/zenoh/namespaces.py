@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from transports.interface import Observation, Topic
+from transports.interface import Closes, Observation, Topic
 from transports.options import MOST_NAMESPACE
 from transports.refusals import Refusals
 from transports.timers import Timer
@@ -247,7 +247,7 @@ class _Named(logging.LoggerAdapter[logging.Logger]):
         return self._begin + msg, kwargs
 
 
-class Within:
+class Within(Closes):
     """A listener to the system of one namespace; see ``transports.interface.Listener`` for every method.
 
     Args:

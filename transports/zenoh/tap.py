@@ -19,7 +19,7 @@ import zenoh
 
 from transports.channel_filter import channel_filter
 from transports.gathering import Gathering
-from transports.interface import Answer, Observation, ObservationKind
+from transports.interface import Answer, Closes, Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import PayloadError, decode_with, plain, shallow
 from transports.refusals import Refusals, shown
@@ -79,7 +79,7 @@ class _Place(NamedTuple):
     speakers: Container[str] | None
 
 
-class Tap:
+class Tap(Closes):
     """A passive listener; see ``transports.interface.Tap``.
 
     Args:

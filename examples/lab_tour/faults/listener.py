@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from moon.monitor.watch import SystemWatch
     from moon.properties.property import Property
     from moon.verdict import Verdict
-    from transports.interface import Observation, Tap, Transport
+    from transports.interface import Connection, Observation, Tap
 
 DEADLINE_NS = 1_000_000_000
 """Of outputs, as ``moon monitor`` has it when nothing is said."""
@@ -49,7 +49,7 @@ class Run(msgspec.Struct, frozen=True):
 class _Overheard:
     """A monitor's connection; ``hear`` is told what its tap hears, before the monitor is."""
 
-    def __init__(self, connection: Transport, hear: Callable[[Observation], None]) -> None:
+    def __init__(self, connection: Connection, hear: Callable[[Observation], None]) -> None:
         self._connection = connection
         self._hear = hear
 
@@ -80,7 +80,7 @@ class Listener:
 
     def __init__(
         self,
-        transport: Transport,
+        transport: Connection,
         system: System,
         faulty: str,
         properties: Sequence[Property] = (),

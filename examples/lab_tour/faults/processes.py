@@ -22,7 +22,7 @@ from listener import Listener, Run
 if TYPE_CHECKING:
     from m2c.model.system import System
     from moon.properties.property import Property
-    from transports.interface import Transport
+    from transports.interface import Connection
 
 TICK_S = 0.01
 """How often the run looks whether it is over."""
@@ -83,7 +83,7 @@ def on_ros2(
 def _held(
     arguments: Sequence[str],
     chosen: Fault | None,
-    transport: Transport,
+    transport: Connection,
     listener: Listener,
     seconds: float,
     scratch: Path,
@@ -123,7 +123,7 @@ def _held(
 
 
 def _spin(
-    transport: Transport, process: subprocess.Popen[bytes], listener: Listener, seconds: float
+    transport: Connection, process: subprocess.Popen[bytes], listener: Listener, seconds: float
 ) -> None:
     """Listen until all is found, ``seconds`` after the first tick heard, or if none is to be expected."""
     ended = False

@@ -20,11 +20,11 @@ from tests.transports.ros2.bare import Bare
 from transports.conformance import DOUBLE, NUMBERS, Answer, Number, Text, calls, on
 from transports.interface import (
     CallOutcome,
+    Connection,
     Observation,
     ObservationKind,
     Request,
     Topic,
-    Transport,
     TransportError,
 )
 from transports.networks import PATIENCE_S, ThreadedNetwork, spinning
@@ -37,7 +37,7 @@ LEASES = 3
 KINDS = ObservationKind
 
 
-def spinning_beside(owner: Transport, name: str) -> Any:
+def spinning_beside(owner: Connection, name: str) -> Any:
     """A node beside ``owner``, on a thread of its name; it ends with its owner."""
     node = owner.beside(name)
     threading.Thread(target=node.spin, name=name).start()
@@ -303,7 +303,7 @@ def test_who_is_closed_by_several_at_once_ends(network: ThreadedNetwork) -> None
     first, second = spinning_beside(owner, "first"), spinning_beside(owner, "second")
     begun = threading.Event()
 
-    def close_too(node: Transport) -> None:
+    def close_too(node: Connection) -> None:
         begun.set()
         assert network.until(owner._is_closing)
         node.close()

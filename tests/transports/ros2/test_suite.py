@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from transports.conformance import CHECKS, CHECKS_OF_ENDS, Check
-from transports.interface import Transport
+from transports.interface import Connection
 from transports.networks import ThreadedNetwork, nodes_beside
 
 pytestmark = pytest.mark.ros2
@@ -29,7 +29,7 @@ def test_ros2_in_one_context(check: Check) -> None:
 
     owner = connect("owner", {})
 
-    def join(name: str) -> Transport:
+    def join(name: str) -> Connection:
         is_beside = name != "misled"  # it has a topic as another type; DDS allows a participant one
         return owner.beside(name) if is_beside else connect(name, {})
 

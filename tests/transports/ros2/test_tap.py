@@ -16,9 +16,9 @@ from transports.conformance import (
     ready,
 )
 from transports.interface import (
+    Connection,
     Observation,
     ObservationKind,
-    Transport,
     TransportError,
 )
 from transports.networks import PATIENCE_S, ThreadedNetwork
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.ros2
 
 def tapped(
     network: ThreadedNetwork, globs: list[str] | None = None, known: str = ""
-) -> tuple[Transport, Any, list[Observation]]:
+) -> tuple[Connection, Any, list[Observation]]:
     """A tap, begun when the graph tells that the node "bare" publishes the topic ``known``."""
     listener = network.node("listener")
     publishing = listener.ros_node.get_publishers_info_by_topic

@@ -9,12 +9,12 @@ from moon.verdict import Verdict
 from transports.interface import Observation, Tap, Timer
 
 
-class Connection(Protocol):
-    """What a watch needs of a transport."""
+class Source(Protocol):
+    """Where what a watch judges comes from: a transport, what stands before one, or a recording."""
 
     @property
     def repair_s(self) -> float:
-        """See ``Transport.repair_s``."""
+        """See ``Listener.repair_s``."""
         ...
 
     def now_ns(self) -> int:
@@ -22,15 +22,15 @@ class Connection(Protocol):
         ...
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
-        """See ``Transport.tap``."""
+        """See ``Listener.tap``."""
         ...
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
-        """See ``Transport.watch_nodes``."""
+        """See ``Listener.watch_nodes``."""
         ...
 
     def up_since(self, name: str) -> int:
-        """See ``Transport.up_since``."""
+        """See ``Listener.up_since``."""
         ...
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
