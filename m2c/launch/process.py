@@ -21,10 +21,14 @@ KEPT_LINES = 20
 """Last lines of a process's output, for the report of how it died: where it stood is some twelve of them."""
 STOP_TIMEOUT_S = 10.0
 """A process that has not ended so long after SIGTERM is killed."""
-LAST_WORDS_S = 1.0
-"""How long a process that is to be killed may take to say where it stands."""
-OUTPUT_TIMEOUT_S = 2.0
-"""How long the last output of a process that has ended may take; a child of its own may hold it open."""
+LAST_WORDS_S = 10.0
+"""How long a process that is to be killed may take to say where it stands: it ends with that, unless it is
+stopped (SIGSTOP). On a busy machine even a signal takes its time.
+"""
+OUTPUT_TIMEOUT_S = 10.0
+"""How long the last output of a process that has ended may take: it ends with the process, unless a child of
+its own holds it open.
+"""
 
 
 class NodeProcess:

@@ -6,6 +6,8 @@ import json
 import os
 import signal
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,8 @@ from hypothesis import strategies as st
 
 from m2c.launch.description import LaunchDescription, Package
 from m2c.launch.grouping import grouped
-from tests.launch.system import Run, System
+from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess
+from tests.launch.system import LIMIT_S, Run, System
 
 
 def described(nodes: int, called: int = 0, policy: bool = True) -> LaunchDescription:
@@ -229,6 +232,29 @@ def test_a_node_that_hangs_is_named_and_says_where_whoever_it_shares_a_process_w
     said = [line.startswith(f"{who} did not end in 10 s and was killed") for line in run.lines]
     assert any(said), run.output
     assert any("in _hang" in line for line in run.lines[said.index(True) :]), run.output
+
+
+SLOW = """
+import os, signal, time
+def say_where(*_):
+    time.sleep(1.5)
+    print("here", flush=True)
+    os._exit(1)
+signal.signal(signal.SIGQUIT, say_where)
+print("up", flush=True)
+while True:
+    signal.pause()
+"""
+
+
+def test_who_takes_its_time_to_say_where_it_stands_is_heard_out(tmp_path: Path) -> None:
+    """As it does on a machine that is busy."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    up = threading.Event()
+    process = NodeProcess("Slow", "slow", [tmp_path], [], lambda *_: up.set(), lambda *_: None)
+    assert up.wait(LIMIT_S)
+    assert process.finish(time.monotonic()) == f"did not end in {STOP_TIMEOUT_S:g} s and was killed"
+    assert process.last_lines[-1] == "here"
 
 
 @pytest.mark.zenoh
