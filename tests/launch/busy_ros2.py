@@ -8,15 +8,15 @@ system is run, without faults. Ends with 1 if a run without a fault was violated
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from examples.lab_tour.faults.busy import busy
 from m2c.rosidl.build import build_interfaces
 from tests.launch import greenhouse
 from tests.transports import ros2_network, shared_memory
@@ -25,19 +25,6 @@ ROOT = Path(__file__).parents[2]
 BUILD = ROOT / "build" / "greenhouse-interfaces"
 RUN_TIMEOUT_S = 300.0
 """A run that takes longer hangs."""
-
-
-@contextlib.contextmanager
-def busy(number: int = 2) -> Iterator[None]:
-    """``number`` processes that keep the processors busy."""
-    command = [sys.executable, "-c", "while True: pass"]
-    processes = [subprocess.Popen(command) for _ in range(number)]
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
 
 
 def violated(
@@ -86,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     shared_memory.separate()
     began_s = time.monotonic()
     wrong = runs = 0
-    with tempfile.TemporaryDirectory() as name, busy(), ros2_network.own_domain():
+    with tempfile.TemporaryDirectory() as name, busy(2), ros2_network.own_domain():
         folder = Path(name)
         system = chosen.system or greenhouse.write(folder)
         built = build_interfaces([chosen.interfaces or folder / "interfaces"], BUILD)

@@ -12,7 +12,6 @@ import contextlib
 import os
 import random
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -20,6 +19,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from examples.lab_tour.faults.busy import busy
 from m2c.codegen.package import system_files
 from m2c.codegen.writer import write_files
 from m2c.launch.description import Package, read_description
@@ -103,19 +103,6 @@ def start_and_stop(
     if how:
         return f"{name} (seed {seed}) {how}: {list(process.last_lines)}"
     return ""
-
-
-@contextlib.contextmanager
-def busy(processes: int) -> Iterator[None]:
-    """So many processes that compute."""
-    code = "while True: pass"
-    started = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(processes)]
-    try:
-        yield
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
 
 
 @contextlib.contextmanager

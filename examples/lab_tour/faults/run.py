@@ -12,16 +12,15 @@ that it breaks; neither the tour as it is nor any other node was blamed; 1: not 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import logging
-import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import by_property
 import msgspec
+from busy import busy
 from catalogue import FAULTS, Fault, fault
 from inject import SYSTEM, PatchError
 from judging import Row, differences, judged, judged_nominal, with_properties
@@ -90,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         system = read_checked([SYSTEM])
         properties = load_properties(by_property.PROPERTIES) if chosen.properties else []
         names = list(dict.fromkeys(chosen.fault or [item.id for item in FAULTS]))
-        with _busy(chosen.busy):
+        with busy(chosen.busy):
             for transport in transports:
                 seconds = chosen.nominal or TOUR_S
                 rows.append(_row(transport, None, system, seconds, properties, chosen.record))
@@ -127,19 +126,6 @@ def _row(
         (record / f"{name}-{transport}.jsonl").write_bytes(lines)
     row = judged_nominal(run) if chosen is None else judged(chosen, run)
     return msgspec.structs.replace(with_properties(row, chosen, run), transport=transport)
-
-
-@contextlib.contextmanager
-def _busy(number: int) -> Iterator[None]:
-    """``number`` processes that keep the processors busy."""
-    command = [sys.executable, "-c", "while True: pass"]
-    processes = [subprocess.Popen(command) for _ in range(number)]
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
 
 
 def _report(row: Row, as_json: bool) -> None:
