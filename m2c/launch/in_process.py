@@ -27,6 +27,7 @@ from m2c.policy.program import Policy, read_policy
 from m2c.policy.runner import PolicyRunner, TreeTick
 from m2c.runtime.binding import NodeSettings
 from m2c.suggestions import nearest
+from transports.interface import TransportError
 from transports.simulated import SimulatedTransport, SimulatedWorld
 
 NodeClass = Callable[..., Any]
@@ -179,8 +180,9 @@ class SimulatedRun:
             self._start(name, node_class)
             world.starters[name] = functools.partial(self._start, name, node_class)
         self.policy: PolicyRunner | None = None
+        self._of_policy: SimulatedTransport | None = None
         if program.policy is not None:
-            transport = self._connect(POLICY_NODE)
+            self._of_policy = transport = self._connect(POLICY_NODE)
             self.policy = PolicyRunner(
                 transport, program.policy, program.plugins, tick_timeout_s, ticked, settings
             )
@@ -213,6 +215,8 @@ class SimulatedRun:
     def run(self, seconds: float, until: Callable[[], object] = lambda: False) -> None:
         """Let ``seconds`` of virtual time pass; the policy ticks at the system's rate until it is over.
 
+        A policy that is killed (``SimulatedWorld.crash``) does not tick, nor say what it was about to.
+
         In steps (``docs/semantics.md``), a tree that has ended for good ends the run when it would be
         ticked next, and what is due when ``seconds`` have passed still happens, a tick included.
 
@@ -227,11 +231,19 @@ class SimulatedRun:
         period_ns = round(1e9 / self._rate_hz)
         due = self.world.now_ns + (period_ns if self._is_stepwise else 0)
         while not self.world.run(until, min(due, end)):
-            if self.policy.is_over:
+            if self.policy.is_over or self._is_policy_dead:
                 self.world.run(until, due if self._is_stepwise else end)
                 return
             if due > end or (due == end and not self._is_stepwise):
                 return
             due = self.world.now_ns + period_ns
-            self.ticks.append(self.policy.tick())
+            try:
+                self.ticks.append(self.policy.tick())
+            except TransportError:
+                if not self._is_policy_dead:
+                    raise
             due = max(due, self.world.now_ns)
+
+    @property
+    def _is_policy_dead(self) -> bool:
+        return self._of_policy is not None and not self._of_policy.alive

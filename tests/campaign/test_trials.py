@@ -28,7 +28,8 @@ from tests.campaign.plans import write
 from tests.campaign.shrink import Case
 from tests.campaign.systems import make
 from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
-from transports.simulated import Conditions, Lost
+from tests.systems import EXAMPLES
+from transports.simulated import Conditions, Kill, Lost
 
 SEED = 0
 
@@ -153,3 +154,11 @@ def test_what_a_recording_is_judged_is_compared(
     (failure,) = try_one(prepared, SEED, made, tmp_path / "run.mcap").failures
     assert failure.fault is Fault.DIFFERS
     assert (tmp_path / "run.mcap").exists()
+
+
+@pytest.mark.parametrize("at_s", [2.0, 2.0102, 2.0231])
+def test_a_policy_that_is_killed_ticks_no_more_and_nobody_is_blamed(at_s: float) -> None:
+    """Between two ticks, or in the middle of one."""
+    tour = Prepared(EXAMPLES / "lab_tour" / "system.xml")
+    made = Circumstances(Conditions(kills=(Kill("policy", at_s, None),)), seconds=5.0)
+    assert not try_one(tour, SEED, made).failures
