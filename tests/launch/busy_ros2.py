@@ -23,6 +23,7 @@ from tests.transports import ros2_network, shared_memory
 
 ROOT = Path(__file__).parents[2]
 BUILD = ROOT / "build" / "greenhouse-interfaces"
+BUILD_OF_ANOTHER = ROOT / "build" / "busy-interfaces"
 RUN_TIMEOUT_S = 300.0
 """A run that takes longer hangs."""
 
@@ -76,7 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as name, busy(2), ros2_network.own_domain():
         folder = Path(name)
         system = chosen.system or greenhouse.write(folder)
-        built = build_interfaces([chosen.interfaces or folder / "interfaces"], BUILD)
+        if chosen.interfaces is None:
+            built = build_interfaces([folder / "interfaces"], BUILD)
+        else:
+            built = build_interfaces([chosen.interfaces], BUILD_OF_ANOTHER)
         environment = {**os.environ, **built.environment()}
         for number in range(chosen.runs):
             if time.monotonic() - began_s > chosen.seconds:
