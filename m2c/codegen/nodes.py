@@ -100,7 +100,11 @@ class _NodeFacts:
             outputs=tuple(self._outputs()),
             threads=tuple(
                 program.ThreadProgram(
-                    self._threads(thread.interface), made.class_name, thread.count, made.uses_ports
+                    attribute=self._threads(thread.interface),
+                    class_name=made.class_name,
+                    count=thread.count,
+                    uses_ports=made.uses_ports,
+                    uses_random=made.uses_random,
                 )
                 for thread, made in zip(self._machine.threads, self._machines[1:], strict=True)
             ),

@@ -252,6 +252,7 @@ class ThreadProgram(Fact, frozen=True):
     class_name: Source
     count: int
     uses_ports: bool
+    uses_random: bool
 
 
 class SharedMethod(Fact, frozen=True):

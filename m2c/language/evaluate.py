@@ -64,7 +64,7 @@ def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mappin
         event: the event's parts (``data``, ``goal_id``, …).
 
     Raises:
-        ecmascript.ExecutionError: ECMAScript would throw.
+        ecmascript.ExecutionError: ECMAScript would throw, or the value is drawn at random.
     """
     match expression:
         case Literal(value=value):
@@ -96,6 +96,8 @@ def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mappin
         case Conditional(test=test, then=then, otherwise=otherwise):
             chosen = then if ecmascript.truthy(evaluate(test, variables, event)) else otherwise
             return evaluate(chosen, variables, event)
+        case MathCall(function="random"):
+            raise ecmascript.ExecutionError("the value of Math.random() is open")
         case MathCall(function=function, arguments=arguments):
             return ecmascript.MATH[function](
                 *(evaluate(argument, variables, event) for argument in arguments)

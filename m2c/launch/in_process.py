@@ -172,29 +172,39 @@ class SimulatedRun:
         self._is_stepwise = program.semantics.is_stepwise
         self.ticks: list[TreeTick] = []
         self._transports: list[SimulatedTransport] = []
-        # generated machines draw from the process's source of randomness
-        random.seed(world.seed)
         self.nodes: dict[str, Any] = {}
-        self._settings = settings or NodeSettings()
         for name, node_class in program.nodes.items():
-            self._start(name, node_class)
-            world.starters[name] = functools.partial(self._start, name, node_class)
+            start = functools.partial(
+                self._start, name, node_class, self._settings_of(name, settings or NodeSettings())
+            )
+            start()
+            world.starters[name] = start
         self.policy: PolicyRunner | None = None
         self._of_policy: SimulatedTransport | None = None
         if program.policy is not None:
             self._of_policy = transport = self._connect(POLICY_NODE)
             self.policy = PolicyRunner(
-                transport, program.policy, program.plugins, tick_timeout_s, ticked, settings
+                transport,
+                program.policy,
+                program.plugins,
+                tick_timeout_s,
+                ticked,
+                self._settings_of(POLICY_NODE, settings or NodeSettings(tick_timeout_s)),
             )
             self._rate_hz = program.policy.tick_rate_hz
             transport.announce()
         if not self._is_stepwise:  # there, a chain of steps may need no time and have no end
             world.run(is_over, world.now_ns)
 
-    def _start(self, name: str, node_class: NodeClass) -> None:
+    def _settings_of(self, node: str, settings: NodeSettings) -> NodeSettings:
+        """The settings of one node, with a source of randomness of its own, from the world's seed."""
+        draws = random.Random(f"{self.world.seed} {node}")
+        return msgspec.structs.replace(settings, random=draws.random)
+
+    def _start(self, name: str, node_class: NodeClass, settings: NodeSettings) -> None:
         transport = self._connect(name)
         try:
-            node = node_class(transport, self._settings)
+            node = node_class(transport, settings)
         except Exception:
             self.world.failed = name
             raise

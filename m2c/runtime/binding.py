@@ -6,6 +6,7 @@ Everything here runs on the transport's executor, so a handler is a run to compl
 from __future__ import annotations
 
 import logging
+import random
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
@@ -49,10 +50,12 @@ class NodeSettings(msgspec.Struct, frozen=True):
         events_wait: what others wait for an answer to waits until a state takes it, instead of being
             discarded: requests, responses, goals, results, what a behaviour tree says. For nodes whose
             code is generated for a run in steps.
+        random: where ``Math.random()`` and targets with a probability draw their numbers, 0 ≤ x < 1.
     """
 
     call_timeout_s: float = 5.0
     events_wait: bool = False
+    random: Callable[[], float] = random.random
 
 
 DEFAULT_SETTINGS = NodeSettings()
