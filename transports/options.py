@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+
+from transports.interface import TransportError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where the nodes of a system meet on Zenoh unless somebody says otherwise: of ``m2c run`` and what watches
@@ -51,6 +53,15 @@ def plain_namespace(text: str) -> str:
             f"namespace {shown!r}: {wrong}; write chunks with '/' between them, e.g. robots/7"
         )
     return text
+
+
+def refuse_unknown(transport: str, options: Iterable[str], known: Iterable[str]) -> None:
+    """Raise TransportError if ``options`` has a name that is not among ``known``, those of ``transport``."""
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise TransportError(
+            f"the {transport} transport has no option {unknown[0]!r}; it has {', '.join(known)}"
+        )
 
 
 def transport_options(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 import transports
 from transports import SimulatedWorld, TransportError
+from transports.simulated import SimulatedTransport
 
 
 def test_the_installed_transports_are_named() -> None:
@@ -28,6 +31,31 @@ def test_nodes_of_two_worlds_do_not_meet() -> None:
     other.connect("node")
     one.run_for(1.0)
     assert one.now_ns - other.now_ns == 10**9
+
+
+def test_each_simulated_connection_has_a_world_of_its_own() -> None:
+    one = transports.connect("simulated", "node", {"seed": "1"})
+    other = transports.connect("simulated", "node", {"seed": "2", "delay": "0.001..0.05"})
+    assert isinstance(one, SimulatedTransport)
+    assert isinstance(other, SimulatedTransport)
+    assert (one.world.seed, other.world.seed) == (1, 2)
+    assert other.world.conditions.delay_s == (0.001, 0.05)
+    assert one.world.connect("second").world is one.world
+
+
+@pytest.mark.parametrize(
+    ("options", "refusal"),
+    [
+        ({"world": "w"}, "has no option 'world'; it has seed, delay, loss, duplication"),
+        ({"seed": "one"}, "the simulated transport: invalid literal"),
+        ({"loss": "2"}, "the simulated transport: loss is a probability, not 2"),
+    ],
+)
+def test_a_wrong_option_of_the_simulated_transport_is_named(
+    options: dict[str, str], refusal: str
+) -> None:
+    with pytest.raises(TransportError, match=re.escape(refusal)):
+        transports.connect("simulated", "node", options)
 
 
 def test_a_transport_that_is_not_there_is_named() -> None:

@@ -28,6 +28,7 @@ from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 
 from transports.interface import TransportError
+from transports.options import refuse_unknown
 
 OPTIONS = ("domain", "namespace", "use_sim_time", "args")
 MAX_DOMAIN = 232
@@ -51,11 +52,7 @@ def open_node(name: str, options: Mapping[str, str], context: Context | None = N
     Raises:
         TransportError: an option is unknown or wrong, or ROS 2 refuses the name or cannot start.
     """
-    unknown = sorted(set(options) - set(OPTIONS))
-    if unknown:
-        raise TransportError(
-            f"the ros2 transport has no option {unknown[0]!r}; it has {', '.join(OPTIONS)}"
-        )
+    refuse_unknown("ros2", options, OPTIONS)
     simulated = options.get("use_sim_time", "false")
     if simulated not in ("true", "false"):
         raise TransportError(f"use_sim_time {simulated!r}: expected true or false")

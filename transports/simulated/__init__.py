@@ -10,7 +10,8 @@ from transports.simulated.conditions import (
     Reordered,
     Rules,
 )
-from transports.simulated.transport import SimulatedTransport, connect
+from transports.simulated.connecting import connect
+from transports.simulated.transport import SimulatedTransport
 from transports.simulated.world import SimulatedWorld
 
 __all__ = [

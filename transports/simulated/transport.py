@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from transports import actions
@@ -27,20 +27,10 @@ from transports.simulated.network import Link
 from transports.simulated.presence import View
 from transports.simulated.routes import Sent, Tap
 from transports.simulated.services import Client, Request, Server
-from transports.simulated.world import Completion, Rank, SimulatedWorld, world_called
+from transports.simulated.world import Completion, Rank, SimulatedWorld
 from transports.timers import period_ns
 
 LOG = logging.getLogger("transports.simulated")
-
-
-def connect(node: str, options: Mapping[str, str]) -> SimulatedTransport:
-    """A node in the world that the option ``world`` names (default ``default``), in this process.
-
-    Raises:
-        TransportError: an option is unknown or wrong, or the world has a node of that name.
-    """
-    others = {name: value for name, value in options.items() if name != "world"}
-    return SimulatedTransport(world_called(options.get("world", "default"), others), node)
 
 
 class Timer:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import random
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from enum import IntEnum
 from queue import Empty
 from typing import TYPE_CHECKING, Any
@@ -358,46 +358,3 @@ def _nothing(_: object) -> None:
 
 def _start(starter: Callable[[], object]) -> None:
     starter()
-
-
-def _bounds(text: str) -> tuple[float, float]:
-    least, _, most = text.partition("..")
-    return float(least), float(most or least)
-
-
-_worlds: dict[str, SimulatedWorld] = {}
-
-_OPTIONS: Mapping[str, Callable[[str], Any]] = {
-    "delay": _bounds,
-    "loss": float,
-    "duplication": float,
-}
-
-
-def world_called(name: str, options: Mapping[str, str]) -> SimulatedWorld:
-    """The world ``name`` of this process, made with ``options`` when first asked for.
-
-    Args:
-        name: any name.
-        options: ``seed`` (whole number), ``delay`` (seconds, ``0.001`` or ``0.001..0.05``), ``loss``
-            and ``duplication`` (probabilities).
-
-    Raises:
-        TransportError: an option is unknown or wrong.
-    """
-    for option in options:
-        if option not in (*_OPTIONS, "seed"):
-            known = ", ".join(sorted((*_OPTIONS, "seed", "world")))
-            raise TransportError(
-                f"the simulated transport has no option `{option}` (it has: {known})"
-            )
-    if name not in _worlds:
-        try:
-            seed = int(options.get("seed", "0"))
-            values = {o: _OPTIONS[o](text) for o, text in options.items() if o != "seed"}
-            if "delay" in values:
-                values["delay_s"] = values.pop("delay")
-            _worlds[name] = SimulatedWorld(seed, Conditions(**values))
-        except ValueError as error:
-            raise TransportError(f"the simulated transport: {error}") from error
-    return _worlds[name]

@@ -34,7 +34,7 @@ from pathlib import Path
 import zenoh
 
 from transports.interface import TransportError, UnreachableError
-from transports.options import MOST_NAMESPACE, NamespaceError, plain_namespace
+from transports.options import MOST_NAMESPACE, NamespaceError, plain_namespace, refuse_unknown
 from transports.zenoh.permissions import Permissions, permissions_of
 from transports.zenoh.wire import LOG
 
@@ -105,11 +105,7 @@ class NotARouterError(TransportError):
 
 def open_session(options: Mapping[str, str]) -> zenoh.Session:
     """An open session; TransportError says which option is wrong or what cannot be reached."""
-    unknown = sorted(set(options) - set(OPTIONS))
-    if unknown:
-        raise TransportError(
-            f"the zenoh transport has no option {unknown[0]!r}; it has {', '.join(OPTIONS)}"
-        )
+    refuse_unknown("zenoh", options, OPTIONS)
     os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # read once, when the first session is opened
     zenoh.try_init_log_from_env()  # what Zenoh says itself, on standard output, if RUST_LOG asks for it
     if options.get("secure", ""):
