@@ -30,9 +30,10 @@ import zenoh
 from benchmarks.page import Row, command
 from benchmarks.processes import ROOT, Child, free_endpoint, processor_s, ready, say
 from benchmarks.sampling import quantile
-from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.fleet import robot as robot_module
 from moon.fleet.choice import Shard, read_shard
 from moon.fleet.fleet import Fleet

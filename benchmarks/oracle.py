@@ -14,9 +14,10 @@ from collections.abc import Callable, Sequence
 from benchmarks.page import Row, command
 from benchmarks.processes import ROOT
 from benchmarks.sampling import distribution, quantile
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
+from m2c.simulation.program import Program, compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from transports.interface import Observation
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld

@@ -15,7 +15,8 @@ from pathlib import Path
 
 from benchmarks.page import Row, command
 from benchmarks.processes import ROOT
-from m2c.launch.in_process import SimulatedRun, compile_system
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.engine import check_recording

@@ -11,8 +11,9 @@ import time
 from benchmarks.page import Row, beside, command
 from benchmarks.processes import ROOT
 from benchmarks.sampling import measured
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
+from m2c.simulation.program import Program, compile_system
+from m2c.simulation.run import SimulatedRun
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
 SYSTEM = ROOT / "examples/lab_tour/system.xml"

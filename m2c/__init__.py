@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from m2c.codegen.rendering import TemplateFault
     from m2c.codegen.writer import EditedFilesError
     from m2c.diagnostics import Diagnostic, ModelError
-    from m2c.launch.in_process import SimulatedRun
     from m2c.model.machine import Machine
     from m2c.model.system import System
+    from m2c.simulation.run import SimulatedRun
     from transports.simulated import SimulatedWorld
 
 __all__ = [
@@ -182,7 +182,8 @@ def simulate(system: System, world: SimulatedWorld) -> SimulatedRun:
         ModelError: :func:`check` finds errors.
     """
     from m2c.check.reading import raise_if_errors
-    from m2c.launch.in_process import SimulatedRun, compile_system
+    from m2c.simulation.program import compile_system
+    from m2c.simulation.run import SimulatedRun
 
     raise_if_errors(system)
     return SimulatedRun(compile_system(system), world)

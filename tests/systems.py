@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
-from m2c.launch.in_process import Program, compile_system
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
+from m2c.simulation.program import Program, compile_system
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LAB_TOUR, CHARGING_STATION, SORTING_CELL = "lab_tour", "charging_station", "sorting_cell"

@@ -15,17 +15,9 @@ import msgspec
 
 from m2c.check.report import print_findings
 from m2c.launch.description import LaunchError, package_in, selected
-from m2c.launch.in_process import (
-    POLICY_NODE,
-    Program,
-    SimulatedRun,
-    compile_system,
-    import_node,
-)
 from m2c.launch.observers import observer
 from m2c.launch.reading import read_to_run
 from m2c.launch.screen import Guarded, Screen, screen_for
-from m2c.launch.semantics import Semantics
 from m2c.launch.simulation_options import TRANSPORT, Simulation
 from m2c.launch.watching import watcher
 from m2c.logs import LineFormatter
@@ -33,6 +25,9 @@ from m2c.model import ModelError
 from m2c.model.system import System
 from m2c.naming import naming_for
 from m2c.policy.ticking import PolicyError
+from m2c.simulation.program import Program, compile_system, import_node
+from m2c.simulation.run import POLICY_NODE, SimulatedRun
+from m2c.simulation.semantics import Semantics
 from m2c.terminal import fail, say
 from transports.interface import TransportError
 from transports.simulated import Conditions, SimulatedWorld
@@ -424,5 +419,5 @@ def _described(error: Exception) -> str:
     if not frames:
         return text
     last = frames[-1]
-    module = last.filename.removeprefix("<").partition("#")[0]  # m2c.launch.in_process names it so
+    module = last.filename.removeprefix("<").partition("#")[0]  # m2c.simulation.program names it so
     return f"{text}, in {module}, line {last.lineno}: {last.line}"

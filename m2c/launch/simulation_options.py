@@ -25,7 +25,7 @@ class Simulation(NamedTuple):  # msgspec's would cost each --help its import
         delay_s: shortest and longest time that a message is under way.
         loss: probability that a message of a best-effort topic is lost.
         tap_loss: probability that an observation is lost.
-        semantics: what models mean (``m2c.launch.semantics.Semantics``).
+        semantics: what models mean (``m2c.simulation.semantics.Semantics``).
     """
 
     seconds: float | None

@@ -9,10 +9,11 @@ import pytest
 
 from m2c.check.reading import read_and_check
 from m2c.codegen.package import system_files
-from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, Severity, System
 from m2c.model.naming import Naming
 from m2c.policy.runner import TreeTick
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from tests.beginner.tank import FILES, SYSTEM
 from tests.beginner.variants import RUNS, VARIANTS, Row
 from transports.registry import name_rules

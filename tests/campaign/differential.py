@@ -27,12 +27,12 @@ from m2c.codegen.context import MachineContext
 from m2c.codegen.names import machine_class
 from m2c.codegen.ports import PortNames
 from m2c.language.values import zero
-from m2c.launch.in_process import compile_node
 from m2c.model.machine import ActionThread, Event, EventKind, Machine, OutputKind, Raise
 from m2c.model.scopes import event_data_type, readable_ports
 from m2c.model.system import System
 from m2c.model.walk import events_of, statements_of
 from m2c.runtime.machine import EndlessLoopError
+from m2c.simulation.program import compile_node
 from moon.oracle.compiling import Delayed, Step
 from moon.oracle.program import MachineProgram, TooOpenError
 from moon.oracle.unknowns import Unknown

@@ -9,9 +9,9 @@ from pathlib import Path
 import msgspec
 
 from m2c.check.reading import read_and_check
-from m2c.launch.in_process import Program, compile_system
 from m2c.model import DiagnosticLog
 from m2c.model.system import System
+from m2c.simulation.program import Program, compile_system
 from moon.properties.files import read_properties
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.property import Property

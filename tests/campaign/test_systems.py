@@ -8,9 +8,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from m2c.launch.in_process import SimulatedRun
 from m2c.model.machine import CHANNEL_KINDS
 from m2c.model.system import System
+from m2c.simulation.run import SimulatedRun
 from moon.properties import PropertySet
 from tests.campaign.coverage import UNUSED, covered
 from tests.campaign.differential import differences_of

@@ -14,8 +14,9 @@ from random import Random
 
 import msgspec
 
-from m2c.launch.in_process import Program, SimulatedRun, compile_node, compile_system
 from m2c.model.machine import Machine
+from m2c.simulation.program import Program, compile_node, compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.status import PROPERTY, UNSEEN
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch

@@ -21,9 +21,10 @@ import msgspec
 
 from m2c.check import check_types
 from m2c.language.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
-from m2c.launch.in_process import Program, SimulatedRun, compile_node
 from m2c.model import DiagnosticLog, System, load
 from m2c.runtime.messages import message_class
+from m2c.simulation.program import Program, compile_node
+from m2c.simulation.run import SimulatedRun
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.recording.cdr import Decoder

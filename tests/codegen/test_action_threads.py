@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from m2c.check import check_system
-from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.verdict import Outcome
 from transports.interface import ObservationKind

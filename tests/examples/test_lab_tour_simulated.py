@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from m2c.launch.in_process import Program, compile_system
 from m2c.model import DiagnosticLog, load
+from m2c.simulation.program import Program, compile_system
 from tests.examples.virtual import of, received_of
 from transports.interface import Observation, ObservationKind
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from m2c.launch.in_process import Program, SimulatedRun
+from m2c.simulation.program import Program
+from m2c.simulation.run import SimulatedRun
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 

@@ -12,10 +12,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model.machine import Interface, InterfaceKind
 from m2c.model.system import System
 from m2c.runtime.messages import message_class
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.verdict import Outcome, Verdict
 from tests.hostile.texts import MARK

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from m2c.check.reading import read_and_check
-from m2c.launch.in_process import SimulatedRun, compile_system
-from m2c.launch.semantics import Semantics
 from m2c.model import DiagnosticLog
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
+from m2c.simulation.semantics import Semantics
 from transports.interface import Observation, ObservationKind
 from transports.simulated.world import START_NS
 

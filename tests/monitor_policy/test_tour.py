@@ -8,10 +8,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from m2c.launch.in_process import SimulatedRun
 from m2c.model import DiagnosticLog
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.runner import PolicyRunner
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.oracle.confirmation import UNCONFIRMED
 from moon.policy import policy_oracle

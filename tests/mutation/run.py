@@ -22,8 +22,8 @@ from types import FrameType
 import msgspec
 from msgspec.structs import replace
 
-from m2c.launch.in_process import NodeClass, compile_node
 from m2c.model.machine import Machine
+from m2c.simulation.program import NodeClass, compile_node
 from tests.mutation import Mutant, equivalence, mutants
 from tests.mutation.by_hand import BY_HAND, HOLES
 from tests.mutation.report import GOAL, Found, Result, document, page_of, summary

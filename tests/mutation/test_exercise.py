@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from m2c.launch.in_process import Program, SimulatedRun, compile_node
 from m2c.model import DiagnosticLog, load
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from m2c.simulation.program import Program, compile_node
+from m2c.simulation.run import SimulatedRun
 from tests.mutation.exercise import answerers, callers
 from transports.interface import Observation, ObservationKind
 from transports.simulated import SimulatedTransport, SimulatedWorld

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from m2c.launch.in_process import compile_node
 from m2c.model.machine import Machine
+from m2c.simulation.program import compile_node
 from tests.mutation import equivalence, mutants
 from tests.mutation.by_hand import BY_HAND, HOLES
 from tests.mutation.report import Found, Result, document, summary

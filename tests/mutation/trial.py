@@ -6,9 +6,10 @@ from enum import StrEnum
 
 import msgspec
 
-from m2c.launch.in_process import NodeClass, Program, SimulatedRun
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from m2c.simulation.program import NodeClass, Program
+from m2c.simulation.run import SimulatedRun
 from moon.oracle.oracle import Oracle
 from moon.ordering.silence import Silence
 from moon.verdict import Outcome, Verdict

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
+from m2c.simulation.program import Program, compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds

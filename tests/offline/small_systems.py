@@ -12,7 +12,8 @@ from random import Random
 
 import msgspec
 
-from m2c.launch.in_process import SimulatedRun, compile_system
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.offline.playing import Player

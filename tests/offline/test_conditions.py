@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from m2c.launch.in_process import SimulatedRun, compile_system
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Subject, read_subject
 from moon.oracle.bounds import Bounds
 from moon.verdict import Outcome, Verdict

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from m2c.launch.in_process import Program
+from m2c.simulation.program import Program
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.subject import Monitored
 from moon.offline import engine

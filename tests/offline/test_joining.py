@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from m2c.launch.in_process import SimulatedRun
+from m2c.simulation.run import SimulatedRun
 from moon.offline.engine import check_recording
 from moon.offline.playing import WHOLE_NS
 from moon.recording.definitions import Definitions

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
 from m2c.runtime.messages import message_class
+from m2c.simulation.program import Program, compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.verdict import Outcome
 from transports.actions import CancelRequest, GoalId, GoalInfo, Time, parts_of, rules, server

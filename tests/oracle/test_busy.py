@@ -9,7 +9,8 @@ from random import Random
 import pytest
 from msgspec.structs import replace
 
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
+from m2c.simulation.program import Program, compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.oracle.bounds import Bounds
 from moon.verdict import Outcome, Verdict

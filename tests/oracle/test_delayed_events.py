@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.verdict import Verdict
 from transports.simulated import SimulatedTransport, SimulatedWorld

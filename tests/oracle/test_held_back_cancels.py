@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.verdict import Outcome
 from transports.simulated import SimulatedTransport, SimulatedWorld

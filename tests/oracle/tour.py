@@ -9,11 +9,12 @@ from random import Random
 import msgspec
 
 from m2c.language.datatypes import Structure
-from m2c.launch.in_process import Program, SimulatedRun
 from m2c.model import DiagnosticLog
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.system import System
 from m2c.runtime.messages import message_class
+from m2c.simulation.program import Program
+from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.oracle.bounds import Bounds
 from moon.policy import policy_oracle

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from m2c.check import check_system
-from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.model import DiagnosticLog, System, load
 from m2c.policy.program import read_policy
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from transports.simulated import SimulatedWorld
 
 HEAD = '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="{}" initial="{}">'

@@ -14,8 +14,9 @@ import pytest
 
 from m2c.codegen.package import system_files
 from m2c.codegen.writer import write_files
-from m2c.launch.in_process import SimulatedRun, compile_system
 from m2c.policy.runner import PolicyRunner
+from m2c.simulation.program import compile_system
+from m2c.simulation.run import SimulatedRun
 from tests.codegen.quality import formatted, strictly_typed
 from tests.policy.plugin_models import loaded
 from transports.simulated import SimulatedWorld

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from m2c.launch.in_process import SimulatedRun
+from m2c.simulation.run import SimulatedRun
 from moon.recording import mcap_writing
 from moon.recording.definitions import Definitions
 from moon.recording.entries import (

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from m2c.diagnostics import DiagnosticLog
-from m2c.launch.in_process import NodeSettings, Program, SimulatedRun, compile_system
 from m2c.model import load
 from m2c.model.system import System
+from m2c.runtime.binding import NodeSettings
+from m2c.simulation.program import Program, compile_system
+from m2c.simulation.run import SimulatedRun
 from moon.recording.contents import Contents
 from moon.recording.definitions import Definitions
 from moon.recording.offers import Offer

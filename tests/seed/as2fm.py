@@ -12,10 +12,11 @@ from typing import Any
 import msgspec
 
 from m2c.check.reading import read_and_check
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
-from m2c.launch.semantics import Semantics
 from m2c.model import DiagnosticLog, Severity
 from m2c.model.system import System
+from m2c.simulation.program import Program, compile_system
+from m2c.simulation.run import SimulatedRun
+from m2c.simulation.semantics import Semantics
 from tests.seed.jani import Decider, Property, State, leaves_of, properties_of
 from transports.interface import Observation
 

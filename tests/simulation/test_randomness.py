@@ -8,8 +8,9 @@ from collections.abc import Iterable
 
 import pytest
 
-from m2c.launch.in_process import Program, SimulatedRun, compile_system
 from m2c.model.reading import read_or_raise
+from m2c.simulation.program import Program, compile_system
+from m2c.simulation.run import SimulatedRun
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, Kill, SimulatedWorld
 

@@ -28,7 +28,7 @@ def simulated(
     keeps: bool = True,
 ) -> Run:
     """The tour in virtual time, in this process; see ``run.py`` for the arguments."""
-    from m2c.launch.in_process import SimulatedRun
+    from m2c.simulation.run import SimulatedRun
     from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
     program = _program(system)
@@ -56,7 +56,7 @@ def simulated(
 
 
 def _program(system: System) -> Any:
-    from m2c.launch.in_process import compile_system
+    from m2c.simulation.program import compile_system
 
     if not _programs:
         _programs.append(compile_system(system))
@@ -67,9 +67,9 @@ _programs: list[Any] = []
 
 
 def _faulty_node(chosen: Fault, system: System) -> Any:
-    from m2c.launch.in_process import compile_node, import_node
     from m2c.model import DiagnosticLog
     from m2c.model.system import read_with_reference
+    from m2c.simulation.program import compile_node, import_node
 
     if chosen.kind is Kind.MODEL:
         log = DiagnosticLog()
