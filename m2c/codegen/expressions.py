@@ -44,19 +44,10 @@ from m2c.language.expressions import (
     Unary,
     Variable,
 )
+from m2c.language.operators import BINARY, LOGICAL, PREFIX
 from m2c.language.typing import Scope, constant_value, type_of
 from m2c.language.values import LENIENT
 
-_FUNCTIONS = {
-    "+": "add",
-    "-": "subtract",
-    "*": "multiply",
-    "/": "divide",
-    "%": "remainder",
-    "**": "power",
-    "==": "equals",
-    "===": "strict_equals",
-}
 _FLOAT32 = Primitive("float32")
 _CONVERSIONS = {
     **{name: f"to_{name}" for name in INTEGER_RANGES},
@@ -73,6 +64,7 @@ _PRECEDENCE = {
     "%": 70,
     "+": 60,
     "-": 60,
+    **dict.fromkeys(("==", "!=", "<", "<=", ">", ">="), _COMPARE),
     "or": 10,
     "and": 20,
     "not": 30,
@@ -321,56 +313,38 @@ class ExpressionCompiler:
             case "!":
                 level = _PRECEDENCE["not"]
                 return Code(f"not {self._truth(node.operand).within(level)}", level)
-            case "typeof":
-                return Code(self._runtime("type_name", operand.text))
             case "-":
                 if is_integer(self._certain(node).kind) or is_float(self._certain(node.operand)):
                     return Code(f"-{operand.within(_UNARY)}", _UNARY)
-                return Code(self._runtime("negate", operand.text))
             case "+":
                 if is_number(self._certain(node.operand).kind):
                     return operand
-                return Code(self._runtime("to_number", operand.text))
+        return Code(self._runtime(PREFIX[node.operator].function, operand.text))
 
     def _binary(self, node: Binary) -> Code:
         left, right = self._certain(node.left), self._certain(node.right)
         first, second = self._compile(node.left), self._compile(node.right)
-        operator = node.operator
+        operator = BINARY[node.operator]
         numbers = is_number(left.kind) and is_number(right.kind)
         alike = numbers or (left.kind == right.kind and left.kind in (BOOL, STRING))
-        if operator in ("==", "===", "!=", "!=="):
-            return self._equality(node, first, second, alike)
-        if operator in ("<", "<=", ">", ">="):
-            if numbers:
-                text = f"{first.within(_COMPARE + 1)} {operator} {second.within(_COMPARE + 1)}"
-                return Code(text, _COMPARE)
-            pair = (first.text, second.text) if operator[0] == "<" else (second.text, first.text)
-            return Code(self._runtime("less_or_equal" if "=" in operator else "less", *pair))
-        texts = operator == "+" and left.kind == right.kind == STRING
-        if texts or is_native(operator, left, right):
-            level = _PRECEDENCE[operator]
-            return Code(f"{first.within(level)} {operator} {second.within(level + 1)}", level)
-        return Code(self._runtime(_FUNCTIONS[operator], first.text, second.text))
+        if operator.is_equality and alike and _is_bool(node.right):
+            return self._is_true(first, getattr(node.right, "value", None) is not operator.negated)
+        if alike if operator.is_equality else numbers and operator.is_comparison:
+            return _infix(operator.python, first.within(_COMPARE + 1), second)
+        texts = node.operator == "+" and left.kind == right.kind == STRING
+        if texts or is_native(node.operator, left, right):
+            return _infix(operator.python, first.within(_PRECEDENCE[operator.python]), second)
+        pair = (second.text, first.text) if operator.mirrored else (first.text, second.text)
+        text = self._runtime(operator.function, *pair)
+        return Code(f"not {text}", _PRECEDENCE["not"]) if operator.negated else Code(text)
 
-    def _equality(self, node: Binary, first: Code, second: Code, alike: bool) -> Code:
-        negated = node.operator[0] == "!"
-        if alike:
-            if node.right in (_TRUE, _FALSE) or _is_bool(node.right):
-                wanted = getattr(node.right, "value", None) is not negated
-                level = _PRECEDENCE["not"]
-                if wanted:
-                    return self._compile(node.left)
-                return Code(f"not {first.within(level)}", level)
-            operator = "!=" if negated else "=="
-            text = f"{first.within(_COMPARE + 1)} {operator} {second.within(_COMPARE + 1)}"
-            return Code(text, _COMPARE)
-        strict = len(node.operator) == 3
-        name = "strict_equals" if strict else "equals"
-        text = self._runtime(name, first.text, second.text)
-        return Code(f"not {text}", _PRECEDENCE["not"]) if negated else Code(text)
+    def _is_true(self, code: Code, wanted: bool) -> Code:
+        """``code``, a condition, compared with a literal: itself, or its opposite."""
+        level = _PRECEDENCE["not"]
+        return code if wanted else Code(f"not {code.within(level)}", level)
 
     def _logical(self, node: Logical) -> Code:
-        word = "and" if node.operator == "&&" else "or"
+        _, word = LOGICAL[node.operator]
         level = _PRECEDENCE[word]
         left, right = self._certain(node.left).kind, self._certain(node.right).kind
         if left == BOOL or (left == right == STRING):
@@ -400,7 +374,9 @@ class ExpressionCompiler:
         return Code(f"{self._class_of[target.name]}({', '.join(fields)})")
 
 
-_TRUE, _FALSE = Literal(value=True), Literal(value=False)
+def _infix(operator: str, first: str, second: Code) -> Code:
+    level = _PRECEDENCE[operator]
+    return Code(f"{first} {operator} {second.within(level + 1)}", level)
 
 
 def _is_bool(node: Expression) -> bool:

@@ -52,6 +52,7 @@ from m2c.language.expressions import (
     Variable,
     children,
 )
+from m2c.language.operators import BINARY, PREFIX, Interval
 from m2c.language.typing import Scope
 
 EXACT = 2**53
@@ -89,7 +90,7 @@ class Certain(msgspec.Struct, frozen=True):
         return is_integer(self.kind) and self.low is not None
 
     @property
-    def bounds(self) -> tuple[float, float] | None:
+    def bounds(self) -> Interval | None:
         """Least and most, if it is a number and finite."""
         if self.low is None or self.high is None or not is_number(self.kind):
             return None
@@ -320,10 +321,9 @@ def _element(kind: DataType, index: Certain) -> Certain:
 
 
 def _unary(operator: str, value: Certain) -> Certain:
-    if operator == "!":
-        return Certain(BOOL)
-    if operator == "typeof":
-        return Certain(STRING)
+    result = PREFIX[operator].result
+    if result is not None:
+        return Certain(result)
     if operator == "+":
         return value if is_number(value.kind) else Certain(NUMBER)
     bounds = value.bounds
@@ -340,7 +340,8 @@ def is_float(value: Certain) -> bool:
 
 
 def _binary(operator: str, left: Certain, right: Certain) -> Certain:
-    if operator in ("==", "!=", "===", "!==", "<", "<=", ">", ">="):
+    row = BINARY[operator]
+    if row.is_comparison:
         return Certain(BOOL)
     if operator == "+" and STRING in (left.kind, right.kind):
         return Certain(STRING, grows=_is_long(left) and _is_long(right))
@@ -359,7 +360,9 @@ def _binary(operator: str, left: Certain, right: Certain) -> Certain:
     whole = left.whole and right.whole
     if operator == "%":
         return _rest(left, right, first, second, kind)
-    low, high = _INTERVALS[operator](first, second)
+    if row.interval is None:
+        return Certain(kind)
+    low, high = row.interval(first, second)
     if is_native(operator, left, right) and not floats:
         kind = INT64
     return _number(kind, low, high, whole)
@@ -386,15 +389,16 @@ def is_native(operator: str, left: Certain, right: Certain) -> bool:
         return False
     if operator == "%":
         return first[0] >= 0 and second[0] > 0
-    if operator not in _INTERVALS:
+    interval = BINARY[operator].interval
+    if interval is None:
         return False
-    low, high = _INTERVALS[operator](first, second)
+    low, high = interval(first, second)
     if operator == "*" and (_is_minus_zero(first, second) or _is_minus_zero(second, first)):
         return False
     return low >= -EXACT and high <= EXACT
 
 
-def _is_minus_zero(zero: tuple[float, float], other: tuple[float, float]) -> bool:
+def _is_minus_zero(zero: Interval, other: Interval) -> bool:
     """Whether a product may be of 0 and a negative number."""
     return zero[0] <= 0 <= zero[1] and other[0] < 0
 
@@ -402,22 +406,6 @@ def _is_minus_zero(zero: tuple[float, float], other: tuple[float, float]) -> boo
 def _is_small(value: Certain) -> bool:
     bounds = value.bounds
     return value.is_int and bounds is not None and bounds[0] >= -EXACT and bounds[1] <= EXACT
-
-
-def _sum(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
-    return first[0] + second[0], first[1] + second[1]
-
-
-def _difference(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
-    return first[0] - second[1], first[1] - second[0]
-
-
-def _product(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
-    corners = [a * b for a in first for b in second]
-    return min(corners), max(corners)
-
-
-_INTERVALS = {"+": _sum, "-": _difference, "*": _product}
 
 
 def _quotient(left: Certain, right: Certain) -> Certain:
@@ -431,8 +419,8 @@ def _quotient(left: Certain, right: Certain) -> Certain:
 def _rest(
     left: Certain,
     right: Certain,
-    first: tuple[float, float],
-    second: tuple[float, float],
+    first: Interval,
+    second: Interval,
     kind: DataType,
 ) -> Certain:
     """``%``: smaller than the divisor, with the dividend's sign; NaN if the divisor may be 0."""

@@ -6,7 +6,7 @@ together by differential tests, so that one fault is not blind to itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from m2c.language import ecmascript
@@ -27,32 +27,7 @@ from m2c.language.expressions import (
     Unary,
     Variable,
 )
-
-OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
-    "+": ecmascript.add,
-    "-": ecmascript.subtract,
-    "*": ecmascript.multiply,
-    "/": ecmascript.divide,
-    "%": ecmascript.remainder,
-    "**": ecmascript.power,
-    "==": ecmascript.equals,
-    "===": ecmascript.strict_equals,
-    "!=": lambda left, right: not ecmascript.equals(left, right),
-    "!==": lambda left, right: not ecmascript.strict_equals(left, right),
-    "<": ecmascript.less,
-    "<=": ecmascript.less_or_equal,
-    ">": lambda left, right: ecmascript.less(right, left),
-    ">=": lambda left, right: ecmascript.less_or_equal(right, left),
-}
-"""What each binary operator does, on values that are all known."""
-
-UNARY_OPERATORS: dict[str, Callable[[Any], Any]] = {
-    "!": lambda value: not ecmascript.truthy(value),
-    "-": ecmascript.negate,
-    "+": ecmascript.to_number,
-    "typeof": ecmascript.type_name,
-}
-"""What each unary operator does."""
+from m2c.language.operators import OPERATORS, UNARY_OPERATORS
 
 
 def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mapping[str, Any]) -> Any:

@@ -30,6 +30,7 @@ from m2c.language.expressions import (
     Unary,
     Variable,
 )
+from m2c.language.operators import BINARY, LOGICAL, PREFIX
 
 MAX_LENGTH = 4096
 """Characters in one expression; the longest published one has 120."""
@@ -57,7 +58,6 @@ MATH_CONSTANTS = ("E", "LN10", "LN2", "LOG10E", "LOG2E", "PI", "SQRT1_2", "SQRT2
 _DATA_ROOTS = {"_msg", "_req", "_res", "_feedback", "_goal", "_result"}
 _ROOTS = {*_DATA_ROOTS, "_event", "_action", "_wrapped_result", "_bt"}
 _EVENT_PARTS: tuple[EventPart, ...] = ("goal_id", "thread_id", "code", "status", "name")
-_BINARY = {"+", "-", "*", "/", "%", "**", "==", "!=", "===", "!==", "<", "<=", ">", ">="}
 _NAMED = {"undefined": None, "True": True, "False": False}
 
 _LARGEST_INTEGER = 2**64
@@ -349,14 +349,14 @@ class _Converter:
         return MathCall(function=name, arguments=arguments, position=self._at(node))
 
     def _UnaryExpression(self, node: Any) -> Expression:
-        if node.operator not in ("!", "-", "+", "typeof"):
+        if node.operator not in PREFIX:
             raise self._unsupported(node)
         return Unary(
             operator=node.operator, operand=self.convert(node.argument), position=self._at(node)
         )
 
     def _BinaryExpression(self, node: Any) -> Expression:
-        if node.operator not in _BINARY:
+        if node.operator not in BINARY:
             raise self._unsupported(node)
         return Binary(
             operator=node.operator,
@@ -366,7 +366,7 @@ class _Converter:
         )
 
     def _LogicalExpression(self, node: Any) -> Expression:
-        if node.operator not in ("&&", "||"):
+        if node.operator not in LOGICAL:
             raise self._unsupported(node)
         return Logical(
             operator=node.operator,

@@ -22,17 +22,7 @@ from m2c.language.expressions import (
     Unary,
     Variable,
 )
-
-_CONDITIONAL, _OR, _AND, _UNARY, _POSTFIX, _ATOM = 1, 2, 3, 10, 11, 12
-_POWER = 9
-_BINARY = {
-    **dict.fromkeys(("==", "!=", "===", "!=="), 5),
-    **dict.fromkeys(("<", "<=", ">", ">="), 6),
-    **dict.fromkeys(("+", "-"), 7),
-    **dict.fromkeys(("*", "/", "%"), 8),
-    "**": _POWER,
-}
-"""How tightly an operator binds (ECMA-262, section 13, from the loosest to the tightest)."""
+from m2c.language.operators import ATOM, BINARY, CONDITIONAL, LOGICAL, POSTFIX, UNARY
 
 
 def single_quoted(text: str) -> str:
@@ -71,57 +61,53 @@ class _Writer:
             case Literal(value=value):
                 return self._literal(value)
             case Variable(name=name):
-                return name, _ATOM
+                return name, ATOM
             case EventData(spelling=spelling):
-                return spelling, _ATOM
+                return spelling, ATOM
             case PortInput(key=key):
-                return f"{{{key}}}", _ATOM
+                return f"{{{key}}}", ATOM
             case Member(object=inner, name=name):
-                return f"{self._within(inner, _POSTFIX)}.{name}", _POSTFIX
+                return f"{self._within(inner, POSTFIX)}.{name}", POSTFIX
             case Index(object=inner, index=index):
-                return f"{self._within(inner, _POSTFIX)}[{self.text(index)}]", _POSTFIX
+                return f"{self._within(inner, POSTFIX)}[{self.text(index)}]", POSTFIX
             case Unary(operator=operator, operand=operand):
-                inside = self._within(operand, _UNARY)
+                inside = self._within(operand, UNARY)
                 blank = " " if operator == "typeof" or inside.startswith(operator) else ""
-                return f"{operator}{blank}{inside}", _UNARY
+                return f"{operator}{blank}{inside}", UNARY
             case Binary(operator=operator, left=left, right=right):
-                level = _BINARY[operator]
+                level = BINARY[operator].binding
                 if operator == "**":  # binds to the right, and takes no unary operator on its left
-                    return f"{self._within(left, _POSTFIX)} ** {self._within(right, level)}", level
+                    return f"{self._within(left, POSTFIX)} ** {self._within(right, level)}", level
                 return (
                     f"{self._within(left, level)} {operator} {self._within(right, level + 1)}",
                     level,
                 )
             case Logical(operator=operator, left=left, right=right):
-                level = _OR if operator == "||" else _AND
+                level, _ = LOGICAL[operator]
                 return (
                     f"{self._within(left, level)} {operator} {self._within(right, level + 1)}",
                     level,
                 )
             case Conditional(test=test, then=then, otherwise=otherwise):
-                rest = (
-                    f"{self._within(then, _CONDITIONAL)} : {self._within(otherwise, _CONDITIONAL)}"
-                )
-                return f"{self._within(test, _OR)} ? {rest}", _CONDITIONAL
+                rest = f"{self._within(then, CONDITIONAL)} : {self._within(otherwise, CONDITIONAL)}"
+                return f"{self._within(test, CONDITIONAL + 1)} ? {rest}", CONDITIONAL
             case MathCall(function=function, arguments=arguments):
-                return f"Math.{function}({', '.join(map(self.text, arguments))})", _ATOM
+                return f"Math.{function}({', '.join(map(self.text, arguments))})", ATOM
             case MathConstant(name=name):
-                return f"Math.{name}", _ATOM
+                return f"Math.{name}", ATOM
             case ArrayLiteral(elements=elements):
-                return f"[{', '.join(map(self.text, elements))}]", _ATOM
+                return f"[{', '.join(map(self.text, elements))}]", ATOM
             case ObjectLiteral(entries=entries):
                 inside = ", ".join(f"{key}: {self.text(value)}" for key, value in entries)
-                return f"{{{inside}}}", _ATOM
+                return f"{{{inside}}}", ATOM
 
     def _literal(self, value: bool | int | float | str | None) -> tuple[str, int]:
         if value is None:
-            return "null", _ATOM
+            return "null", ATOM
         if isinstance(value, bool):
-            return str(value).lower(), _ATOM
+            return str(value).lower(), ATOM
         if isinstance(value, str):
-            return self._quoted(value), _ATOM
+            return self._quoted(value), ATOM
         if isinstance(value, float) and not math.isfinite(value):
-            return (
-                "NaN" if math.isnan(value) else "-Infinity" if value < 0 else "Infinity"
-            ), _UNARY
-        return repr(value), _POSTFIX if value >= 0 else _UNARY
+            return ("NaN" if math.isnan(value) else "-Infinity" if value < 0 else "Infinity"), UNARY
+        return repr(value), POSTFIX if value >= 0 else UNARY

@@ -49,6 +49,7 @@ from m2c.language.expressions import (
     Variable,
     children,
 )
+from m2c.language.operators import BINARY, PREFIX
 from m2c.language.values import convert
 from m2c.suggestions import nearest
 
@@ -362,10 +363,9 @@ class _Typer:
             self._error("out-of-range", index, what, hint)
 
     def _unary(self, node: Expression, operator: str, kind: DataType) -> DataType:
-        if operator == "!":
-            return BOOL
-        if operator == "typeof":
-            return STRING
+        result = PREFIX[operator].result
+        if result is not None:
+            return result
         if kind != ANY and not is_number(kind):
             what = f"`{operator}` applied to {describe(kind)}"
             if not self._let_through(node, f"{what}, which becomes a number: ToNumber", kind):
@@ -374,12 +374,13 @@ class _Typer:
         return kind if kind != ANY else NUMBER
 
     def _binary(self, node: Binary, left: DataType, right: DataType) -> DataType:
-        operator = node.operator
-        if operator in ("==", "!=", "===", "!==", "<", "<=", ">", ">="):
-            if not _comparable(left, right, ordered=operator[0] in "<>"):
+        operator = BINARY[node.operator]
+        if operator.is_comparison:
+            if not _comparable(left, right, ordered=not operator.is_equality):
                 self._mixed(node, left, right)
             return BOOL
-        if operator == "+" and STRING in (left, right):
+        adds = operator.symbol == "+"
+        if adds and STRING in (left, right):
             other = right if left == STRING else left
             if isinstance(other, Array | Structure):
                 self._mixed(node, left, right)
@@ -388,15 +389,15 @@ class _Typer:
             if kind != ANY and not is_number(kind):
                 self._mixed(node, left, right)
                 return NUMBER
-        if operator in {"/", "**"}:
-            return FLOAT64
+        if operator.result is not None:
+            return operator.result
         if ANY in (left, right):
-            return ANY if operator == "+" else NUMBER
+            return ANY if adds else NUMBER
         return common_type(left, right) or NUMBER
 
     def _mixed(self, node: Binary, left: DataType, right: DataType) -> None:
         what = f"`{node.operator}` between {describe(left)} and {describe(right)}"
-        converts = len(node.operator) < 3  # `===` never does
+        converts = not BINARY[node.operator].is_strict
         if converts and self._let_through(
             node, f"{what} takes both as numbers: ToNumber", left, right
         ):

@@ -16,7 +16,6 @@ from m2c.language import ecmascript
 from m2c.language.certainty import Certainty, Fit
 from m2c.language.conversion import STATUSES, check_length
 from m2c.language.datatypes import ANY, Array, DataType, Structure, is_number, only_array, part
-from m2c.language.evaluate import OPERATORS
 from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
@@ -34,6 +33,7 @@ from m2c.language.expressions import (
     Unary,
     Variable,
 )
+from m2c.language.operators import OPERATORS
 from m2c.language.typing import Scope, type_of
 from m2c.language.values import converter, zero
 from moon.oracle import unknowns

@@ -20,7 +20,7 @@ from typing import Any
 import msgspec
 
 from m2c.language import ecmascript
-from m2c.language.evaluate import OPERATORS, UNARY_OPERATORS, evaluate
+from m2c.language.evaluate import evaluate
 from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
@@ -35,6 +35,7 @@ from m2c.language.expressions import (
     Unary,
     Variable,
 )
+from m2c.language.operators import OPERATORS, UNARY_OPERATORS
 from m2c.language.text import expression_text
 from m2c.model.walk import variables_of
 from moon.properties.formula import Formula, Predicate, predicates

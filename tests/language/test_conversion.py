@@ -34,7 +34,7 @@ from m2c.language.datatypes import (
     Structure,
 )
 from m2c.language.durations import seconds
-from m2c.language.evaluate import OPERATORS, UNARY_OPERATORS
+from m2c.language.operators import OPERATORS, UNARY_OPERATORS
 from m2c.language.values import convert, zero
 from m2c.runtime.messages import message_class
 
