@@ -7,13 +7,13 @@ reported.
 
 What was missed (gaps in the numbers of a source, what came too late) makes whatever depends on it
 inconclusive, from the instant at which it was missed (:meth:`moon.properties.monitor.PropertySet.lose`).
-Where nodes answer how far they have reported, a violation is reported once all that send on its channels have
-reported up to then, or if it holds whatever they did. Where they do not, a number that comes later can show
-that a violation rested on what was lost: then it is withdrawn.
+A violation is reported once it holds whatever was not received until then, or nothing is missing
+(:mod:`moon.ordering.unreceived`). Until then the property is inconclusive.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import msgspec
@@ -23,9 +23,10 @@ from moon.monitor.departures import PREFIX, Departures
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
-from moon.oracle.confirmation import UNCONFIRMED
+from moon.oracle.confirmation import KEPT_VIOLATIONS, UNCONFIRMED
 from moon.ordering.judge import Gap
 from moon.ordering.sources import Sources
+from moon.ordering.unreceived import Place, Unreceived, Window
 from moon.properties.describe import duration
 from moon.properties.formula import predicates
 from moon.properties.monitor import TimeOrderError
@@ -43,6 +44,8 @@ MOST_PLACES = 10_000
 """Sources that are remembered; their names come from the wire, and never end."""
 REMEMBERED = 256
 """Violations of a property that can still be withdrawn, as a loss is found later than they are."""
+KEPT_LOSSES = 16
+"""So many losses of a channel are remembered."""
 LOOK_NS = 10_000_000
 """So long after an observation it is looked at whether something is presumably false by it: what was stamped
 before has mostly been received then. Where things are later than that, so long as they were of late."""
@@ -62,11 +65,18 @@ class _Loss(msgspec.Struct):
     channel: str
 
 
-class _Doubt(msgspec.Struct):
-    """A violation that is not certain yet: nodes that answer have not said yet that they did nothing else."""
+class _Unconfirmed(msgspec.Struct):
+    """A violation that is not certain yet.
+
+    Attributes:
+        name: of the property.
+        verdict: the violation.
+        places: where something that was not received may be the reason.
+    """
 
     name: str
     verdict: PropertyVerdict
+    places: tuple[Place, ...]
 
 
 class _Tally:
@@ -123,8 +133,14 @@ class PropertyWatch:
             for name, item in self.properties.items()
         }
         self._sources = Sources(latency_ns)
-        self._sends: dict[str, set[str]] = {}
-        """Who may send on the channels of the properties, and on which of them."""
+        self._unreceived = Unreceived(self._sources)
+        """Who may send on the channels of the properties, and what of that may be missing."""
+        self._topics = {
+            port.channel
+            for item in self.properties.values()
+            for port in item.ports
+            if ObservationKind.MESSAGE in port.kinds
+        }
         self._is_anybody = False
         self._to_ask: list[str] = []
         self._clear()
@@ -135,7 +151,11 @@ class PropertyWatch:
         self.channels = frozenset(
             name for name in self._ordered.channels() if not name.startswith(PREFIX)
         )
-        self._doubts: list[_Doubt] = []
+        self._unconfirmed: list[_Unconfirmed] = []
+        self._certain_ns = FOREVER
+        """Then time alone may make one of them certain."""
+        self._lost: dict[str, deque[_Loss]] = {}
+        """The latest of each channel: what is reported again is no news."""
         self._losses = [_Loss(0, FOREVER, channel) for channel in sorted(self._unheard)]
         self._reached_ns = -1
         self._is_begun = True
@@ -155,21 +175,23 @@ class PropertyWatch:
                 no models, and any node that comes up may.
         """
         self._sources = sources
+        self._unreceived = Unreceived(sources)
         self._is_anybody = not senders
         for channel, names in senders.items():
             if self.concerns(channel):
                 for name in names:
-                    self._note_sender(name, channel)
+                    self._unreceived.expect(name, channel, channel in self._topics)
 
-    def _note_sender(self, name: str, channel: str) -> None:
-        if name in self._sends or len(self._sends) < MOST_PLACES:
-            self._sends.setdefault(name, set()).add(channel)
-
-    def start(self, now_ns: int) -> None:
+    def start(self, now_ns: int, linked_ns: int = 0) -> None:
         """Listening begins at ``now_ns``, with what is received at that instant.
 
         What holds then is known one latency bound later: by then all are found that were there before.
+
+        Args:
+            now_ns: ns since the epoch.
+            linked_ns: so long after it was found, a node is linked on all its channels (ns); 0: at once.
         """
+        self._unreceived.linked_ns = linked_ns
         self._reached_ns, self._is_begun = now_ns - 1, False
 
     def miss(self, channels: Iterable[str]) -> None:
@@ -187,16 +209,17 @@ class PropertyWatch:
             return
         for tally in self._tallies.values():
             tally.received += seen.channel in tally.channels
-        if seen.channel not in self._sends.get(seen.source, ()):
-            self._note_sender(seen.source, seen.channel)
+        self._unreceived.received(seen)
         if seen.channel in self._departures.channels:
             self._departures.received(seen)
         self._hold(seen)
 
     def node_changed(self, node: str, up: bool, now_ns: int) -> None:
         """``node`` came up or went away: who is not there owes no response."""
-        if self._is_anybody and up and (node in self._sends or len(self._sends) < MOST_PLACES):
-            self._sends.setdefault(node, set())
+        if self._is_anybody and up:
+            self._unreceived.expect(node)
+        if up:
+            self._unreceived.started(node, self._sources.up_since(node))
         for departure in self._departures.changed(node, up, now_ns):
             self._hold(departure)
 
@@ -212,19 +235,32 @@ class PropertyWatch:
 
     def lose(self, channel: str, start_ns: int, end_ns: int) -> None:
         """Messages of ``channel`` stamped in ``[start_ns, end_ns)`` were missed."""
-        if self.concerns(channel):
-            self._due_ns = 0
-            self._losses.append(_Loss(min(start_ns, end_ns), end_ns, channel))
+        self._unreceived.is_lossy = True
+        self._lose(channel, start_ns, end_ns)
+
+    def _lose(self, channel: str, start_ns: int, end_ns: int) -> None:
+        if not self.concerns(channel):
+            return
+        start_ns = min(start_ns, end_ns)
+        if len(self._lost) >= MOST_PLACES:
+            self._lost.clear()
+        known = self._lost.setdefault(channel, deque(maxlen=KEPT_LOSSES))
+        if any(loss.start <= start_ns and end_ns <= loss.end for loss in known):
+            return  # by the numbers of a channel, and by those of all that its node reports
+        loss = _Loss(start_ns, end_ns, channel)
+        known.append(loss)
+        self._due_ns = 0
+        self._losses.append(loss)
 
     def gap(self, gap: Gap) -> None:
         """Something that one source reported is missing: it may be of any channel on which it sends."""
-        for channel in sorted(self._sends.get(gap.source, ())):
+        for channel in sorted(self._unreceived.channels.get(gap.source, ())):
             self.lose(channel, gap.from_ns, gap.until_ns)
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
         """Whatever was sent in ``[start_ns, end_ns)`` may have been missed."""
         for channel in sorted(self.channels):  # what is reported must not depend on a hash
-            self.lose(channel, start_ns, end_ns)
+            self._lose(channel, start_ns, end_ns)
 
     def begin_anew(self, now_ns: int, why: str) -> list[Verdict]:
         """Forget everything that was observed: stamps begin elsewhere. The verdicts on that.
@@ -238,7 +274,8 @@ class PropertyWatch:
                 new = PropertyVerdict(Status.INCONCLUSIVE, now_ns, reason=why)
                 found += self._news(name, new)
         self._clear()
-        self.start(now_ns)
+        self._unreceived.restart()
+        self.start(now_ns, self._unreceived.linked_ns)
         for departure in self._departures.again(now_ns):
             self._hold(departure)
         return found
@@ -252,7 +289,7 @@ class PropertyWatch:
         """
         self._wait_ns = min(max(LOOK_NS, lag_ns), self._latency_ns)
         is_early = now_ns < self._look_ns and self._known_ns(now_ns) < self._due_ns
-        if is_early and not self._doubts:
+        if is_early and not self._unconfirmed:
             return []
         self.turns += 1
         found: list[Verdict] = []
@@ -260,7 +297,7 @@ class PropertyWatch:
             found += self._missed(loss)
         self._losses.clear()
         self._now_ns = now_ns
-        found += self._certain()
+        found += self._confirmed()
         found += self._pass_to(self._known_ns(now_ns))
         self._presume(now_ns)
         self._due_ns = self._ordered.due_ns if self._is_begun else self._reached_ns + 1
@@ -274,9 +311,10 @@ class PropertyWatch:
             end_ns: nothing later was received.
         """
         found = self.advance(known_ns + self._latency_ns)
-        doubts, self._doubts = self._doubts, []
-        for doubt in doubts:  # nothing more is to come
-            found += self._report(doubt.name, doubt.verdict)
+        for waiting in self._unconfirmed:  # nothing more is to come
+            if all(window.can_answer for window in self._windows(waiting)):
+                found += self._report(waiting.name, waiting.verdict)
+        self._unconfirmed.clear()
         self._reached_ns = max(self._reached_ns, end_ns)
         return found + self._changes(self._ordered.conclude(end_ns))
 
@@ -284,7 +322,9 @@ class PropertyWatch:
         """All that was stamped until then (ns) was received, or is lost."""
         if not self._is_begun:
             return now_ns - self._latency_ns
-        return max(now_ns - self._latency_ns, self._sources.known_ns(self._sends, now_ns))
+        return max(
+            now_ns - self._latency_ns, self._sources.known_ns(self._unreceived.channels, now_ns)
+        )
 
     @property
     def _look_ns(self) -> int:
@@ -294,7 +334,7 @@ class PropertyWatch:
     @property
     def next_ns(self) -> int:
         """Until then (ns) time alone changes nothing; 0: it may at once."""
-        return self._look_ns if self._due_ns else 0
+        return min(self._look_ns, self._certain_ns) if self._due_ns else 0
 
     @property
     def turn_ns(self) -> int:
@@ -302,7 +342,7 @@ class PropertyWatch:
         if not self._due_ns:
             return 0
         due_ns = self._due_ns + self._latency_ns + BEHIND_NS * bool(self._ordered.held)
-        return min(due_ns, self._presume_ns + self._wait_ns)
+        return min(due_ns, self._presume_ns + self._wait_ns, self._certain_ns)
 
     def take_questions(self) -> Sequence[str]:
         """The nodes to be asked now how far they have reported."""
@@ -315,7 +355,11 @@ class PropertyWatch:
         if not self._is_begun:
             self._presume_ns = FOREVER
             return
-        names = self._sources.behind(self._sends, until_ns, now_ns) if self.properties else []
+        names = (
+            self._sources.behind(self._unreceived.channels, until_ns, now_ns)
+            if self.properties
+            else []
+        )
         if not names:
             self._ordered.presume_nothing()
             self._presume_ns = FOREVER
@@ -328,7 +372,7 @@ class PropertyWatch:
         """Hand ``loss`` to the properties; a violation of which it leaves nothing is withdrawn."""
         changes = dict(self._ordered.lose(loss.channel, loss.start, loss.end))
         verdicts = self._ordered.verdicts()
-        found = self._drop_doubts(loss)
+        found = self._drop_explained(loss)
         for name, tally in self._tallies.items():
             standing = verdicts[name]
             stands = standing.since_ns if standing.status is Status.FALSE else None
@@ -378,36 +422,49 @@ class PropertyWatch:
         if outcome is tally.outcome and outcome is not Outcome.VIOLATED:
             return []
         if outcome is Outcome.VIOLATED:
-            owing = self._owing(tally, verdict.since_ns)
-            if owing and not self._withstands(name, owing):
-                return self._doubt(name, verdict, owing)
+            places = self._needed(name, verdict.since_ns)
+            if places:
+                return self._wait_for(name, verdict, places)
         return self._report(name, verdict)
 
     # --- what is certain ---------------------------------------------------------------------------
 
-    def _owing(self, tally: _Tally, until_ns: int) -> list[str]:
-        """The nodes that send to the property and have not reported up to ``until_ns``, and would answer."""
-        names = [
-            name
-            for name, channels in self._sends.items()
-            if ANY_CHANNEL in tally.channels or not channels or channels & tally.channels
-        ]
-        return self._sources.owing(names, until_ns, self._now_ns)
+    def _needed(self, name: str, until_ns: int) -> list[Window]:
+        """Where something may be missing that would undo a violation at ``until_ns``."""
+        concerns = self._tallies[name].concerns
+        windows = list(self._unreceived.windows(concerns, until_ns, self._now_ns))
+        if self._withstands(name, windows):
+            return []
+        needed = [window for window in windows if not self._withstands(name, [window])]
+        others = [window for window in windows if window not in needed]
+        return needed if needed and self._withstands(name, others) else windows
 
-    def _withstands(self, name: str, owing: Sequence[str]) -> bool:
-        """Whether it is violated whatever these nodes did that they have not reported yet."""
+    def _withstands(self, name: str, windows: Iterable[Window]) -> bool:
+        """Whether it is violated whatever happened there."""
+        channels = self._unreceived.channels
         losses = [
-            (channel, self._sources.reported_ns(node) + 1)
-            for node in owing
-            for channel in sorted(self._sends[node] or self.channels)
+            (channel, window.from_ns, window.until_ns)
+            for window in windows
+            for channel in sorted(
+                (window.place.channel,)
+                if window.place.channel
+                else channels[window.place.node] or self.channels
+            )
         ]
-        return self._ordered.withstands(name, losses)
+        return not losses or self._ordered.withstands(name, losses)
 
-    def _doubt(self, name: str, verdict: PropertyVerdict, owing: Sequence[str]) -> list[Verdict]:
+    def _wait_for(
+        self, name: str, verdict: PropertyVerdict, windows: Sequence[Window]
+    ) -> list[Verdict]:
         """It is violated if nothing is missing; the nodes that may have done something are asked."""
-        self._doubts.append(_Doubt(name, verdict))
-        del self._doubts[:-REMEMBERED]
-        self._to_ask = sorted({*self._to_ask, *owing})
+        places = tuple(window.place for window in windows)
+        self._unconfirmed.append(_Unconfirmed(name, verdict, places))
+        mine = [waiting for waiting in self._unconfirmed if waiting.name == name]
+        if len(mine) > KEPT_VIOLATIONS:
+            self._unconfirmed.remove(mine[0])
+        self._certain_ns = min(self._certain_ns, *(window.ends_ns for window in windows))
+        asked = {window.place.node for window in windows if window.can_answer}
+        self._to_ask = sorted({*self._to_ask, *asked})
         tally = self._tallies[name]
         if tally.outcome is Outcome.INCONCLUSIVE:
             return []
@@ -417,37 +474,43 @@ class PropertyWatch:
             name, PropertyVerdict(Status.INCONCLUSIVE, verdict.since_ns, reason=why)
         )
 
-    def _certain(self) -> list[Verdict]:
+    def _windows(self, waiting: _Unconfirmed) -> list[Window]:
+        """What may still be missing that would undo it."""
+        until_ns = waiting.verdict.since_ns
+        found = (self._unreceived.window(place, until_ns, self._now_ns) for place in waiting.places)
+        return [window for window in found if window is not None and window.from_ns <= until_ns]
+
+    def _confirmed(self) -> list[Verdict]:
         """Violations of which it is known by now that nothing was missing."""
         found: list[Verdict] = []
-        doubts, self._doubts = self._doubts, []
-        for doubt in doubts:
-            if self._owing(self._tallies[doubt.name], doubt.verdict.since_ns):
-                self._doubts.append(doubt)
+        before, self._unconfirmed = self._unconfirmed, []
+        self._certain_ns = FOREVER
+        for waiting in before:
+            windows = self._windows(waiting)
+            if windows:
+                self._unconfirmed.append(waiting)
+                self._certain_ns = min(self._certain_ns, *(window.ends_ns for window in windows))
                 continue
-            found += self._report(doubt.name, doubt.verdict)
-            standing = self._ordered.verdicts()[doubt.name]
+            found += self._report(waiting.name, waiting.verdict)
+            standing = self._ordered.verdicts()[waiting.name]
             if standing.status is not Status.FALSE:
-                found += self._news(doubt.name, standing)
+                found += self._news(waiting.name, standing)
         return found
 
-    def _drop_doubts(self, loss: _Loss) -> list[Verdict]:
+    def _drop_explained(self, loss: _Loss) -> list[Verdict]:
         """Something was lost: what that may have been the reason of was no violation."""
         verdicts = self._ordered.verdicts()
         found: list[Verdict] = []
         left = []
-        for doubt in self._doubts:
-            standing, since_ns = verdicts[doubt.name], doubt.verdict.since_ns
+        for waiting in self._unconfirmed:
+            standing, since_ns = verdicts[waiting.name], waiting.verdict.since_ns
             stands = standing.status is Status.FALSE and standing.since_ns == since_ns
-            if (
-                stands
-                or since_ns < loss.start
-                or not self._tallies[doubt.name].concerns(loss.channel)
-            ):
-                left.append(doubt)
+            concerns = self._tallies[waiting.name].concerns(loss.channel)
+            if stands or since_ns < loss.start or not concerns:
+                left.append(waiting)
             elif standing.status is not Status.FALSE:
-                found += self._news(doubt.name, standing)
-        self._doubts = left
+                found += self._news(waiting.name, standing)
+        self._unconfirmed = left
         return found
 
     def _report(self, name: str, verdict: PropertyVerdict) -> list[Verdict]:

@@ -10,7 +10,6 @@ import msgspec
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.monitor.compiled import CompiledSystem
-from moon.monitor.departures import senders
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.properties import PropertyWatch
@@ -24,7 +23,7 @@ from moon.ordering.event_order import EventOrder
 from moon.ordering.event_time_clock import NS, clock_nobody_sets
 from moon.ordering.judge import Gap
 from moon.ordering.reception import Reception
-from moon.ordering.senders import Senders
+from moon.ordering.senders import Senders, places
 from moon.ordering.silence import Silence
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Outcome, Verdict
@@ -126,7 +125,8 @@ class SystemWatch:
         self._began_ns = self._order.start(self.listener, since_ns)
         transport.watch_nodes(self._node_changed)
         self._turns.plan(0)
-        self._properties.start(self._began_ns)
+        # such a middleware links who listens channel by channel
+        self._properties.start(self._began_ns, LINKED_NS if transport.repair_s else 0)
 
     # --- what is received --------------------------------------------------------------------------
 
@@ -480,8 +480,16 @@ class SystemWatch:
 
 
 def _reporters(system: System) -> dict[str, set[str]]:
-    """The nodes that may report something on each channel, by their models; the policy calls and listens."""
+    """The nodes that may report something on each channel, by their models.
+
+    The policy calls its skills, and sends what its plugins do.
+    """
     found: dict[str, set[str]] = {}
-    for (channel, _), names in senders([*system.nodes, *system.plugins]).items():
-        found.setdefault(channel, {POLICY}).update(names)
+    for machine in (*system.nodes, *system.plugins):
+        name = machine.name if machine in system.nodes else POLICY
+        for channel, kind in places(machine):
+            if kind is not ObservationKind.MESSAGE_TAKEN:
+                found.setdefault(channel, set()).add(name)
+            if kind is ObservationKind.RESPONSE_SENT:
+                found[channel].add(POLICY)
     return found

@@ -14,6 +14,7 @@ first of these that applies (decisions 13, 29 and 30):
 * ``lives``: which life of a node an observation is of;
 * ``numbers``: what was received twice, and what was not received, by the numbers of a channel;
 * ``sources``: up to when all that several nodes reported has been received (``progress``: of one);
+* ``unreceived``: what of that may be missing, and undo a violation;
 * ``reachability``: whether nodes could be reached, or a network was cut;
 * ``held``: what is not handed over yet, in order of stamps;
 * ``event_time_clock``: the clock of the judges, never ahead of what can have been received;

@@ -217,8 +217,8 @@ class EventOrder:
             case Sequel.FIRST if seen.call > 1 and seen.order < 0 and seen.kind is not _TAKEN:
                 self._look_at_first_call(seen, count)
             case Sequel.AFTER_A_GAP:
-                since_ns = self.sources.missing_after(seen.source, before_ns)
-                self._note_gap(seen, since_ns + 1, stamp)
+                from_ns, until_ns = self.sources.missing_between(seen.source, before_ns, stamp)
+                self._note_gap(seen, from_ns + 1, until_ns)
             case Sequel.ANEW if number:  # a node that has started again sends 0 first
                 self._note_gap(seen, before_ns + 1, stamp)
             case _:

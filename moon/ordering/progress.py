@@ -95,6 +95,13 @@ class Progress:
                 return max(since_ns, after_ns)
         return max(since_ns, self.reported_ns) if self.ahead else since_ns
 
+    def missing_before(self, until_ns: int, since_ns: int) -> int:
+        """Something between ``since_ns`` and ``until_ns`` is missing: before when it happened (ns)."""
+        for after_ns, before_ns in () if self.ahead else reversed(self.holes):
+            if after_ns < until_ns:
+                return min(until_ns, before_ns) if before_ns > since_ns else until_ns
+        return until_ns
+
     def _go_on(self, stamp: int) -> None:
         ahead = self.ahead
         self.next += 1

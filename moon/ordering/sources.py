@@ -138,7 +138,7 @@ class Sources:
         is_any = False
         for name in names:
             source = self.known.get(name)
-            if source is None or self._is_over(source, now_ns):
+            if source is None or self.is_over(source, now_ns):
                 continue
             if not source.is_numbered:
                 return 0
@@ -148,28 +148,17 @@ class Sources:
                 known_ns = reported_ns
         return known_ns if is_any else 0
 
-    def owing(self, names: Iterable[str], until_ns: int, now_ns: int) -> list[str]:
-        """Those of ``names`` that answer how far they are, and have not reported up to ``until_ns``."""
-        found = []
-        for name in names:
-            source = self.known.get(name)
-            if source is None or not source.answers or self._is_over(source, now_ns):
-                continue
-            if source.is_numbered and source.progress.reported_ns < until_ns:
-                found.append(name)
-        return found
+    def is_answering(self, source: Source) -> bool:
+        """Whether it numbers all that it reports, and says how far it is when it is asked."""
+        return source.answers and source.is_numbered
 
-    def reported_ns(self, name: str) -> int:
-        """All that ``name`` did until then (ns) was received, by its numbers; 0: that is not known."""
-        source = self.known.get(name)
-        return source.progress.reported_ns if source is not None else 0
-
-    def missing_after(self, name: str, since_ns: int) -> int:
-        """Something that ``name`` did after ``since_ns`` is missing: after when at the earliest (ns)."""
+    def missing_between(self, name: str, since_ns: int, until_ns: int) -> tuple[int, int]:
+        """Something that ``name`` did between these stamps is missing: between which, as is known (ns)."""
         source = self.known.get(name)
         if source is None or not source.is_numbered or source.anew_ns > since_ns:
-            return since_ns
-        return source.progress.missing_after(since_ns)
+            return since_ns, until_ns
+        progress = source.progress
+        return progress.missing_after(since_ns), progress.missing_before(until_ns, since_ns)
 
     def is_whole(self, name: str, since_ns: int, until_ns: int) -> bool:
         """Whether all that ``name`` did from ``since_ns`` to ``until_ns`` was received, by its numbers."""
@@ -187,7 +176,7 @@ class Sources:
         found = []
         for name in names:
             source = self.known.get(name)
-            if source is None or self._is_over(source, now_ns):
+            if source is None or self.is_over(source, now_ns):
                 continue
             if not source.is_numbered:
                 return []
@@ -211,5 +200,6 @@ class Sources:
             from_ns = source.since_ns
         return Gap("", name, from_ns, progress.gap + 1, f"observations of {name} were lost")
 
-    def _is_over(self, source: Source, now_ns: int) -> bool:
+    def is_over(self, source: Source, now_ns: int) -> bool:
+        """Whether it has gone, and all that it did was received, or is lost."""
         return source.is_up is False and source.since_ns < now_ns - self._latency_ns

@@ -127,19 +127,19 @@ class OrderedProperties:
         self._closed_ns = until_ns
         return [change for change in found if _is_wrong(change[1]) and self._is_news(*change)]
 
-    def withstands(self, name: str, losses: Iterable[tuple[str, int]]) -> bool:
+    def withstands(self, name: str, losses: Iterable[tuple[str, int, int]]) -> bool:
         """Whether a property that is false now would be so whatever had been lost.
 
         Args:
             name: of the property.
-            losses: channels, and from which stamp on something may have been lost there (ns).
+            losses: channels, and between which stamps (ns) something may have been lost there.
         """
         if self._verdicts[name].status is not Status.FALSE or self._states is not None:
             return False
         state = self._set.snapshot()
-        for channel, from_ns in losses:
+        for channel, from_ns, until_ns in losses:
             if from_ns <= self._closed_ns:
-                self._set.lose(channel, from_ns, self._closed_ns + 1)
+                self._set.lose(channel, from_ns, min(until_ns, self._closed_ns + 1))
         still = self._set.verdicts()[name].status is Status.FALSE
         self._set.restore(state)
         return still

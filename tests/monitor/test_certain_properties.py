@@ -114,3 +114,108 @@ def test_the_first_reports_of_a_node_that_came_up_while_it_was_listened_to_may_b
         watched.answer(node, 2_000)
     watched.pass_to(2_500, 2_010)
     assert Outcome.VIOLATED not in watched.said
+
+
+LINKED_NS = 5_000 * MS
+TOLD = "historically ({asked} -> once {done})"
+
+
+class OnTopics(Watched):
+    """The same, where links are made channel by channel, nodes number each channel, and nobody can be asked."""
+
+    def __init__(self, formula: str, up: tuple[str, ...] = ("Client", "Server")) -> None:
+        super().__init__(formula, answers=False)
+        self.watch = PropertyWatch([Property("p", parse_formula(formula), PORTS)], LATENCY_NS)
+        self.sources = Sources(LATENCY_NS)
+        self.sources.listening_ns = START
+        self.watch.rely_on(self.sources, {"/ask": ["Client"], "/done": ["Server"]})
+        self.watch.start(START, LINKED_NS)
+        self.numbers = {"/ask": 0, "/done": 0}
+        for node in up:
+            self.come_up(node, 0)
+
+    def come_up(self, node: str, at_ms: int) -> None:
+        self.sources.changed(node, True, START + at_ms * MS)
+        self.watch.node_changed(node, True, START + at_ms * MS)
+
+    def hear(self, source: str, channel: str, at_ms: int, now_ms: int) -> None:
+        seen = Observation(
+            stamp_ns=START + at_ms * MS, received_ns=START + now_ms * MS, channel=channel, source=source,
+            kind=ObservationKind.MESSAGE, type_name="", data={}, sequence=self.numbers[channel],
+        )  # fmt: skip
+        self.numbers[channel] += 1
+        self.sources.take(seen, START + now_ms * MS)
+        self.watch.observe(seen)
+
+
+def test_on_topics_silence_is_a_violation_once_the_next_message_of_each_has_come() -> None:
+    watched = OnTopics(RESPONSE)
+    watched.hear("Server", "/done", 5, 6)
+    watched.hear("Client", "/ask", 10, 12)
+    watched.pass_to(3_000, 20)
+    assert Outcome.VIOLATED not in watched.said
+    watched.hear("Server", "/done", 3_000, 3_001)
+    watched.pass_to(3_300, 3_020)
+    assert Outcome.VIOLATED not in watched.said
+    watched.hear("Client", "/ask", 3_400, 3_402)
+    watched.pass_to(3_700, 3_410)
+    assert watched.said.count(Outcome.VIOLATED) == 1
+
+
+def test_on_topics_a_message_that_was_lost_is_no_violation() -> None:
+    watched = OnTopics(RESPONSE)
+    watched.hear("Server", "/done", 5, 6)
+    watched.hear("Client", "/ask", 10, 12)
+    watched.pass_to(3_000, 20)
+    watched.watch.lose("/done", START + 6 * MS, START + 3_000 * MS)
+    watched.numbers["/done"] += 1
+    watched.hear("Server", "/done", 3_000, 3_001)
+    watched.hear("Client", "/ask", 3_400, 3_402)
+    watched.pass_to(3_700, 3_020)
+    assert Outcome.VIOLATED not in watched.said
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_on_topics_what_was_sent_before_a_link_was_made_may_be_missing(first: int) -> None:
+    watched = OnTopics(TOLD)
+    watched.hear("Client", "/ask", 300, 302)
+    watched.pass_to(6_000, 310)
+    assert Outcome.VIOLATED not in watched.said
+    watched.numbers["/done"] = first
+    if first:
+        watched.watch.lose("/done", START, START + 6_000 * MS)
+    watched.hear("Server", "/done", 6_000, 6_001)
+    watched.pass_to(6_300, 6_020)
+    assert watched.said.count(Outcome.VIOLATED) == (first == 0)
+
+
+def test_on_topics_who_is_not_found_yet_may_be_what_is_missing() -> None:
+    watched = OnTopics(TOLD, up=("Client",))
+    watched.hear("Client", "/ask", 300, 302)
+    watched.hear("Client", "/ask", 900, 902)
+    watched.pass_to(5_290, 910)
+    assert Outcome.VIOLATED not in watched.said
+    watched.pass_to(5_330, 5_300)
+    assert watched.said.count(Outcome.VIOLATED) == 1
+
+
+def test_on_topics_what_must_not_happen_and_does_is_certain_at_once() -> None:
+    watched = OnTopics(ABSENCE)
+    watched.hear("Server", "/done", 500, 502)
+    watched.pass_to(720, 510)
+    assert watched.said.count(Outcome.VIOLATED) == 1
+
+
+def test_a_loss_that_is_reported_once_more_undoes_nothing_that_was_certain_in_spite_of_it() -> None:
+    watched = Watched(ABSENCE)
+    watched.watch.lose("/done", START + 400 * MS, START + 600 * MS)
+    watched.hear("Server", "/done", 500, 502)
+    for node in ("Client", "Server"):
+        watched.answer(node, 700)
+    watched.pass_to(800, 510)
+    assert watched.said.count(Outcome.VIOLATED) == 1
+    withdrawn = []
+    watched.watch.withdrawn = lambda name, since_ns: withdrawn.append(name)
+    watched.watch.lose("/done", START + 400 * MS, START + 600 * MS)
+    watched.pass_to(900, 800)
+    assert withdrawn == []

@@ -259,3 +259,18 @@ def test_what_is_missing_happened_after_all_that_was_received_without_a_gap() ->
     assert progress.missing_after(100) == 250
     assert progress.missing_after(300) == 300
     assert progress.missing_after(450) == 450
+    assert progress.missing_before(600, since_ns=100) == 400
+    assert progress.missing_before(350, since_ns=100) == 350
+    assert progress.missing_before(600, since_ns=450) == 600
+
+
+def test_what_is_not_known_to_be_lost_yet_may_have_happened_until_now() -> None:
+    progress = Progress()
+    progress.take(0, 100, 0)
+    progress.take(2, 300, 0)
+    assert progress.missing_before(300, since_ns=100) == 300
+    progress.advance(300)
+    progress.take(4, 500, 300)
+    assert progress.missing_before(600, since_ns=100) == 600
+    progress.take(3, 400, 300)
+    assert progress.missing_before(600, since_ns=100) == 300

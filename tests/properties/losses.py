@@ -231,7 +231,9 @@ class Claims:
         for item, group in enumerate(self.groups):
             runs = group._runs  # also where nothing is unknown any more by now
             if item not in self.begun and item not in self.remembered and runs is not None:
-                self.remembered[item] = max(runs.began, reached[item]), reached[item] < 0
+                first = max(runs.began, reached[item])
+                if group.started < 0 or first < group.started:
+                    self.remembered[item] = first, reached[item] < 0
             if item not in self.begun and group.started >= 0:
                 self.begun[item], self.started[item] = place, group.started
 

@@ -1,0 +1,181 @@
+"""What nodes may have done that was not received: while it may undo a violation, that is not certain.
+
+What is missing shows in numbers (decision 26). Up to when all is known that a node did on a channel:
+
+* a node that numbers all that it reports, and answers: up to where it has reported. One that does not
+  answer is judged by the latency bound;
+* where links are made channel by channel, nodes number each channel: up to the newest on that channel; of
+  what they do in calls, so from when on something numbered was missing in this run. What a node did on a
+  channel before its first number there may be missing. A node that has started is linked for sure some time
+  later, and who is not found by then was not there;
+* what is not numbered at all is taken for whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import msgspec
+
+from moon.oracle.bounds import FOREVER
+from moon.ordering.sources import Source, Sources
+from transports.interface import Observation, ObservationKind
+
+MOST_PLACES = 10_000
+"""Nodes that are remembered, and channels of them; their names come from the wire, and never end."""
+
+
+class Place(msgspec.Struct, frozen=True):
+    """What a node reports on a channel: its messages, or what it does in calls."""
+
+    node: str
+    channel: str
+    is_message: bool
+
+
+class Window(msgspec.Struct, frozen=True):
+    """Something that was not received may have been reported at ``place``.
+
+    Attributes:
+        place: where.
+        from_ns, until_ns: stamped in ``[from_ns, until_ns)``.
+        ends_ns: from then on (ns) that is not so, if nothing is received.
+        can_answer: whether the node can be asked.
+    """
+
+    place: Place
+    from_ns: int
+    until_ns: int = FOREVER
+    ends_ns: int = FOREVER
+    can_answer: bool = False
+
+
+class _Heard:
+    """What was received of a place.
+
+    Attributes:
+        missed_until_ns: something that happened before may not have been (ns); 0: all was.
+        last_ns: the newest stamp; FOREVER: it is not numbered.
+    """
+
+    __slots__ = ("last_ns", "missed_until_ns")
+
+    def __init__(self, missed_until_ns: int, last_ns: int) -> None:
+        self.missed_until_ns = missed_until_ns
+        self.last_ns = last_ns
+
+
+class Unreceived:
+    """What may be missing of the nodes that send on the channels of some judge.
+
+    Args:
+        sources: how far all nodes have reported; kept up to date by whoever makes this.
+
+    Attributes:
+        linked_ns: a node is linked on all its channels so long after it started (ns); 0: at once.
+        is_lossy: whether something numbered is known to be missing.
+        channels: on which each node may report something; none: on any.
+    """
+
+    def __init__(self, sources: Sources) -> None:
+        self.linked_ns = 0
+        self.is_lossy = False
+        self.channels: dict[str, set[str]] = {}
+        self._sources = sources
+        self._places: dict[str, dict[Place, _Heard | None]] = {}
+        """Of each node; None: nothing was received there."""
+
+    def expect(self, node: str, channel: str = "", is_message: bool = True) -> None:
+        """``node`` may report something there, by its model; on any channel, if none is given."""
+        if node not in self.channels and len(self.channels) >= MOST_PLACES:
+            return
+        channels = self.channels.setdefault(node, set())
+        if channel:
+            channels.add(channel)
+            self._places.setdefault(node, {}).setdefault(Place(node, channel, is_message))
+
+    def received(self, seen: Observation) -> None:
+        """``seen`` was received: who sent it may send there."""
+        place = Place(seen.source, seen.channel, seen.kind is ObservationKind.MESSAGE)
+        places = self._places.get(seen.source, {})
+        heard = places.get(place)
+        if heard is not None:
+            if heard.last_ns < seen.stamp_ns:
+                heard.last_ns = seen.stamp_ns
+            return
+        if place not in places and len(places) < MOST_PLACES:
+            self.expect(seen.source, seen.channel, place.is_message)
+            places = self._places.get(seen.source, {})
+        if place in places:
+            # messages are numbered from the first of a life on; reports on calls, while somebody listens
+            is_first = seen.sequence == 0 if place.is_message else seen.call == 1
+            last_ns = seen.stamp_ns if seen.sequence >= 0 else FOREVER
+            places[place] = _Heard(0 if is_first else seen.stamp_ns, last_ns)
+
+    def started(self, node: str, since_ns: int) -> None:
+        """``node`` has come up, having begun to connect at ``since_ns``: it links anew."""
+        for place, heard in self._places.get(node, {}).items():
+            if heard is not None and heard.last_ns < since_ns:
+                self._places[node][place] = None
+
+    def restart(self) -> None:
+        """Stamps begin elsewhere: nothing is known any more of what was received."""
+        for node, places in self._places.items():
+            self._places[node] = dict.fromkeys(places)
+
+    def windows(
+        self, concerns: Callable[[str], bool], until_ns: int, now_ns: int
+    ) -> Iterator[Window]:
+        """What may be missing of all that happened until ``until_ns``, on the channels that concern."""
+        for node, channels in self.channels.items():
+            if channels and not any(map(concerns, channels)):
+                continue
+            source = self._sources.known.get(node)
+            if source is not None and self._sources.is_answering(source):
+                window = self._of_answering(node, source, until_ns, now_ns)
+                if window is not None:
+                    yield window
+                continue
+            for place in tuple(self._places.get(node, ())):
+                if concerns(place.channel):
+                    window = self.window(place, until_ns, now_ns)
+                    if window is not None:
+                        yield window
+
+    def window(self, place: Place, until_ns: int, now_ns: int) -> Window | None:
+        """What may be missing at ``place`` of what happened until ``until_ns``; None: nothing."""
+        source = self._sources.known.get(place.node)
+        if source is not None and self._sources.is_answering(source):
+            return self._of_answering(place.node, source, until_ns, now_ns)
+        if source is None or source.is_up is False:
+            return self._of_unknown(place, source, until_ns, now_ns)
+        if source.progress.next or not self.linked_ns:
+            return None  # it says nothing of its silence
+        heard = self._places.get(place.node, {}).get(place)
+        since_ns = max(source.since_ns, self._sources.listening_ns)
+        if since_ns > until_ns:
+            return None
+        if heard is None:
+            until = FOREVER if place.is_message else since_ns + self.linked_ns
+            return Window(place, since_ns, until)
+        if heard.missed_until_ns > since_ns:
+            return Window(place, since_ns, heard.missed_until_ns)
+        if heard.last_ns > until_ns:
+            return None
+        return Window(place, heard.last_ns + 1) if place.is_message or self.is_lossy else None
+
+    def _of_answering(self, node: str, source: Source, until_ns: int, now_ns: int) -> Window | None:
+        reported_ns = source.progress.reported_ns
+        if self._sources.is_over(source, now_ns) or reported_ns >= until_ns:
+            return None
+        return Window(Place(node, "", True), reported_ns + 1, can_answer=True)
+
+    def _of_unknown(
+        self, place: Place, source: Source | None, until_ns: int, now_ns: int
+    ) -> Window | None:
+        """Who is not known to be there may be there, and not be found yet."""
+        ends_ns = until_ns + self.linked_ns
+        if not self.linked_ns or now_ns >= ends_ns:
+            return None
+        gone_ns = 0 if source is None else source.since_ns
+        return Window(place, max(gone_ns, self._sources.listening_ns), ends_ns=ends_ns)
