@@ -182,6 +182,8 @@ class ModelMonitor:
         oracle = self.oracles.get(node)
         if oracle is not None:
             oracle.listen(stamp_ns)
+        if self.policy is not None and node == self.policy.node:
+            self.policy.listen(stamp_ns)
 
     def take_unreached(self) -> set[str]:
         """Nodes of which it has to be known whether they can be reached: they are to be asked."""

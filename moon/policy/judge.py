@@ -46,6 +46,7 @@ KEPT_CALLS = 256
 MAX_DEFERRED = 4096
 """So much of one tick is kept until its report is received."""
 
+MISSED = "what it called may not have been received yet"
 _UNHEARD = (
     f"what plugins and the clock answer is in its ticks ({TICKS_CHANNEL}), and none was received"
 )
@@ -119,6 +120,10 @@ class PolicyJudge:
         self._since = 0
         """What was lost before (ns) does not matter: the policy was resynchronised then."""
         self.unconfirmed = Unconfirmed()
+        self.received_since = 0
+        """From then on (ns) all that the policy does is received; FOREVER: its node is not known to be up."""
+        self._unheard = set(self.leaves)
+        """Channels of leaves on which nothing was received from the policy yet."""
         self._unanswered: dict[Call, Observation] = {}
         """Calls that were followed by another before their answer was received."""
         self._life = Life(self._follower.close)  # its runs' threads end with it
@@ -137,6 +142,8 @@ class PolicyJudge:
         """The policy starts at ``stamp_ns`` (ns since the epoch), its tree is fresh."""
         self._synchronised = self.is_fresh = True
         self._since = stamp_ns
+        self.received_since = 0
+        self._unheard.update(self.leaves)
         self.unconfirmed.restart()
         self._seen_by_server.clear()
         self._unanswered.clear()
@@ -186,6 +193,10 @@ class PolicyJudge:
         if self._deferred or self._has_to_wait(event):
             return self._defer(event)
         return self._judge(event)
+
+    def note_heard(self, channel: str) -> None:
+        """Something of the policy was received on ``channel``."""
+        self._unheard.discard(channel)
 
     def note_elsewhere(self, event: Observation) -> None:
         """The other end of a call of the policy reported it: the policy's own end must, too."""
@@ -436,6 +447,8 @@ class PolicyJudge:
         cause: Cause = Cause.UNEXPECTED,
         channel: str = "",
     ) -> list[Verdict]:
+        if self._may_have_missed(wanted, stamp):
+            return self._doubt(stamp, MISSED)
         expected: list[str] = []
         places: list[str] = []
         for ask in wanted:
@@ -456,6 +469,17 @@ class PolicyJudge:
         reported = self._convict(verdict, is_silence=cause is Cause.UNRESPONSIVE)
         self._forget(stamp)
         return reported
+
+    def _may_have_missed(self, wanted: Sequence[Ask], by_ns: int) -> bool:
+        """Whether one of the calls that the tree makes next may have been made by then (ns) and missed.
+
+        A tap finds channels one after the other. What a node numbers, it numbers on those too that are not
+        found yet.
+        """
+        silent_ns = self.bounds.deadline + self.bounds.latency
+        if self._progress.reported_ns or by_ns - silent_ns >= self.received_since:
+            return False
+        return any(ask.channel in self._unheard for ask in wanted)
 
     def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
         """Report ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""

@@ -109,6 +109,13 @@ class PolicyOracle:
         if self._judge.is_judging and not is_whole:
             self.lose(self._watermark, f"what {self.node} did first was missed")
 
+    def listen(self, since_ns: int) -> None:
+        """All that the policy does from ``since_ns`` on is received; see ``Oracle.listen``.
+
+        Until then none of its calls is missing of a service of which nothing was received from it yet.
+        """
+        self._judge.received_since = since_ns
+
     def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
         """Whether such an observation concerns the policy."""
         if source == self.node:
@@ -163,6 +170,7 @@ class PolicyOracle:
         verdicts: list[Verdict] = []
         watermark = observation.received_ns - self.bounds.latency
         if observation.source == self.node:
+            judge.note_heard(channel)
             if observation.life != self._lives.present:
                 which = self._lives.see(observation.life, observation.stamp_ns)
                 if which == PAST:

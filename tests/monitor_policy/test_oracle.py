@@ -193,3 +193,30 @@ def test_an_oracle_leaves_no_threads_behind() -> None:
     gc.collect()
     left = [thread for thread in threading.enumerate() if thread.name == "policy run"]
     assert len(left) < len(running)
+
+
+LATE = "/SetPoi1Skill/tick"
+"""The channel that a tap finds last."""
+
+
+def found_in_the_middle(since_ns: int, until_ns: int) -> list[Verdict]:
+    """What is said of who does not number all that he does: ``LATE`` is received from ``until_ns`` on.
+
+    ``since_ns``: so long after the first observation everything is received.
+    """
+    seen = [msgspec.structs.replace(one, order=-1) for one in own()]
+    began_ns = seen[0].stamp_ns
+    heard = [one for one in seen if one.channel != LATE or one.stamp_ns > began_ns + until_ns]
+    oracle = PolicyOracle(tree(BODY), synchronised=False)
+    oracle.listen(began_ns + since_ns)
+    _, verdicts = judged(heard[1:], oracle)
+    return [verdict for verdict in verdicts if verdict.outcome is Outcome.VIOLATED]
+
+
+def test_a_call_of_which_the_channel_is_not_found_yet_may_have_been_missed() -> None:
+    assert not found_in_the_middle(since_ns=5 * 10**9, until_ns=4 * 10**9)
+
+
+def test_a_call_that_never_comes_is_missing_once_all_channels_are_found() -> None:
+    assert found_in_the_middle(since_ns=5 * 10**9, until_ns=10**12)
+    assert found_in_the_middle(since_ns=0, until_ns=4 * 10**9)
