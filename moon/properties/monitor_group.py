@@ -90,6 +90,11 @@ class MonitorGroup:
         remembering = {i for i, n in nodes if n.kind in ("once", "since")}
         self._remembers = not remembering <= set(obligations(self._network))
         """Whether it matters what was before the beginning."""
+        constant = {i for i, n in nodes if n.kind == "constant"}
+        self._counts_time = any(
+            n.interval.lower and constant.issuperset(n.inputs) for i, n in nodes if i in remembering
+        )
+        """Whether it matters how long ago that was: bounds of the start count from when time began."""
         self._index = {node.text: number for number, node in nodes if node.kind == "atom"}
         self._logs: dict[str, deque[Change]] = {
             text: deque(maxlen=REMEMBERED_CHANGES) for text in self._index
@@ -399,9 +404,9 @@ class MonitorGroup:
         """Something happens at ``now``, before the beginning: it is remembered if it may matter."""
         if self._three_valued is not None:
             return
-        is_to_remember = False
+        is_to_remember = self._counts_time and not self.can_begin()
         if group is not None and self._remembers:  # what makes it begin is not from before
-            is_to_remember = not self._known.waiting <= {port.name for port in group.ports}
+            is_to_remember |= not self._known.waiting <= {port.name for port in group.ports}
         if self._gaps.is_empty and not is_to_remember:
             return
         first = self.reached

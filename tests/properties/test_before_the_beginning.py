@@ -137,3 +137,12 @@ def test_what_was_false_before_is_no_rise_at_the_beginning(is_lost: bool) -> Non
     assert monitors.verdicts()["f"].status is Status.FALSE
     monitors.advance(501)
     assert monitors.verdicts()["f"].status is Status.FALSE
+
+
+@pytest.mark.parametrize(("at", "expected"), [(700, Status.FALSE), (1_100, Status.TRUE)])
+def test_a_bound_of_the_start_counts_from_when_time_began(at: int, expected: Status) -> None:
+    monitors = _monitors("historically ({asked} -> (once[1000:] true or {battery > 90}))")
+    monitors.advance(0)
+    monitors.observe(seen(500, "/battery", data=80))
+    monitors.observe(seen(at, "/ask"))
+    assert monitors.verdicts()["f"].status is expected
