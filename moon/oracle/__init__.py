@@ -20,6 +20,7 @@ The search, by composition; a module uses only those above it:
 * ``state``: hypotheses, which are values, and the goals in them;
 * ``bounds``: what is assumed of the middleware, and how many hypotheses are followed;
 * ``successors``: the first hypotheses, and a hypothesis after one step, whether it is seen or not;
+* ``merging``: one hypothesis for several, where there are too many;
 * ``search``: the set of hypotheses, from one fixed point to the next; which of them an output leaves; the
   same without a search, where only one thing can have happened;
 * ``differing``: where two values differ, the first place first;

@@ -49,7 +49,7 @@ from m2c.model.scopes import event_parts, output_data_type, readable_ports
 from m2c.model.walk import flat, is_draw, root_of, variables_of
 from moon.oracle.expressions import Closures
 from moon.oracle.trace_events import EventKey
-from moon.oracle.unknowns import Unknown, anything, filled_in
+from moon.oracle.unknowns import SCALARS, Unknown, anything, filled_in, unknown_of
 
 FEW = 8
 """A draw among so many numbers is followed number by number."""
@@ -100,6 +100,7 @@ class Step:
     """A macrostep being taken: what changes, and what comes of it."""
 
     __slots__ = (
+        "_known",
         "_position",
         "asked",
         "data",
@@ -124,6 +125,8 @@ class Step:
         self.parts = parts
         self.tape = tape
         self._position = 0
+        self._known: dict[Any, tuple[tuple[Any, ...], Any]] | None = None
+        """What was found of unknown values: by the question, these values, and the answer."""
         self.outputs: list[Output] = []
         self.scheduled: list[Delayed | str] = []
         """In order: what is started, and the ids of what is cancelled."""
@@ -148,6 +151,28 @@ class Step:
     def either(self) -> bool:
         """A condition that can go either way."""
         return self.choose(2) == 0
+
+    def whether(self, question: str, *values: Any) -> bool:
+        """A condition on ``values`` that can go either way; asked again, it goes the same way."""
+        return bool(self.found(question, values, self.either))
+
+    def found(self, question: str, values: tuple[Any, ...], find: Callable[[], Any]) -> Any:
+        """What ``find`` made of the first ``question`` on the same ``values``, some of them unknown."""
+        place: list[Any] = [question]
+        for value in values:
+            if value.__class__ is Unknown:
+                place.append(id(value))
+            elif value.__class__ in SCALARS:
+                place += (value.__class__, repr(value))
+            else:
+                return find()  # it may change
+        known = self._known
+        if known is None:
+            known = self._known = {}
+        key = tuple(place)
+        if key not in known:
+            known[key] = (values, find())
+        return known[key][1]
 
     def enumerated(self, value: Any) -> Any:
         """``value``; if it is one of a few numbers, each of them in turn: ranges forget that two
@@ -176,6 +201,9 @@ class Step:
         for item in self.scheduled:
             if isinstance(item, Delayed):
                 item.data = filled_in(item.data, found)
+        for key, (values, answer) in (self._known or {}).items():
+            if answer.__class__ is Unknown and id(answer) in found and self._known is not None:
+                self._known[key] = (values, value)
 
 
 class TransitionProgram:
@@ -422,29 +450,36 @@ class Compiler:
         )
 
         may_fail = not _always_has_place(location, owner)
+        question = f"has a place {expression_text(location)}"
+        sets_length = isinstance(owner, Array) and isinstance(location.object, Variable)
+        sets_length = sets_length and isinstance(location, Member) and location.name == "length"
 
-        def change_something(step: Step) -> None:
-            """It is not known which part it is, nor perhaps whether it is there.
+        def change_something(step: Step, place: Any) -> None:
+            """It is not known which part it is, nor perhaps whether ``place`` is there.
 
             The variable is another unknown then: what was sent before tells nothing of it.
             """
-            if may_fail and not step.either():
+            if may_fail and not step.whether(question, place):
                 raise ecmascript.ExecutionError("a place that may not be there")
             step.data[root] = anything()
 
         def assign_part(step: Step) -> None:
             made = new(step)
             if step.data[root].__class__ is Unknown:
-                change_something(step)
+                if sets_length and made.__class__ is int:
+                    ecmascript.set_member([], "length", made, fill, most, least)
+                    step.data[root] = _of_length(made, owner)
+                    return
+                change_something(step, step.data[root])
                 return
             # values are shared between hypotheses: change a copy
             step.data[root] = copy.deepcopy(step.data[root])
             target = holder(step)
             if target.__class__ is Unknown:
-                change_something(step)
+                change_something(step, target)
                 return
             if is_column and (made.__class__ is Unknown or Unknown in map(type, target)):
-                change_something(step)
+                change_something(step, target)
                 return
             if isinstance(location, Member):
                 ecmascript.set_member(target, location.name, made, fill, most, least)
@@ -452,7 +487,7 @@ class Compiler:
             assert index is not None
             place = index(step)
             if place.__class__ is Unknown:
-                change_something(step)
+                change_something(step, place)
                 return
             ecmascript.set_element(target, place, made, fill, most)
 
@@ -506,6 +541,13 @@ class Compiler:
             )
 
         return send
+
+
+def _of_length(count: int, kind: DataType) -> Any:
+    """An array of ``count`` elements of which nothing is known."""
+    if count > FEW or not isinstance(kind, Array):
+        return anything()
+    return [unknown_of(kind.element) for _ in range(count)]
 
 
 def _always_has_place(location: Member | Index, owner: DataType) -> bool:

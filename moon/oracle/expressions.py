@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING, Any
 from m2c.language import ecmascript
 from m2c.language.certainty import Certainty, Fit
 from m2c.language.conversion import STATUSES, check_length
-from m2c.language.datatypes import ANY, Array, DataType, Structure, is_number, only_array, part
+from m2c.language.datatypes import (
+    ANY,
+    BOOL,
+    Array,
+    DataType,
+    Structure,
+    is_number,
+    only_array,
+    part,
+)
 from m2c.language.expressions import (
     ArrayLiteral,
     Binary,
@@ -88,13 +97,13 @@ class Closures:
             return lambda step: convert(evaluate(step))
         around = functools.partial(unknowns.tolerant, lenient=lenient)
         tolerant = converter(target, around, lenient)
-        fails = fit is Fit.MAY_FAIL
+        fails, place = fit is Fit.MAY_FAIL, f"fits {target}"
 
         def converted(step: Step) -> Any:
             value = evaluate(step)
             if not unknowns.is_unknown(value):
                 return convert(value)
-            if fails and not unknowns.is_whole(value, target) and not step.either():
+            if fails and not unknowns.is_whole(value, target) and not step.whether(place, value):
                 raise ecmascript.ExecutionError("a value that is not known may not fit")
             return tolerant(value)
 
@@ -110,7 +119,7 @@ class Closures:
             value = evaluate(step)
             if not unknowns.is_unknown(value):
                 return ecmascript.to_status(value)
-            if not step.either():
+            if not step.whether("is a status", value):
                 raise ecmascript.ExecutionError("a value that is not known may be no status")
             return unknowns.anything()
 
@@ -153,13 +162,18 @@ class Closures:
 
             return holds
 
+        is_bool = type_of(node, self._scope) == BOOL
+
         def may_hold(step: Step) -> bool:
             value = evaluate(step)
             if value is True or value is False:
                 return value
-            if value.__class__ is Unknown:
-                return step.either()
-            return truthy(value)
+            if value.__class__ is not Unknown:
+                return truthy(value)
+            holds = step.whether("holds", value)
+            if is_bool:
+                step.replace(value, holds)
+            return holds
 
         return may_hold
 
@@ -184,7 +198,7 @@ class Closures:
                 return self._member(inner, name)
             case Index(object=inner, index=index):
                 holder, place_of = self._holder(inner), self._compile(index)
-                return lambda step: _element(holder(step), place_of(step))
+                return lambda step: _element(step, holder(step), place_of(step))
             case Unary(operator="!", operand=operand):
                 test = self.condition(operand)
                 return lambda step: not test(step)
@@ -232,11 +246,14 @@ class Closures:
                     return lambda step: value
         holder = self._holder(inner)
         only = only_array(kind) if name == "length" else None
+        inner_kind = part(kind, name) if isinstance(kind, Structure) else None
         if only is not None:
-            return lambda step: _member(_member(holder(step), only), name)
+            return lambda step: _member(step, _member(step, holder(step), only), name)
         if isinstance(kind, Array) and name != "length" and part(kind, name) is not None:
             return lambda step: _column(holder(step), name)
-        return lambda step: _member(holder(step), name)
+        if isinstance(kind, Array) and name == "length":
+            return lambda step: _length(step, holder(step))
+        return lambda step: _member(step, holder(step), name, inner_kind)
 
     def _holder(self, node: Expression) -> Evaluate:
         """A closure for ``node``, of which a part is asked: if it may be undefined, that may fail."""
@@ -246,7 +263,7 @@ class Closures:
 
         def defined(step: Step) -> Any:
             value = evaluate(step)
-            if value.__class__ is Unknown and not step.either():
+            if value.__class__ is Unknown and not step.whether("is defined", value):
                 raise ecmascript.ExecutionError("a part of a value that may be undefined")
             return value
 
@@ -260,7 +277,14 @@ class Closures:
             return lambda step: exact(left(step), right(step))
         if operator in _SYMBOLIC:
             operate = _SYMBOLIC[operator]
-            return lambda step: operate(step.enumerated(left(step)), step.enumerated(right(step)))
+
+            def operated(step: Step) -> Any:
+                first, second = step.enumerated(left(step)), step.enumerated(right(step))
+                if first.__class__ is not Unknown and second.__class__ is not Unknown:
+                    return exact(first, second)
+                return step.found(operator, (first, second), lambda: operate(first, second))
+
+            return operated
 
         kinds = type_of(node.left, self._scope), type_of(node.right, self._scope)
         alike = kinds[0] == kinds[1] != ANY or (is_number(kinds[0]) and is_number(kinds[1]))
@@ -282,7 +306,7 @@ class Closures:
         def choose(step: Step) -> Any:
             value = first(step)
             if value.__class__ is Unknown:
-                holds = step.either()
+                holds = step.whether("holds", value)
                 if holds == keeps:
                     return holds if value.anything else value
                 return second(step)
@@ -311,7 +335,7 @@ def relate(step: Step, operator: str, left: Any, right: Any, tells: bool = True)
     certain = unknowns.compare(operator, left, right)
     if certain is not None:
         return certain
-    holds = step.either()
+    holds = step.whether(operator, left, right)
     if isinstance(left, Unknown) and isinstance(right, int | float) and not left.anything:
         step.replace(left, unknowns.narrowed(left, operator, right, holds))
     elif isinstance(right, Unknown) and isinstance(left, int | float) and not right.anything:
@@ -328,7 +352,7 @@ def _may_equal(step: Step, left: Any, right: Any, loosely: bool, tells: bool) ->
         other = ecmascript.to_number(other)  # ECMA-262 7.2.13 IsLooselyEqual
     if not isinstance(other, Unknown) and not unknown.allows(other):
         return False
-    equal = step.either()
+    equal = step.whether("loosely equal" if loosely else "equal", unknown, other)
     if equal and not isinstance(other, Unknown) and (tells or not unknown.anything):
         step.replace(unknown, other)
     return equal
@@ -341,12 +365,19 @@ def _undefined(name: str) -> Evaluate:
     return fail
 
 
-def _member(value: Any, name: str) -> Any:
+def _member(step: Step, value: Any, name: str, kind: DataType | None = None) -> Any:
     if value.__class__ is dict and name in value:
         return value[name]
     if value.__class__ is Unknown:
-        return unknowns.anything()
+        return step.found(f".{name}", (value,), lambda: unknowns.unknown_of(kind))
     return ecmascript.member(value, name)
+
+
+def _length(step: Step, value: Any) -> Any:
+    """How many elements an array has."""
+    if value.__class__ is Unknown:
+        return step.found(".length", (value,), unknowns.length)
+    return ecmascript.member(value, "length")
 
 
 def _column(value: Any, name: str) -> Any:
@@ -356,7 +387,7 @@ def _column(value: Any, name: str) -> Any:
     return ecmascript.column(value, name)
 
 
-def _element(value: Any, index: Any) -> Any:
+def _element(step: Step, value: Any, index: Any) -> Any:
     if value.__class__ is Unknown or index.__class__ is Unknown:
-        return unknowns.anything()
+        return step.found("[]", (value, index), unknowns.anything)
     return ecmascript.element(value, index)

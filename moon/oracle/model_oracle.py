@@ -88,6 +88,8 @@ class ModelOracle:
         self._history: deque[TraceEvent] = deque(maxlen=EVIDENCE)
         self._known_since = 0
         """Since when (ns) it is known what the machine does."""
+        self._followed_since = 0
+        """Since when (ns) it is followed without a break, from one state or from several."""
         self._linked_ns = 0
         self._next_try = 0
         """Not before this (ns) is it tried again to find what the machine does."""
@@ -105,7 +107,7 @@ class ModelOracle:
             linked_ns: what is sent to it before that (ns) may not reach it.
             earliest_ns: it may have started then already (ns).
         """
-        self._known_since = stamp_ns
+        self._known_since = self._followed_since = stamp_ns
         self._linked_ns = linked_ns
         self.since_start = True
         self.gave_up_ns = None
@@ -219,10 +221,16 @@ class ModelOracle:
         self.due_ns = min(map(next_due, self.hypotheses or ()), default=FOREVER)
 
     def _note_knowledge(self) -> None:
-        """It is conforming once it is known again what the machine does, and nothing that it did is open."""
+        """It is conforming once it is known again what the machine does, and nothing that it did is open.
+
+        That is so in one state; or where what it does does not tell its states apart, and it did something
+        one deadline after it was found: what it had begun before is over by then, so all that it does is
+        judged.
+        """
         if self._conclusion.outcome is _INCONCLUSIVE and self.hypotheses:
             states = {tuple(state for state, _ in h.instances) for h in self.hypotheses}
-            if len(states) == 1:
+            over_ns = self._followed_since + self._bounds.deadline
+            if len(states) == 1 or self.search.last > over_ns:
                 self._conclusion.known()
 
     def _time_passed(self, until: int) -> Sequence[Verdict]:
@@ -330,6 +338,7 @@ class ModelOracle:
             self._forget(stamp)
             return
         self.hypotheses, search.last = found, stamp
+        self._followed_since = stamp
         self._note_due()
 
     def _under_way(self, stamp: int) -> tuple[TraceEvent, ...]:
@@ -379,7 +388,7 @@ class ModelOracle:
                 self.due_ns = self._next_try = until + self._bounds.deadline
             return _NOTHING
         self.resynchronisation.found()
-        self.search.last = self._known_since = anchor
+        self.search.last = self._known_since = self._followed_since = anchor
         self._note_due()
         verdicts: list[Verdict] = []
         for place, event in enumerate(later):

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from m2c.language.datatypes import BOOL, STRING, DataType, Structure, is_integer
-from m2c.language.expressions import ObjectLiteral
+from m2c.language.expressions import Literal, ObjectLiteral
 from m2c.language.macrostep import ERROR_EXECUTION, MAX_STEPS, matches
 from m2c.language.typing import Scope
 from m2c.language.values import zero
@@ -38,9 +38,9 @@ from moon.oracle.compiling import (
 )
 from moon.oracle.expressions import Closures
 from moon.oracle.trace_events import EventKey
-from moon.oracle.unknowns import anything
+from moon.oracle.unknowns import unknown_of
 
-MAX_OUTCOMES = 64
+MAX_OUTCOMES = 256
 """So many outcomes of one step are followed; a step with more is too open to be checked."""
 
 KEPT_STEPS = 64
@@ -120,7 +120,7 @@ class MachineProgram:
         """The datamodel when nothing is known of what happened: only what never changes is."""
         known = self.initial_data()
         return tuple(
-            anything() if name in self.assigned and name in self.live else value
+            unknown_of(self._types[name]) if name in self.assigned and name in self.live else value
             for name, value in zip(self.names, known, strict=True)
         )
 
@@ -295,6 +295,14 @@ def _is_plain(kind: DataType) -> bool:
     return kind in (BOOL, STRING) or is_integer(kind)
 
 
+def _fixed_delay(sent: Raise) -> float | None:
+    """How long after it was sent an event comes (s); None: that is computed."""
+    if sent.delay_s is None:
+        return 0.0
+    value = sent.delay_s.value if isinstance(sent.delay_s, Literal) else None
+    return float(value) if isinstance(value, int | float) else None
+
+
 _MACHINE_ALONE = (0,)
 
 
@@ -311,8 +319,8 @@ class Program:
         draws: whether values are drawn at random.
         certain: whether a step of the machine has one outcome, where all values are known.
         periodic: the periodic timers that matter: instance, event, period (ns).
-        sent_to_itself: events that an instance sends itself, at once or with a delay: instance, event, the
-            send's id, whether it has data.
+        sent_to_itself: events that an instance sends itself, at once or with a delay: (instance, event, the
+            send's id, whether it has data), and the longest delay (s), None where that is not known.
     """
 
     def __init__(self, machine: Machine, library: InterfaceLibrary) -> None:
@@ -352,17 +360,27 @@ class Program:
             for name, period in rates.items()
             if any(name in state.timers for state in program.states)
         ]
-        self.sent_to_itself = list(
-            dict.fromkeys(
-                (instance, (EventKind.INTERNAL, item.event), item.id, bool(item.fields))
-                for instance, program in enumerate(self.parts)
-                for item in statements_of(program.machine)
-                if isinstance(item, Raise) and item.external
-            )
-        )
+        self.sent_to_itself = list(self._sends().items())
         self._channels: dict[tuple[InterfaceKind | None, str], str | None] = {
             (interface.kind, interface.name): interface.channel for interface in machine.interfaces
         }
+
+    def _sends(self) -> dict[tuple[int, EventKey, str, bool], float | None]:
+        """The events that instances send themselves, and their longest delay (s); None: it is not known."""
+        found: dict[tuple[int, EventKey, str, bool], float | None] = {}
+        for instance, program in enumerate(self.parts):
+            for item in statements_of(program.machine):
+                if isinstance(item, Raise) and item.external:
+                    event = (EventKind.INTERNAL, item.event)
+                    place = (instance, event, item.id, bool(item.fields))
+                    longest, delay_s = found.get(place, 0.0), _fixed_delay(item)
+                    is_known = longest is not None and delay_s is not None
+                    found[place] = max(longest or 0.0, delay_s or 0.0) if is_known else None
+        return found
+
+    def unknown_data(self) -> list[tuple[Any, ...]]:
+        """The datamodel of each part when nothing is known of what happened."""
+        return [program.unknown_data() for program in self.parts]
 
     def takers_of(self, event: EventKey) -> Sequence[int]:
         """The instances that take a message or a cancel request: the machine, then its threads that have

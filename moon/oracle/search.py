@@ -26,6 +26,7 @@ from moon.oracle.bounds import (
 )
 from moon.oracle.calls import Call
 from moon.oracle.compiling import Step
+from moon.oracle.merging import is_exact, joined, place_of, vague
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
@@ -125,6 +126,8 @@ class Search:
             else:
                 found = self._outputs.take_result(candidates, fact)
         self.last = stamp
+        if len(found) == 1 and found[0].vague and is_exact(found[0]):
+            found[0] = found[0].but(vague=0)
         return found if len(found) <= FEW_HYPOTHESES else self._reduced(found, stamp)
 
     def check_pending(self, count: int, newest: TraceEvent) -> None:
@@ -162,19 +165,29 @@ class Search:
         """
         if all(self.successors.is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
-        found = self._explore(hypotheses, now)
+        found = None if self._is_vague(hypotheses, now) else self._explore(hypotheses, now)
         if found is None:
             return self._loosely(hypotheses, now, due)
         found = [self._without_expired(h, due) for h in found]
         return [h for h in found if h.owed or self._has_taken(h, due)]
 
     def _loosely(self, hypotheses: list[Hypothesis], now: int, due: int) -> list[Hypothesis]:
-        """As ``reachable``, where there are too many orders to be followed; TooManyError if even so."""
-        found = self._explore_loosely(hypotheses, now)
+        """As ``reachable``, where there are too many possibilities; TooManyError if there are even so."""
+        found = None
+        is_vague = self._is_vague(hypotheses, now)
+        if not is_vague and any(hypothesis.pending for hypothesis in hypotheses):
+            found = self._explore_loosely(hypotheses, now)
+        if found is None:
+            found = self._explore_vaguely(hypotheses, now)
         if found is None:
             raise TooManyError(_crowd(hypotheses))
         found = [self._without_expired(h, due) for h in found]
         return [h for h in found if h.owed or self._has_taken(h, due)]
+
+    def _is_vague(self, hypotheses: list[Hypothesis], now: int) -> bool:
+        """Whether there were too many possibilities a short time ago, or still are several."""
+        since = max([hypothesis.vague for hypothesis in hypotheses], default=0)
+        return since > 0 and (len(hypotheses) > 1 or now < since + self.bounds.deadline)
 
     def passed(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis]:
         """What can be so at ``now``, where nothing was seen since: all that was due has been taken.
@@ -190,6 +203,8 @@ class Search:
         known: dict[Any, Hypothesis] = {}
         found: list[Hypothesis] = []
         todo = list(hypotheses)
+        if self._is_vague(hypotheses, now):
+            return self._loosely(hypotheses, now, now)
         while todo:
             hypothesis = _news(known, todo.pop())
             if hypothesis is None:
@@ -231,6 +246,9 @@ class Search:
         if hypothesis.owed:
             return hypothesis
         limit = due - self.bounds.latency - self.bounds.skew
+        if any(timer.perhaps and timer.high < limit for timer in hypothesis.timers):
+            left = [t for t in hypothesis.timers if not (t.perhaps and t.high < limit)]
+            hypothesis = hypothesis.with_timers(tuple(left))
         pending = hypothesis.pending
         for fact in pending:
             if fact.stamp > limit:
@@ -266,10 +284,7 @@ class Search:
         k messages of several sources can be taken in up to k! orders, yet leave few different states.
         That allows more than was possible. None if there are too many all the same.
         """
-        under_way = {id(fact.base): fact for h in hypotheses for fact in h.pending}
-        perhaps = tuple(
-            sorted((f.as_may_be_lost() for f in under_way.values()), key=lambda f: f.stamp)
-        )
+        perhaps = _perhaps(hypotheses)
         known: dict[Any, Hypothesis] = {}
         todo = [hypothesis.with_pending(perhaps) for hypothesis in hypotheses]
         limit = self.bounds.hypotheses
@@ -283,6 +298,30 @@ class Search:
                 loose = made.with_pending(perhaps)
                 loose.moment = 0
                 todo.append(loose)
+            if len(known) > limit or tried > LOOSE_STEPS * limit:
+                return None
+        return list(known.values())
+
+    def _explore_vaguely(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis] | None:
+        """The same, with one hypothesis for all that differ in their data (``merging``)."""
+        perhaps = _perhaps(hypotheses)
+        unknown = self.program.unknown_data()
+        known: dict[Any, Hypothesis] = {}
+        todo = list(hypotheses)
+        limit = self.bounds.hypotheses
+        tried = 0
+        while todo:
+            made = vague(todo.pop(), now).with_pending(perhaps)
+            place = place_of(made)
+            before = known.get(place)
+            wide = made if before is None else joined(before, made, unknown)
+            if wide is None:
+                continue
+            known[place] = wide
+            for after in self._following(wide, now):
+                tried += 1
+                after.moment = 0
+                todo.append(after)
             if len(known) > limit or tried > LOOSE_STEPS * limit:
                 return None
         return list(known.values())
@@ -321,6 +360,13 @@ def _news(known: dict[Any, Hypothesis], made: Hypothesis) -> Hypothesis | None:
     wide = before.merged(made)
     known[key] = before.also_from(made) if wide is None else wide
     return wide
+
+
+def _perhaps(hypotheses: list[Hypothesis]) -> tuple[TraceEvent, ...]:
+    """The messages that are under way by any of ``hypotheses``, each perhaps taken already."""
+    under_way = {id(fact.base): fact for h in hypotheses for fact in h.pending}
+    perhaps = [fact.as_may_be_lost() for fact in under_way.values()]
+    return tuple(sorted(perhaps, key=lambda fact: fact.stamp))
 
 
 def _crowd(hypotheses: list[Hypothesis]) -> str:
@@ -402,7 +448,7 @@ class Outputs:
         elif owed.kind in _ENDS:
             rest = self._end_seen(rest, owed, fact)
         found: dict[int, tuple[Unknown, Any]] = {}
-        if (self._draws or rest.free) and is_unknown(owed.data):
+        if (self._draws or rest.free or rest.vague) and is_unknown(owed.data):
             learned(owed.data, fact.data, found)
         if isinstance(owed.goal, Unknown) and fact.goal:
             known = goal_called(rest, owed.interface, fact.goal, served=True)
@@ -429,7 +475,8 @@ class Outputs:
         goals = []
         for goal in hypothesis.goals:
             same = goal.served and goal.id == fact.goal and goal.interface == owed.interface
-            goals.append(goal.but(seen=True, result=(owed.kind, owed.data)) if same else goal)
+            ended = {"seen": True, "phase": Phase.ENDED, "result": (owed.kind, owed.data)}
+            goals.append(goal.but(**ended) if same else goal)
         return hypothesis.but(goals=tuple(goals))
 
     def take_status(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
@@ -581,6 +628,7 @@ class DeterministicSuccessor:
             or hypothesis.queue
             or hypothesis.goals
             or hypothesis.free
+            or hypothesis.vague
             or not self._certain
         ):
             return None

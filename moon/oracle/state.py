@@ -127,9 +127,11 @@ class PendingTimer:
         period: ns; 0 for once.
         data: of a delayed event.
         id: by which it is cancelled.
+        perhaps: whether it rings between these times as often as it likes, or not at all: what stands for
+            timers of which it is not known how many there are.
     """
 
-    __slots__ = ("data", "event", "high", "id", "instance", "low", "period")
+    __slots__ = ("data", "event", "high", "id", "instance", "low", "perhaps", "period")
 
     def __init__(
         self,
@@ -140,6 +142,7 @@ class PendingTimer:
         period: int = 0,
         data: Any = None,
         identifier: str = "",
+        perhaps: bool = False,
     ) -> None:
         self.instance = instance
         self.event = event
@@ -148,14 +151,18 @@ class PendingTimer:
         self.period = period
         self.data = data
         self.id = identifier
+        self.perhaps = perhaps
 
     def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
         """What two timers must share to be the same; ``numbers``: see ``frozen``."""
-        return (self.instance, self.event, self.id, frozen(self.data, numbers))
+        return (self.instance, self.event, self.id, frozen(self.data, numbers), self.perhaps)
 
     def due(self, low: int, high: int) -> PendingTimer:
         """The same timer, due between ``low`` and ``high``."""
-        return PendingTimer(self.instance, self.event, low, high, self.period, self.data, self.id)
+        return PendingTimer(
+            *(self.instance, self.event, low, high),
+            *(self.period, self.data, self.id, self.perhaps),
+        )
 
     def not_before(self, limit: int) -> PendingTimer:
         """The same periodic timer, without the times that were over before ``limit``."""
@@ -306,6 +313,8 @@ class Hypothesis:
         counts: how many goals each action interface has had: ((served, interface), number)…
         moment: the last step was taken at this time at the earliest (ns).
         free: whether requests and goals from before the oracle looked may be under way.
+        vague: since when (ns) it stands for several of which there were too many (``merging``); 0: it does
+            not.
     """
 
     __slots__ = (
@@ -319,6 +328,7 @@ class Hypothesis:
         "pending",
         "queue",
         "timers",
+        "vague",
         "waiting",
     )
 
@@ -334,6 +344,7 @@ class Hypothesis:
         counts: tuple[tuple[tuple[bool, str], int], ...] = (),
         free: bool = False,
         moment: int = 0,
+        vague: int = 0,
     ) -> None:
         self.instances = instances
         self.owed = owed
@@ -345,6 +356,7 @@ class Hypothesis:
         self.counts = counts
         self.free = free
         self.moment = moment
+        self.vague = vague
         self._key: Any = None
 
     def key(self) -> Any:
@@ -380,6 +392,7 @@ class Hypothesis:
             self.counts,
             self.free,
             self.moment,
+            self.vague,
         )
 
     def but(self, **changes: Any) -> Hypothesis:
@@ -421,6 +434,7 @@ class Hypothesis:
         made = self.copy()
         made.owed, made.queue, made.timers = owed, queue, timers
         made.moment = min(self.moment, other.moment)
+        made.vague = max(self.vague, other.vague)
         return made.also_from(other)
 
     def also_from(self, other: Hypothesis) -> Hypothesis:

@@ -109,14 +109,15 @@ class Successors:
             PendingTimer(instance, event, now - self._bounds.latency, now + period, period)
             for instance, event, period in self._program.periodic
         )
-        # what it sent itself before may come at any time: how often and when it did is not known
+        # what it sent itself before may come until its delay has passed: how often it did is not known
         sent = tuple(
             PendingTimer(
-                *(instance, event, now - self._bounds.latency, FOREVER, 0),
+                *(instance, event, now - self._bounds.latency, self._until(now, delay_s), 0),
                 anything() if has_data else None,
                 identifier,
+                True,
             )
-            for instance, event, identifier, has_data in self._program.sent_to_itself
+            for (instance, event, identifier, has_data), delay_s in self._program.sent_to_itself
         )
         combinations: list[tuple[tuple[int, tuple[Any, ...]], ...]] = [()]
         for program in self._parts:
@@ -148,6 +149,13 @@ class Successors:
                 Hypothesis(instances, pending=pending, timers=(*timers, *sent, *delays), free=True)
             )
         return found
+
+    def _until(self, now: int, delay_s: float | None) -> int:
+        """Until when (ns) what was sent by ``now`` with this delay is due."""
+        if delay_s is None:
+            return FOREVER
+        delay = round(delay_s * 1e9)
+        return now + delay + self._bounds.slack(delay)
 
     def unfinished_steps(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
         """At any moment: the machine is between two steps at ``now``, or has sent a part of what one owes.
@@ -217,6 +225,8 @@ class Successors:
         for place, timer in enumerate(hypothesis.timers):
             if timer.low <= min(now, latest) and self._matters(hypothesis, timer):
                 low = max(timer.low, earliest)
+                if timer.perhaps and timer.high + self._bounds.latency < low:
+                    continue
                 yield from self._timer_rung(hypothesis, place, timer, low, now)
 
     def latest(self, hypothesis: Hypothesis, certainly: bool = False) -> int:
@@ -230,7 +240,7 @@ class Successors:
         for event in hypothesis.queue:
             latest = min(latest, event.high + latency)
         for timer in hypothesis.timers:
-            if timer.high + latency < latest and self._matters(hypothesis, timer):
+            if timer.high + latency < latest and self._must_ring(hypothesis, timer):
                 latest = timer.high + latency
         return latest
 
@@ -296,7 +306,7 @@ class Successors:
                 latest + timer.period + slack,
             )
             others = (*hypothesis.timers[:place], following, *hypothesis.timers[place + 1 :])
-        elif timer.high == FOREVER:
+        elif timer.perhaps:
             others = hypothesis.timers  # there may be another
         rest = hypothesis.with_timers(others)
         key = (timer.instance, timer.event) if timer.period else None
@@ -358,7 +368,7 @@ class Successors:
     ) -> Iterable[tuple[bool, Step]]:
         """What one of its instances can do with ``event``: whether a transition took it, and the step."""
         state, data = hypothesis.instances[instance]
-        symbolic = self._draws or hypothesis.free
+        symbolic = self._draws or hypothesis.free or hypothesis.vague > 0
         return self._parts[instance].take(state, data, event, message, parts, symbolic)
 
     def absorb(
@@ -412,7 +422,7 @@ class Successors:
                 continue
             if isinstance(item.delay_s, Unknown):
                 timers.append(
-                    PendingTimer(instance, item.event, low, FOREVER, 0, item.data, item.id)
+                    PendingTimer(instance, item.event, low, FOREVER, 0, item.data, item.id, True)
                 )
                 continue
             if item.event[0] is EventKind.INTERNAL and item.delay_s <= 0:
@@ -475,7 +485,7 @@ class Successors:
             case OutputKind.SEND_CANCEL:
                 found = goal_to_cancel(made, interface, output.goal)
                 if found is None:
-                    if not made.free:
+                    if not _may_name_any(made, output.goal):
                         return
                     perhaps_cancel(made, interface)
                     optional = True
@@ -494,7 +504,7 @@ class Successors:
             ):
                 served = served_goal(made, output)
                 if served is None:
-                    if not made.free:
+                    if not _may_name_any(made, output.goal):
                         return  # a goal that is not there: reported by the node, nothing leaves
                     goal, optional = output.goal if isinstance(output.goal, Unknown) else None, True
                 elif not goal_allows(made, served, output):
@@ -531,6 +541,8 @@ class Successors:
 
     def _start_thread(self, made: Hypothesis, output: Output, low: int, high: int) -> None:
         number = 0 if output.thread is None else output.thread
+        if number.__class__ is Unknown:
+            raise TooManyError(f"which thread of {output.interface} is started is not known")
         event = (EventKind.THREAD_START, output.interface)
         parts = {"goal_id": output.goal or 0, "thread_id": number}
         for instance in self._program.instances_of(output.interface, number):
@@ -544,6 +556,10 @@ class Successors:
         parts = {"goal_id": output.goal or 0, "thread_id": number}
         event = (EventKind.THREAD_FREE, output.interface)
         made.queue = (*made.queue, QueuedEvent(0, event, None, parts, low, high))
+
+    def _must_ring(self, hypothesis: Hypothesis, timer: PendingTimer) -> bool:
+        """Whether something happens by ``timer`` for sure."""
+        return not timer.perhaps and self._matters(hypothesis, timer)
 
     def _matters(self, hypothesis: Hypothesis, timer: PendingTimer) -> bool:
         state, _ = hypothesis.instances[timer.instance]
@@ -574,6 +590,11 @@ class Successors:
                 for timer in timers
             )
         )
+
+
+def _may_name_any(made: Hypothesis, goal: Any) -> bool:
+    """Whether ``goal``, which names no goal that is known, may name one all the same."""
+    return made.free or (made.vague > 0 and goal.__class__ is Unknown)
 
 
 def _answered(made: Hypothesis, interface: str, call: Call | None) -> Call | None:

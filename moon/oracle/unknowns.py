@@ -74,6 +74,22 @@ def anything() -> Unknown:
     return Unknown(anything=True)
 
 
+def unknown_of(kind: DataType | None) -> Any:
+    """A fresh value of type ``kind`` of which nothing else is known."""
+    match kind:
+        case Primitive(name) if name in INTEGER_RANGES:
+            return Unknown(*INTEGER_RANGES[name], integer=True)
+        case Structure() if kind.fields:
+            return {name: unknown_of(inner) for name, inner in kind.fields}
+        case _:
+            return anything()
+
+
+def length() -> Unknown:
+    """How many elements an array has of which nothing is known."""
+    return Unknown(0, 2**32 - 1, integer=True)
+
+
 def is_unknown(value: Any) -> bool:
     """Whether ``value`` is, or contains, something unknown."""
     if isinstance(value, Unknown):
@@ -261,6 +277,47 @@ def narrowed(value: Unknown, operator: str, bound: float, holds: bool) -> Unknow
         least = math.floor(bound) + 1 if value.integer and operator == ">" else bound
         low = max(low, least)
     return Unknown(low, high, value.integer)
+
+
+# --- several as one -------------------------------------------------------------------------------
+
+
+def covers(value: Any, other: Any) -> bool:
+    """Whether ``value`` is ``other``, or unknown and may be whatever ``other`` may be."""
+    if value.__class__ is Unknown:
+        if other.__class__ is not Unknown:
+            return bool(value.allows(other)) and (value.anything or not is_unknown(other))
+        if value.anything or other.anything:
+            return bool(value.anything)
+        is_within = value.low <= other.low and other.high <= value.high
+        return is_within and (other.integer or not value.integer)
+    if value.__class__ is not other.__class__ or is_unknown(value) or is_unknown(other):
+        return False
+    return repr(value) == repr(other)  # -0 is not 0, and NaN is itself
+
+
+def like(top: Any) -> Any:
+    """An unknown value that may be what ``top`` may be, and is no other's; anything for None."""
+    return anything() if top is None else unshared(top, set(), anew=True)
+
+
+def unshared(value: Any, seen: set[int], anew: bool = False) -> Any:
+    """``value``, in which no unknown value is one of ``seen``, to which its own are added.
+
+    ``anew``: nor is any the one that it was before.
+    """
+    if value.__class__ in SCALARS:
+        return value
+    if value.__class__ is Unknown:
+        if anew or id(value) in seen:
+            value = Unknown(value.low, value.high, value.integer, value.anything)
+        seen.add(id(value))
+        return value
+    if not is_unknown(value):
+        return value
+    if value.__class__ is dict:
+        return {name: unshared(item, seen, anew) for name, item in value.items()}
+    return [unshared(item, seen, anew) for item in value]
 
 
 # --- as keys, and beside what was observed --------------------------------------------------------

@@ -50,12 +50,19 @@ class Answer(msgspec.Struct, frozen=True):
         return self.outcome is wanted
 
 
-def answer(found: Case, ordered: bool = False) -> Answer:
-    """Ask both; ``ordered``: the machine's node numbers all that it does."""
+def answer(found: Case, ordered: bool = False, hypotheses: int = Bounds().hypotheses) -> Answer:
+    """Ask both.
+
+    Args:
+        found: the case.
+        ordered: whether the machine's node numbers all that it does.
+        hypotheses: so many are followed at once.
+    """
     bounds = Bounds(
         latency=found.latency_ns,
         deadline=found.deadline_ns,
         tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
+        hypotheses=hypotheses,
     )
     oracle = Oracle(found.machine, library(), bounds=bounds, losses=Losses(possible=False))
     oracle.start(0, whole=True)

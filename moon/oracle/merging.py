@@ -1,0 +1,189 @@
+"""One hypothesis for several: what is followed where there are too many to be told apart.
+
+Each hypothesis is replaced by one that allows whatever it allows, and more: whether, when and how often an
+event comes that the machine sent itself is left open (``PendingTimer.perhaps``). Two that differ in nothing
+but their data become one, in which what differs is unknown. So there are about as many as the machine has
+states. That can hide a fault, and never makes one up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from m2c.model.machine import EventKind
+from moon.oracle.state import Hypothesis, Instances, Obligation, PendingTimer, QueuedEvent
+from moon.oracle.unknowns import covers, frozen, is_unknown, like, unshared
+
+
+def vague(hypothesis: Hypothesis, since_ns: int) -> Hypothesis:
+    """``hypothesis``, without how often and when the events come that the machine sent itself.
+
+    Args:
+        hypothesis: what the machine may be doing.
+        since_ns: since when such hypotheses are followed, ns.
+    """
+    made = hypothesis.copy()
+    made.vague = max(hypothesis.vague, since_ns)
+    left: list[PendingTimer] = []
+    perhaps: dict[tuple[Any, ...], PendingTimer] = {}
+    for timer in hypothesis.timers:
+        if timer.perhaps or _is_sent(timer):
+            _put(perhaps, timer)
+        else:
+            left.append(timer)
+    for queued in hypothesis.queue:
+        if queued.event[0] is EventKind.INTERNAL:
+            _put(perhaps, _as_timer(queued))
+    if perhaps:
+        made.timers = (*left, *(perhaps[place] for place in sorted(perhaps)))
+        made.queue = tuple(
+            queued for queued in hypothesis.queue if queued.event[0] is not EventKind.INTERNAL
+        )
+    return made
+
+
+def is_exact(hypothesis: Hypothesis) -> bool:
+    """Whether nothing that it says is left open any more."""
+    if any(timer.perhaps for timer in hypothesis.timers):
+        return False
+    data = [values for _, values in hypothesis.instances]
+    return not is_unknown([data, [owed.data for owed in hypothesis.owed]])
+
+
+def _is_sent(timer: PendingTimer) -> bool:
+    """Whether it is an event that the machine sent itself."""
+    return not timer.period and timer.event[0] is EventKind.INTERNAL
+
+
+def _as_timer(queued: QueuedEvent) -> PendingTimer:
+    return PendingTimer(
+        queued.instance, queued.event, queued.low, queued.high, 0, queued.message, "", True
+    )
+
+
+def _place(timer: PendingTimer) -> tuple[Any, ...]:
+    return (timer.instance, timer.event[1], timer.id)
+
+
+def _put(perhaps: dict[tuple[Any, ...], PendingTimer], timer: PendingTimer) -> None:
+    place = _place(timer)
+    known = perhaps.get(place)
+    perhaps[place] = _either(known, timer) if known is not None else _either(timer, timer)
+
+
+def _either(first: PendingTimer, second: PendingTimer) -> PendingTimer:
+    """What rings whenever one of two may; ``first`` if that is it."""
+    data = _value(first.data, second.data, None)
+    low, high = min(first.low, second.low), max(first.high, second.high)
+    if first.perhaps and data is first.data and (low, high) == (first.low, first.high):
+        return first
+    return PendingTimer(first.instance, first.event, low, high, 0, data, first.id, True)
+
+
+def place_of(hypothesis: Hypothesis) -> Any:
+    """What two hypotheses must share to become one: all but their data, and what may come perhaps."""
+    numbers: dict[int, int] = {}
+    return (
+        tuple(map(id, hypothesis.pending)),
+        tuple([state for state, _ in hypothesis.instances]),
+        tuple([_form(owed, numbers) for owed in hypothesis.owed]),
+        tuple([queued.key(numbers) for queued in hypothesis.queue]),
+        tuple([timer.key(numbers) for timer in hypothesis.timers if not timer.perhaps]),
+        hypothesis.waiting,
+        tuple([goal.key(numbers) for goal in hypothesis.goals]),
+        hypothesis.free,
+    )
+
+
+def _form(owed: Obligation, numbers: dict[int, int]) -> tuple[Any, ...]:
+    goal = frozen(owed.goal, numbers)
+    return (owed.kind, owed.interface, owed.call, goal, owed.optional, owed.timer, owed.transition)
+
+
+def joined(
+    first: Hypothesis, second: Hypothesis, unknown: Sequence[tuple[Any, ...]]
+) -> Hypothesis | None:
+    """One for two of the same place; None: ``first`` allows all that ``second`` does.
+
+    Args:
+        first: as it was made by this function, or is ``vague``.
+        second: another.
+        unknown: the data of each instance when nothing is known of it.
+    """
+    moment = min(first.moment, second.moment)
+    wide = (
+        first.merged(second) if first.key() == second.key() else _with_data(first, second, unknown)
+    )
+    if wide is None:
+        return None
+    wide.moment, wide.vague = moment, max(first.vague, second.vague)
+    return wide
+
+
+def _with_data(
+    first: Hypothesis, second: Hypothesis, unknown: Sequence[tuple[Any, ...]]
+) -> Hypothesis | None:
+    seen: set[int] = set()
+    instances: Instances = tuple(
+        [
+            (state, tuple([_joined(*values, seen) for values in zip(mine, its, tops, strict=True)]))
+            for (state, mine), (_, its), tops in zip(
+                first.instances, second.instances, unknown, strict=True
+            )
+        ]
+    )
+    owed = []
+    for mine, its in zip(first.owed, second.owed, strict=True):
+        both = mine.also_from(its).due(min(mine.low, its.low), max(mine.high, its.high))
+        both.data = _joined(mine.data, its.data, None, seen)
+        owed.append(both)
+    timers = _timers(first.timers, second.timers)
+    made = first.copy()
+    made.instances, made.owed, made.timers = instances, tuple(owed), timers
+    is_same = second.moment >= first.moment and made.key() == first.key()
+    return None if is_same and _are_same_times(made, first) else made
+
+
+def _joined(first: Any, second: Any, top: Any, seen: set[int]) -> Any:
+    """A value that allows both, and of which nothing else is a part: ``seen`` are the unknown ones so far."""
+    return unshared(_value(first, second, top), seen)
+
+
+def _are_same_times(made: Hypothesis, before: Hypothesis) -> bool:
+    return before.allows(made) and all(
+        a.low == b.low and a.high == b.high for a, b in zip(made.owed, before.owed, strict=True)
+    )
+
+
+def _timers(
+    first: tuple[PendingTimer, ...], second: tuple[PendingTimer, ...]
+) -> tuple[PendingTimer, ...]:
+    """Of two: those of both that certainly run, and all that perhaps do."""
+    certain = zip(
+        [timer for timer in first if not timer.perhaps],
+        [timer for timer in second if not timer.perhaps],
+        strict=True,
+    )
+    left = [mine.due(min(mine.low, its.low), max(mine.high, its.high)) for mine, its in certain]
+    perhaps: dict[tuple[Any, ...], PendingTimer] = {}
+    for timer in (*first, *second):
+        if timer.perhaps:
+            _put(perhaps, timer)
+    return (*left, *(perhaps[place] for place in sorted(perhaps)))
+
+
+def _value(first: Any, second: Any, top: Any) -> Any:
+    """What allows both values; ``first`` if it does.
+
+    Args:
+        first: a value.
+        second: another.
+        top: the value of which nothing is known but its type; None: not even that is known.
+    """
+    if first is second or covers(first, second):
+        return first
+    if first.__class__ is dict and second.__class__ is dict and first.keys() == second.keys():
+        tops = top if top.__class__ is dict and top.keys() == first.keys() else {}
+        return {name: _value(item, second[name], tops.get(name)) for name, item in first.items()}
+    return like(top)
