@@ -16,6 +16,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import CHANNEL_KINDS
 from m2c.model.naming import ANYWHERE, Naming, check_channel
 from m2c.model.system import System
+from m2c.policy.entry_types import check_entry_types
 from m2c.policy.forwarding import only_forwards
 from m2c.policy.leaf_entries import check_leaf_entries
 from m2c.policy.leaves import BoundLeaf, bind_leaves
@@ -97,6 +98,7 @@ def read_policy(
         bound = bind_leaves(file, system, own)
         _check_channels(bound.values(), system, naming, own)
         check_leaf_entries(file, bound, own)
+        check_entry_types(file, bound, own)
         if not own.has_errors:
             direct = {plugin.name for plugin in system.plugins if only_forwards(plugin)}
             leaves = {leaf.name: _runnable(leaf, system.library, direct) for leaf in bound.values()}

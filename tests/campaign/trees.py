@@ -90,7 +90,8 @@ class Tree:
                 count = int(tag[-1])
                 others = [self._filler() for _ in range(count)]
                 cases = {f"case_{number}": number + 1 for number in range(1, count + 1)}
-                return e(tag, inner, *others, variable="{level}", **cases)
+                # to a Switch an entry is text: no plugin writes this one
+                return e(tag, inner, *others, variable="{mark}", **cases)
             case "plugin" if self._wraps:
                 return e("Action", inner, ID=draw.choice(self._wraps))
             case "plugin":
