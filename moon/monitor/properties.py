@@ -58,15 +58,19 @@ _OUTCOMES = {
 
 
 class _Loss(msgspec.Struct):
-    """Messages of ``channel`` stamped in ``[start, end)`` that were missed."""
+    """Messages of ``channel`` stamped in ``[start, end)`` that were missed.
+
+    ``stands``: what was violated was so by what was certain then, and is not withdrawn.
+    """
 
     start: int
     end: int
     channel: str
+    stands: bool = False
 
 
 class _Unconfirmed(msgspec.Struct):
-    """A violation that is not certain yet.
+    """A violation that is not certain yet: something may be missing, or a clock may have been set.
 
     Attributes:
         name: of the property.
@@ -262,6 +266,21 @@ class PropertyWatch:
         for channel in sorted(self.channels):  # what is reported must not depend on a hash
             self._lose(channel, start_ns, end_ns)
 
+    def clock_set(self, from_ns: int, since_ns: int) -> None:
+        """A clock was set: stamps in ``[from_ns, since_ns)`` tell nothing.
+
+        What was certain by then stands, and what was not does not become certain by what comes after.
+        """
+        open_ns = [waiting.verdict.since_ns for waiting in self._unconfirmed]
+        start_ns = min(from_ns, since_ns, *open_ns)
+        self._unconfirmed.clear()
+        for tally in self._tallies.values():
+            tally.since.clear()
+        self._due_ns = 0
+        self._losses += [
+            _Loss(start_ns, since_ns, channel, stands=True) for channel in sorted(self.channels)
+        ]
+
     def begin_anew(self, now_ns: int, why: str) -> list[Verdict]:
         """Forget everything that was observed: stamps begin elsewhere. The verdicts on that.
 
@@ -312,7 +331,8 @@ class PropertyWatch:
         """
         found = self.advance(known_ns + self._latency_ns)
         for waiting in self._unconfirmed:  # nothing more is to come
-            if all(window.can_answer for window in self._windows(waiting)):
+            is_whole = all(window.can_answer for window in self._windows(waiting))
+            if is_whole and not self._is_untimed(waiting.name):
                 found += self._report(waiting.name, waiting.verdict)
         self._unconfirmed.clear()
         self._reached_ns = max(self._reached_ns, end_ns)
@@ -377,7 +397,7 @@ class PropertyWatch:
             standing = verdicts[name]
             stands = standing.since_ns if standing.status is Status.FALSE else None
             doubted = [ns for ns in tally.since if ns >= loss.start and ns != stands]
-            if not doubted or not tally.concerns(loss.channel):
+            if loss.stands or not doubted or not tally.concerns(loss.channel):
                 if name in changes:
                     found += self._news(name, changes[name])
                 continue
@@ -423,7 +443,7 @@ class PropertyWatch:
             return []
         if outcome is Outcome.VIOLATED:
             places = self._needed(name, verdict.since_ns)
-            if places:
+            if places or self._is_untimed(name):
                 return self._wait_for(name, verdict, places)
         return self._report(name, verdict)
 
@@ -438,6 +458,13 @@ class PropertyWatch:
         needed = [window for window in windows if not self._withstands(name, [window])]
         others = [window for window in windows if window not in needed]
         return needed if needed and self._withstands(name, others) else windows
+
+    def _is_untimed(self, name: str) -> bool:
+        """Whether a clock may have been set of a node that sends to the property."""
+        concerns = self._tallies[name].concerns
+        senders = self._unreceived.channels.items()
+        names = [node for node, sends in senders if not sends or any(map(concerns, sends))]
+        return bool(self._sources.clocks.doubtful(names))
 
     def _withstands(self, name: str, windows: Iterable[Window]) -> bool:
         """Whether it is violated whatever happened there."""
@@ -462,7 +489,8 @@ class PropertyWatch:
         mine = [waiting for waiting in self._unconfirmed if waiting.name == name]
         if len(mine) > KEPT_VIOLATIONS:
             self._unconfirmed.remove(mine[0])
-        self._certain_ns = min(self._certain_ns, *(window.ends_ns for window in windows))
+        for window in windows:
+            self._certain_ns = min(self._certain_ns, window.ends_ns)
         asked = {window.place.node for window in windows if window.can_answer}
         self._to_ask = sorted({*self._to_ask, *asked})
         tally = self._tallies[name]
@@ -487,9 +515,10 @@ class PropertyWatch:
         self._certain_ns = FOREVER
         for waiting in before:
             windows = self._windows(waiting)
-            if windows:
+            if windows or self._is_untimed(waiting.name):
                 self._unconfirmed.append(waiting)
-                self._certain_ns = min(self._certain_ns, *(window.ends_ns for window in windows))
+                for window in windows:
+                    self._certain_ns = min(self._certain_ns, window.ends_ns)
                 continue
             found += self._report(waiting.name, waiting.verdict)
             standing = self._ordered.verdicts()[waiting.name]

@@ -49,6 +49,7 @@ class SystemWatch:
         repeated: takes each violation that repeats one of its node (``Verdict.pattern``): sinks do not.
         screens: sinks for people, who are told once when all machines are resynchronised, not of each.
         compiled: ``system``, if it was compiled already: watches of many runs of it share that.
+        in_order: ``transport`` hands over each observation before all that happened after it.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class SystemWatch:
         repeated: Callable[[Verdict], None] = lambda verdict: None,
         screens: Iterable[Sink] = (),
         compiled: CompiledSystem | None = None,
+        in_order: bool = False,
     ) -> None:
         self.counts = Counts()
         self._repeated = repeated
@@ -96,6 +98,7 @@ class SystemWatch:
             self,
             (POLICY, *(node.name for node in everything)),
             bounds.skew,
+            in_order,
         )
         self._clock = self._order.clock
         self._properties.rely_on(self._order.sources, _reporters(system))
@@ -232,8 +235,11 @@ class SystemWatch:
 
     def _answered(self, node: str, answer: Answer) -> None:
         """``node`` says up to where it has reported everything."""
-        self._order.heard(node, answer.stamp_ns, self._transport.now_ns())
-        reach_ns = self._clock.reach_ns(self._transport.now_ns())
+        now_ns = self._transport.now_ns()
+        if not self._order.is_timed(answer.stamp_ns, now_ns):
+            return
+        self._order.heard(node, answer.stamp_ns, now_ns)
+        reach_ns = self._clock.reach_ns(now_ns)
         self._order.sources.answered(node, answer.next_order, answer.stamp_ns)
         oracle = self._models.watched.get(node)
         if oracle is not None:
@@ -249,7 +255,7 @@ class SystemWatch:
 
     def host_clock_set(self, node: str, from_ns: int, since_ns: int, why: str) -> None:
         """Its stamps of before and after are not compared (``moon.ordering.event_order.Judges``)."""
-        self._properties.lose_all(from_ns, since_ns)
+        self._properties.clock_set(from_ns, since_ns)
         watched = self._models.watched
         names = [name for name in watched if name in self._models.that_hear(node)]
         for name in names:
@@ -257,17 +263,6 @@ class SystemWatch:
             self._lose(watched[name], why)
         concerned = f"resynchronised: {', '.join(names)}" if names else "nothing depends on it"
         self._say(f"warning: {why}: {concerned}")
-
-    def clock_set(self, from_ns: int, since_ns: int, why: str) -> None:
-        """Times of before and after are not compared (``moon.ordering.event_order.Judges``)."""
-        self._properties.lose_all(from_ns, since_ns)
-        uncertain = [o for o in self._models.watched.values() if o.depends_on_time]
-        for oracle in uncertain:
-            self._lose(oracle, why)
-        names = ", ".join(n for n, o in self._models.watched.items() if o in uncertain)
-        self._say(
-            f"warning: {why}: {f'resynchronised: {names}' if names else 'nothing depends on it'}"
-        )
 
     def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
         """Find every machine in the middle of what it does (``moon.ordering.event_order.Judges``)."""
@@ -277,12 +272,12 @@ class SystemWatch:
         if was_set_back:
             self._report_properties(self._properties.begin_anew(since_ns, why))
         else:
-            self._properties.lose_all(from_ns, since_ns)
+            self._properties.clock_set(from_ns, since_ns)
         self._say(f"warning: {why}: all machines are resynchronised")
         for name, node in self._nodes.items():
             if node.is_seen:
                 self._models.node_found(name, since_ns)
-                self._lose(self._models.watched[name], why)
+                self._take(self._models.watched[name].lose(since_ns, why))
 
     def _fresh_models(self) -> ModelMonitor:
         models = ModelMonitor(

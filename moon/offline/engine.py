@@ -109,6 +109,7 @@ def check_recording(
         policy=monitored.policy and attribution is None and not left_out,
         monotonic_ns=player.steady_ns,
         repeated=collector.repeat,
+        in_order=base is not None,
     )
     properties.withdrawn = collector.withdraw
     timelines = Timelines(watch, player) if with_timelines else None

@@ -51,6 +51,8 @@ class Player:
         self._early_ns = early_ns
         self._now_ns = 0
         self._monotonic_ns = 0
+        self._monotonic_began_ns: int | None = None
+        """What the recorder's monotonic clock showed as the recording began; None: it is not known yet."""
         self._turned_ns = 0
         self._paced = False
         self._next_ns = 0
@@ -275,7 +277,10 @@ class Player:
             self._changed(name, True)
 
     def _take_turn(self, pulse: Pulse) -> None:
-        self._monotonic_ns, self._turned_ns = pulse.monotonic_ns, pulse.received_ns
+        if self._monotonic_began_ns is None:
+            self._monotonic_began_ns = pulse.monotonic_ns - self.steady_ns()
+        self._monotonic_ns = pulse.monotonic_ns - self._monotonic_began_ns
+        self._turned_ns = pulse.received_ns
         if pulse.turn is Turn.TIMER and self._timer is not None:
             self._timer()
         elif pulse.turn is Turn.POSTED and self._posted:

@@ -258,14 +258,6 @@ class Delivery:
         """What the machine may be doing, by all that was received, in order or not."""
         return self._judge.foreseen(self._held.observations)
 
-    @property
-    def depends_on_time(self) -> bool:
-        """Whether something is under way, owed or timed."""
-        if self._held.stamps or self._requests.events or self._taken.events:
-            return True
-        hypotheses = self._judge.hypotheses
-        return hypotheses is None or any(h.owed or h.pending or h.timers for h in hypotheses)
-
     # --- handing over --------------------------------------------------------------------------------
 
     def at_once(self, event: TraceEvent, until: int, verdicts: list[Verdict]) -> bool:

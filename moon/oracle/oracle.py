@@ -523,11 +523,6 @@ class Oracle:
         return self._delivery.take_findings(until_ns)
 
     @property
-    def depends_on_time(self) -> bool:
-        """Whether it matters when something happened: not to a machine that rests, and has no timer."""
-        return self._delivery.depends_on_time
-
-    @property
     def is_synchronised(self) -> bool:
         """Whether it is known what the machine may be doing."""
         return self.judge.hypotheses is not None

@@ -31,13 +31,6 @@ class Judges(Protocol):
         """Something is missing."""
         ...
 
-    def clock_set(self, from_ns: int, since_ns: int, why: str) -> None:
-        """The time of day was set forward, from ``from_ns`` to ``since_ns`` (ns since the epoch).
-
-        Times from before and after that are not compared; ``why``: for people.
-        """
-        ...
-
     def host_clock_set(self, node: str, from_ns: int, since_ns: int, why: str) -> None:
         """The clock of the host of ``node`` was set: its times before and after that are not compared.
 
@@ -52,9 +45,11 @@ class Judges(Protocol):
     def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
         """Nothing from ``from_ns`` to ``since_ns`` is known: all begin in the middle of the run.
 
+        What is stamped before ``since_ns`` is not judged.
+
         Args:
             from_ns: ns since the epoch, on the clock of before.
-            since_ns: the same, on the clock of now.
+            since_ns: the same, on the clock of now; it may still be to come.
             was_set_back: stamps begin elsewhere.
             why: for people.
         """
@@ -74,6 +69,7 @@ class EventOrder:
         judges: what is missing is reported to them.
         known: the nodes of the system.
         skew_ns: the clocks of different hosts differ by at most this.
+        in_order: nothing is on its way: each observation comes before all that happened after it.
 
     Attributes:
         sources: how far all nodes have reported.
@@ -96,7 +92,9 @@ class EventOrder:
         judges: Judges,
         known: Iterable[str] = (),
         skew_ns: int = 0,
+        in_order: bool = False,
     ) -> None:
+        self._in_order = in_order
         self._now_ns = now_ns
         self._read_monotonic = monotonic_ns
         self._latency_ns = latency_ns
@@ -109,8 +107,6 @@ class EventOrder:
         self.since_ns = 0
         self.listener: Tap | None = None
         self._monotonic_ns = monotonic_ns()
-        self._forward_ns = 0
-        """By how much the clock was set forward in all since the judges knew of it."""
         self.numbers = Numbers(known)
         self.sequel = _NEXT
         self.gap: Gap | None = None
@@ -137,17 +133,21 @@ class EventOrder:
             # from the node of this name or from another: nothing is concluded from it
             self._miss(seen, clock.clock_ns, now_ns, f"several sessions claim to be {seen.source}")
             return None
-        self.heard(seen.source, seen.stamp_ns, now_ns)
-        gap = self.sources.take(seen, clock.clock_ns)
+        is_timed = self.is_timed(seen.stamp_ns, now_ns)
+        if is_timed:
+            self.heard(seen.source, seen.stamp_ns, now_ns)
+        gap = self.sources.take(seen, clock.clock_ns, is_timed)
         if gap is not None:
             self._judges.gap(gap)
         judged = self._reception.judge(seen, now_ns)
+        if not is_timed:
+            self._pass_over(seen)
+        if seen.stamp_ns < self.since_ns:
+            self._counts.before += 1
+            return None
         if isinstance(judged, Rejected):
             if judged.reason:
                 self._miss(seen, clock.clock_ns, now_ns, judged.reason)
-            return None
-        if seen.stamp_ns < self.since_ns:
-            self._counts.before += 1
             return None
         lag_ns = now_ns - judged.stamp_ns
         if lag_ns > clock.limit_ns:
@@ -161,6 +161,12 @@ class EventOrder:
             # the judges' clock is behind the time of day
             return msgspec.structs.replace(judged, received_ns=limit_ns)
         return judged
+
+    def is_timed(self, stamp_ns: int, now_ns: int) -> bool:
+        """Whether a stamp tells when something happened; else it is of before a clock was set, or of one
+        that differs. Numbers order it all the same.
+        """
+        return self.since_ns <= stamp_ns and not self._reception.is_future(stamp_ns, now_ns)
 
     def heard(self, node: str, stamp_ns: int, now_ns: int) -> None:
         """Something of ``node`` was received at ``now_ns``: it can be reached, and its clock may be set."""
@@ -224,6 +230,14 @@ class EventOrder:
             case _:
                 pass
         return True
+
+    def _pass_over(self, seen: Observation) -> None:
+        """Nobody knows when ``seen`` happened; its number counts, so that the next one follows."""
+        if seen.sequence < 0:
+            return
+        count = self.numbers.of(seen)
+        count.sequel(seen.sequence, min(seen.stamp_ns, self.since_ns - 1), seen.life)
+        count.unknown_until = min(count.unknown_until, self.since_ns)
 
     def _note_gap(self, seen: Observation, from_ns: int, until_ns: int) -> None:
         if from_ns >= until_ns:  # stamps that do not increase: it was sent at one of them
@@ -289,25 +303,17 @@ class EventOrder:
     def look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
         """Whether time goes on as it should; else what was missed is reported."""
         gap_ns = now_ns - self.clock.now_ns
-        passed_ns = monotonic_ns - self._monotonic_ns
-        set_ns = gap_ns - max(passed_ns, 0)
-        if set_ns < -SET_NS and (gap_ns < 0 or passed_ns <= self.clock.limit_ns):
+        passed_ns = max(monotonic_ns - self._monotonic_ns, 0)
+        set_ns = gap_ns - passed_ns
+        if gap_ns > self.clock.limit_ns and passed_ns > gap_ns // 2:
+            what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
+        elif set_ns < -SET_NS:
             what = f"the clock was set back by {_duration(-set_ns)}"
-            self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self.clock.limit_ns)
-        elif gap_ns > self.clock.limit_ns:
-            if passed_ns > gap_ns // 2:
-                what = f"this monitor stood still for {gap_ns / NS:.1f} s; what happened was missed"
-            else:
-                what = f"the clock was set forward by {_duration(set_ns)}"
-            self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self._latency_ns)
         elif set_ns > SET_NS:
-            self._monotonic_ns = monotonic_ns - gap_ns  # until the next tick, time is of one piece
-            self._forward_ns += set_ns
-            if self._forward_ns > self._latency_ns // 4:  # less makes nothing later than it may be
-                self._counts.stalls += 1
-                what = f"the clock was set forward by {_duration(self._forward_ns)}"
-                self._judges.clock_set(now_ns - self._forward_ns, now_ns, what)
-                self._forward_ns = 0
+            what = f"the clock was set forward by {_duration(set_ns)}"
+        else:
+            return
+        self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self._latency_ns)
 
     def _start_anew(
         self,
@@ -317,23 +323,37 @@ class EventOrder:
         held_up: bool = False,
         is_late: bool = False,
     ) -> None:
-        """Something is not known to be received, of any node."""
+        """Something is not known to be received, of any node, or stamps begin elsewhere."""
         self._counts.stalls += 1
         passed_ns = max(monotonic_ns - self._monotonic_ns, 0)
-        was_set_back = now_ns - self.clock.now_ns < passed_ns - SET_NS
-        self._forward_ns = 0
+        back_ns = passed_ns - (now_ns - self.clock.now_ns)
+        was_set, was_set_back = abs(back_ns) > SET_NS, back_ns > SET_NS
         from_ns = self.clock.clock_ns - self._latency_ns
         self.since_ns = now_ns
-        if held_up and not was_set_back:  # what is missing and what is on its way look alike
+        if was_set_back:
+            self.since_ns += self._overlap_ns(back_ns)
+        elif held_up:  # what is missing and what is on its way look alike
             self.since_ns += self._repair_ns
         self._monotonic_ns = monotonic_ns
-        self.sources.restart()
+        if was_set:
+            self.sources.clock_set(now_ns, self.since_ns)
+        else:
+            self.sources.restart()
         if not is_late:  # what comes late may be of clocks that were set
             self.sources.clocks.restart()
         self.sources.listening_ns = self.since_ns
         self.numbers.clear()
         self.clock.restart(now_ns, held_up)
         self._judges.start_anew(from_ns, self.since_ns, was_set_back, why)
+
+    def _overlap_ns(self, back_ns: int) -> int:
+        """The clock was set back: so long may a stamp be from before that or from after it.
+
+        A hybrid logical clock stands still meanwhile. Where it is longer than what is on its way may take,
+        stamps of before are seen to be of the future.
+        """
+        is_short = back_ns <= self.clock.limit_ns and not self._in_order
+        return back_ns + SET_NS if is_short else 0
 
 
 def _duration(duration_ns: int) -> str:

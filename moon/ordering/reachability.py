@@ -45,6 +45,11 @@ class Reachability:
         elif stamp_ns > self._late_ns.get(node, 0):
             times.append(stamp_ns)
 
+    def clear(self) -> None:
+        """Nothing is known of any: times of before are not those of now."""
+        self._times.clear()
+        self._late_ns.clear()
+
     def may_be_late(self, nodes: Iterable[str], since_ns: int) -> bool:
         """Whether what one of ``nodes`` sent at ``since_ns`` or later may be late: it was heard late."""
         late_ns = self._late_ns

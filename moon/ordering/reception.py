@@ -98,7 +98,7 @@ class Reception:
         if channel not in self._known and channel.partition("/_action/")[0] not in self._known:
             self._note_unknown(channel)
         ahead_ns = seen.stamp_ns - now_ns
-        if ahead_ns > self._latency_ns // 2:
+        if self.is_future(seen.stamp_ns, now_ns):
             counts.future += 1
             return Rejected(
                 f"an event on {channel} is stamped {ahead_ns / 1e9:.1f} s in the future: "
@@ -124,6 +124,10 @@ class Reception:
             stamp_ns = seen.stamp_ns - self._latency_ns // 2
             return msgspec.structs.replace(seen, stamp_ns=stamp_ns)
         return seen
+
+    def is_future(self, stamp_ns: int, now_ns: int) -> bool:
+        """Whether what is stamped so cannot have been received at ``now_ns``: its clock is another."""
+        return stamp_ns - now_ns > self._latency_ns // 2
 
     def know(self, channels: Iterable[str]) -> None:
         """``channels`` are named by somebody, though by no model."""

@@ -65,10 +65,17 @@ class Sources:
             source = self.known[name] = Source()
         return source
 
-    def take(self, seen: Observation, now_ns: int) -> Gap | None:
-        """``seen`` was received at ``now_ns``; what is missing before it, if that is certain by now."""
+    def take(self, seen: Observation, now_ns: int, is_timed: bool = True) -> Gap | None:
+        """``seen`` was received at ``now_ns``; what is missing before it, if that is certain by now.
+
+        Args:
+            seen: what was received.
+            now_ns: when.
+            is_timed: whether its stamp tells when it happened; else its number counts, and no more.
+        """
         source = self.known.get(seen.source) or self._of(seen.source)
-        progress, order, stamp = source.progress, seen.order, seen.stamp_ns
+        progress, order = source.progress, seen.order
+        stamp = seen.stamp_ns if is_timed else progress.reported_ns
         if seen.life != source.lives.present:
             which = source.lives.see(seen.life, stamp)
             if which == PAST:
@@ -127,6 +134,19 @@ class Sources:
         """Nothing is known any more of what any of them reported."""
         for source in self.known.values():
             source.progress.restart()
+
+    def clock_set(self, now_ns: int, since_ns: int) -> None:
+        """The monitor's clock was set, and is ``now_ns``: numbers go on, and times before ``since_ns`` are
+        not compared with those after it.
+        """
+        for source in self.known.values():
+            progress, following = source.progress, source.progress.next
+            source.progress = Progress()
+            if progress.reported_ns and not progress.ahead:
+                source.progress.next, source.progress.reported_ns = following, since_ns - 1
+            source.anew_ns = 0
+            source.since_ns = min(source.since_ns, now_ns - 1)
+        self.reachability.clear()
 
     def known_ns(self, names: Iterable[str], now_ns: int) -> int:
         """All that ``names`` did until then (ns) was received, by their numbers; 0: numbers do not show it.

@@ -222,11 +222,6 @@ class PolicyOracle:
         return min(due, self._held.stamps[0]) if self._held.stamps else due
 
     @property
-    def depends_on_time(self) -> bool:
-        """Whether it matters how long ago something happened."""
-        return bool(self._held.stamps) or self._judge.due_ns != FOREVER
-
-    @property
     def silent_ns(self) -> int:
         """From then on (ns) it decides something if the node did nothing more, and the node can say so.
 

@@ -219,3 +219,27 @@ def test_a_loss_that_is_reported_once_more_undoes_nothing_that_was_certain_in_sp
     watched.watch.lose("/done", START + 400 * MS, START + 600 * MS)
     watched.pass_to(900, 800)
     assert withdrawn == []
+
+
+def test_what_is_not_certain_as_a_clock_is_set_does_not_become_so() -> None:
+    watched = Watched(RESPONSE)
+    watched.hear("Client", "/ask", 10, 12)
+    watched.pass_to(1_300, 20)
+    assert "Server" in watched.asked
+    watched.watch.clock_set(START + 1_100 * MS, START + 1_600 * MS)
+    for node in ("Client", "Server"):
+        watched.answer(node, 1_990)
+    watched.pass_to(2_500, 1_610)
+    assert Outcome.VIOLATED not in watched.said
+
+
+def test_nothing_is_violated_by_stamps_of_a_clock_that_may_have_been_set() -> None:
+    watched = Watched(ABSENCE)
+    watched.sources.clocks.heard("Server", START + 600 * MS, START + 500 * MS)
+    watched.hear("Server", "/done", 510, 512)
+    for node in ("Client", "Server"):
+        watched.answer(node, 900)
+    watched.pass_to(1_000, 520)
+    assert watched.said[-1] is Outcome.INCONCLUSIVE
+    watched.watch.finish(START + 1_000 * MS, START + 1_010 * MS)
+    assert watched.watch.violations == 0

@@ -541,3 +541,18 @@ def test_a_violation_from_before_the_clock_was_set_back_is_not_withdrawn_by_what
     watched.properties.advance(began_ns + 1_000 * MS)
     assert not withdrawn
     assert watched.properties.violations == 1
+
+
+def test_a_violation_from_before_the_clock_was_set_forward_stands(watched) -> None:
+    numbered_tick(watched)
+    watched.pass_time(1000 + LOOK_NS // MS + 13)
+    watched.reply("Level", "policy", "Battery")
+    assert watched.of("answers")[-1] == "violated"
+    withdrawn = []
+    watched.properties.withdrawn = lambda name, since_ns: withdrawn.append(name)
+    watched.set_forward_ns += 300 * MS
+    watched.jump(300 * MS)
+    watched.pass_time(1000)
+    assert not withdrawn
+    assert watched.properties.violations == 1
+    assert watched.of("answers")[-1] == "inconclusive"

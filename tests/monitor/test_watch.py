@@ -379,6 +379,29 @@ def test_a_clock_set_forward_is_said(started) -> None:
     assert [text for text in started.said if "the clock was set forward by 60.0 s" in text]
 
 
+@pytest.mark.parametrize("step_ms", [30, 90, 300])
+def test_no_silence_is_what_the_clock_was_set_forward_by(started, step_ms: int) -> None:
+    """What Level answers 60 ms after it was asked is the end of something, however much its stamps say."""
+    started.tick(1)
+    started.pass_time(20)
+    started.set_forward_ns += step_ms * MS
+    started.jump(step_ms * MS)
+    started.pass_time(20)
+    started.hear(
+        *("/Level/tick", "response_sent", "t/srv/Tick_Response", {"status": 0}, "Level"), call=1
+    )
+    started.pass_time(1000)
+    for _ in range(3):
+        started.confirm()
+    assert started.watch.violations == 0
+    assert started.outcomes[-2:] == ["inconclusive", "conforming"]
+    assert [
+        text
+        for text in started.said
+        if f"set forward by {step_ms / 1000:.1f} s" in text or f"by {step_ms} ms" in text
+    ]
+
+
 def test_what_happened_while_it_stood_still_is_not_judged(started) -> None:
     before = started.now
     started.jump(60 * S)

@@ -64,7 +64,7 @@ def test_nobody_is_accused_when_the_clock_is_set(step_s: float, seed: int, tmp_p
     conditions = Conditions(clocks=(clock,), **common(draw))
     verdicts, said = monitored(tmp_path, draw.randrange(1000), conditions)
     assert accusations(verdicts) == []
-    assert any("the clock was set" in sentence for sentence in said) == (step_s != 0.05)
+    assert any("the clock was set" in sentence for sentence in said)
 
 
 @pytest.mark.parametrize("seed", range(24))

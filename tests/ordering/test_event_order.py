@@ -11,6 +11,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from moon.ordering.counts import Counts
 from moon.ordering.event_order import EventOrder
 from moon.ordering.reception import Reception
+from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000
 LATENCY_NS = 200 * MS
@@ -21,10 +22,12 @@ class Clocks:
 
     def __init__(self) -> None:
         self.passed_ns = 0
+        self.set_ns = 0
         self.anew: list[str] = []
+        self.missed: list[str] = []
 
     def now_ns(self) -> int:
-        return 10**18 + self.passed_ns
+        return 10**18 + self.passed_ns + self.set_ns
 
     def monotonic_ns(self) -> int:
         return self.passed_ns
@@ -33,12 +36,15 @@ class Clocks:
         self.anew.append(why)
 
     def gap(self, gap: Any) -> None:
-        raise AssertionError(gap)
+        self.missed.append(gap.channel)
 
 
 class Tap:
     def take_dropped(self) -> tuple[()]:
         return ()
+
+    def is_contested(self, name: str) -> bool:
+        return False
 
 
 def made(clocks: Clocks) -> EventOrder:
@@ -63,7 +69,7 @@ def test_judging_that_begins_later_than_it_was_made_sees_no_clock_that_was_set(
         clocks.passed_ns += 20 * MS
         order.look_at_clock(*order.read_clocks())
         order.tick(clocks.now_ns(), clocks.monotonic_ns())
-    assert clocks.anew == []
+    assert clocks.anew == clocks.missed == []
 
 
 def test_what_was_received_before_judging_begins_counts_if_all_was() -> None:
@@ -73,3 +79,72 @@ def test_what_was_received_before_judging_begins_counts_if_all_was() -> None:
     clocks.passed_ns += 5000 * MS
     listener: Any = Tap()
     assert order.start(listener, since_ns) == order.since_ns == since_ns
+
+
+class Running:
+    """Judging goes on; ``Node`` sends a message now and then."""
+
+    def __init__(self) -> None:
+        self.clocks = Clocks()
+        self.order = made(self.clocks)
+        listener: Any = Tap()
+        self.order.start(listener)
+        self.number = -1
+        self.turn(20)
+
+    def turn(self, milliseconds: int) -> None:
+        self.clocks.passed_ns += milliseconds * MS
+        self.order.look_at_clock(*self.order.read_clocks())
+        self.order.tick(self.clocks.now_ns(), self.clocks.monotonic_ns())
+
+    def hear(self, stamp_ns: int) -> bool:
+        """Whether a message of ``stamp_ns`` that comes now is judged."""
+        self.number += 1
+        seen = Observation(
+            stamp_ns=stamp_ns,
+            received_ns=self.clocks.now_ns(),
+            channel="/topic",
+            kind=ObservationKind.MESSAGE,
+            type_name="",
+            data={},
+            source="Node",
+            sequence=self.number,
+            order=self.number,
+        )
+        return self.order.take(seen, self.clocks.now_ns()) is not None
+
+
+@pytest.mark.parametrize("step_ms", [-3_600_000, -5000, -400, -150, -20, -1, 1, 20, 150, 3_600_000])
+@pytest.mark.parametrize("passed_ms", [20, 300])
+def test_a_clock_that_is_set_is_noticed_however_little(step_ms: int, passed_ms: int) -> None:
+    running = Running()
+    running.clocks.set_ns += step_ms * MS
+    running.turn(passed_ms)
+    (why,) = running.clocks.anew
+    assert f"set {'back' if step_ms < 0 else 'forward'}" in why
+
+
+def test_a_clock_that_is_set_back_while_the_monitor_stands_still_is_noticed() -> None:
+    running = Running()
+    running.clocks.set_ns -= 150 * MS
+    running.turn(600)
+    assert running.clocks.anew == ["the clock was set back by 0.1 s"]
+
+
+@pytest.mark.parametrize("step_ms", [-3_600_000, -5000, -150, -20, 20, 150, 5000])
+def test_what_was_stamped_before_the_clock_was_set_is_not_judged(step_ms: int) -> None:
+    running = Running()
+    assert running.hear(running.clocks.now_ns())
+    before_ns = running.clocks.now_ns() + 18 * MS
+    running.clocks.set_ns += step_ms * MS
+    running.turn(20)
+    assert not running.hear(before_ns)
+    assert running.order.sources.known["Node"].progress.reported_ns < running.order.since_ns
+    passed_ms = (
+        -step_ms + 1 if -500 < step_ms < 0 else 0
+    )  # so long a stamp may be of before or of after
+    running.turn(passed_ms + 10)
+    after_ns = running.clocks.now_ns()
+    assert running.hear(after_ns)
+    assert running.order.gap is None  # none of its numbers is missing
+    assert running.order.sources.known["Node"].progress.reported_ns == after_ns
