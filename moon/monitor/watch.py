@@ -125,7 +125,7 @@ class SystemWatch:
         """
         transport = self._transport
         self.listener = transport.tap([], self._observe)
-        self._began_ns = self._order.start(self.listener, since_ns)
+        self._began_ns = self._order.start(self.listener, since_ns, transport.repair_s)
         transport.watch_nodes(self._node_changed)
         self._turns.plan(0)
         # such a middleware links who listens channel by channel

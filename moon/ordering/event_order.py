@@ -113,9 +113,17 @@ class EventOrder:
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
-    def start(self, listener: Tap, since_ns: int = 0) -> int:
-        """Judging begins now; since when all is received (ns), by default since now."""
+    def start(self, listener: Tap, since_ns: int = 0, repair_s: float | None = None) -> int:
+        """Judging begins now; since when all is received (ns), by default since now.
+
+        Args:
+            listener: the tap.
+            since_ns: since when all is received (ns); 0: since now.
+            repair_s: of the middleware, where only the beginning of a recording says it.
+        """
         self.listener = listener
+        if repair_s is not None:
+            self._repair_ns = round(repair_s * NS)
         now_ns, self._monotonic_ns = self.read_clocks()
         self.since_ns = self.sources.listening_ns = since_ns or now_ns
         self.clock.restart(now_ns)

@@ -21,7 +21,7 @@ from moon.recording.reader import open_recording
 from moon.verdict import Outcome, Verdict
 from tests.offline import live as live_runs
 from tests.offline.live import SUBJECT, LiveRun, faulty_program, live_run, monitored, program
-from transports.simulated import Conditions
+from transports.simulated import Conditions, Pause, Rules
 
 UNEVEN = Conditions(delay_s=(0.0, 0.004), tap_delay_s=(0.0, 0.006), busy_s=(0.0, 0.001))
 DEAD = "BatteryLevelSkill"
@@ -87,6 +87,16 @@ def test_a_node_that_dies_and_a_clock_that_is_set_are_told_the_same(
     result = assert_same(path, live)
     assert AWAY in result.machines[[item.machine for item in result.machines].index(DEAD)].states
     assert result.counts.stalls == run.watch.counts.stalls > 0
+
+
+def test_a_monitor_that_stood_still_waits_for_what_is_repaired_live_and_afterwards(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.mcap"
+    pauses = (Pause("monitor", 2.0, 0.6),)
+    live = live_run(path, program(), 7, 9.0, Conditions(rules=Rules.ROS2, pauses=pauses))
+    assert any("stood still" in verdict.reason for verdict in live)
+    assert_same(path, live)
 
 
 OWED = """\
