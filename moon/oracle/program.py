@@ -83,6 +83,12 @@ class MachineProgram:
         """Outcomes of steps taken before; nobody changes a step that was taken."""
         self.chooses = chooses(machine)
         """Whether a transition leads to one of several states."""
+        self.handles_errors = any(
+            matches(ERROR_EXECUTION, prefix)
+            for state in self.states
+            for prefix, _ in state.internal
+        )
+        """Whether a condition that fails may lead to something."""
         self.assigned = frozenset(
             root_of(item.location) for item in statements_of(machine) if isinstance(item, Assign)
         )
@@ -342,6 +348,7 @@ class Program:
             for state in program.states
             for event, transitions in state.by_event.items()
             if any(t.body is not None or t.targets for t in transitions)
+            or (program.handles_errors and any(t.condition is not None for t in transitions))
         }
         takers: dict[EventKey, list[int]] = {}
         for instance, program in enumerate(self.parts[1:], 1):

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from moon.oracle.program import MachineProgram
+from m2c.model.machine import EventKind
+from moon.oracle.program import MachineProgram, Program
 from tests.oracle.machines import library, read
 from tests.oracle.tour import lab_tour
 
@@ -64,3 +65,27 @@ def test_whether_a_machine_draws_is_seen_in_its_expressions_not_in_its_texts(
         MachineProgram(read(f"{HEAD.format(initial)}{content}</state></scxml>"), library()).draws
         is draws
     )
+
+
+FAILING = """<ros_topic_callback name="/in" cond="a[5] &gt; 0"/>
+<transition event="error.execution"><assign location="n" expr="n + 1"/></transition>"""
+
+
+@pytest.mark.parametrize(
+    ("content", "changes"),
+    [
+        (FAILING, True),
+        (FAILING.replace("error.execution", "error.*"), True),
+        (FAILING.replace("error.execution", "other"), False),
+        (FAILING.replace(' cond="a[5] &gt; 0"', ""), False),
+    ],
+)
+def test_a_message_changes_something_where_only_its_condition_does_by_failing(
+    content: str, changes: bool
+) -> None:
+    head = HEAD.format("0").replace(
+        "<datamodel>",
+        '<ros_topic_subscriber topic="/in" type="std_msgs/Int32" name="/in"/><datamodel>',
+    )
+    program = Program(read(f"{head}{content}</state></scxml>"), library())
+    assert program.changes_something((EventKind.MESSAGE, "/in")) is changes
