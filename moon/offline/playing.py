@@ -80,6 +80,7 @@ class Player:
         self._left_out_ns = 0
         """How long it did not; 0: what was recorded then is judged, too."""
         self._is_over = False
+        self._contested: set[str] = set()
 
     # --- for the watch -----------------------------------------------------------------------------
 
@@ -126,8 +127,8 @@ class Player:
         self._asked[node] = answered
 
     def is_contested(self, name: str) -> bool:
-        """Who sent is as the recorder had it."""
-        return False
+        """Whether several claimed that name, as the recorder had it."""
+        return name in self._contested
 
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         """Nothing: what the recorder dropped is among ``problems``."""
@@ -287,6 +288,10 @@ class Player:
             self._posted.popleft()()
 
     def _change(self, change: NodeChange) -> None:
+        if change.contested:
+            self._contested.add(change.node)
+        else:
+            self._contested.discard(change.node)
         if change.up:
             self._since[change.node] = change.since_ns
         elif change.reported:

@@ -80,7 +80,8 @@ class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
         up: whether it is up now.
         since_ns: when it began to connect, on its clock (``Listener.up_since``); 0: not known.
         reported: whether it was reported to the recorder (``told`` in JSON). If not, the node was up before,
-            and all that changed is ``since_ns``.
+            and all that changed is ``since_ns``, or ``contested``.
+        contested: whether several claim to be it (``Tap.is_contested``): nothing that comes of it is judged.
     """
 
     received_ns: Instant
@@ -88,6 +89,7 @@ class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
     up: bool
     since_ns: Instant = 0
     reported: bool = msgspec.field(default=True, name="told")
+    contested: bool = False
 
 
 class Turn(StrEnum):

@@ -71,6 +71,8 @@ class RecordedConnection:
         self._turned_ns = self._now_ns
         self._since: dict[str, int] = {}
         """Of the nodes that are up."""
+        self._contested: set[str] = set()
+        """Names that several claim, as it was when something came in each last."""
 
     @property
     def repair_s(self) -> float:
@@ -97,12 +99,30 @@ class RecordedConnection:
                 now_ns = self._take_turn(Turn.CLOCK)
             if seen.received_ns != now_ns:
                 seen = replace(seen, received_ns=now_ns)
+            if tap.is_contested(seen.source) != (seen.source in self._contested):
+                self._note_contest(seen.source)
             record(seen)
             handler(seen)
 
         self._now_ns = home.now_ns()
         record(Began(self._now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
-        return _RecordedTap(home.tap(channels, received), self._note_answer)
+        tap = home.tap(channels, received)
+        return _RecordedTap(tap, self._note_answer, self._contested.__contains__)
+
+    def _note_contest(self, name: str) -> None:
+        """Several claim to be ``name``, or do so no longer."""
+        self._contested ^= {name}
+        since_ns = self._since.get(name)
+        self._record(
+            NodeChange(
+                self._now_ns,
+                name,
+                since_ns is not None,
+                since_ns or 0,
+                reported=False,
+                contested=name in self._contested,
+            )
+        )
 
     def _note_answer(self, node: str, answer: Answer) -> None:
         now_ns = self._now_ns = self._home.now_ns()
@@ -118,7 +138,8 @@ class RecordedConnection:
                 self._since[name] = since_ns
             else:
                 self._since.pop(name, None)
-            self._record(NodeChange(self._now_ns, name, up, since_ns))
+            contested = name in self._contested
+            self._record(NodeChange(self._now_ns, name, up, since_ns, contested=contested))
             handler(name, up)
 
         self._home.watch_nodes(changed)
@@ -164,7 +185,8 @@ class RecordedConnection:
             since_ns = self._home.up_since(name)
             if since_ns != before_ns:
                 self._since[name] = since_ns
-                self._record(NodeChange(self._now_ns, name, True, since_ns, reported=False))
+                contested = name in self._contested
+                self._record(NodeChange(self._now_ns, name, True, since_ns, False, contested))
 
 
 class _RecordedTap(Closes):
@@ -173,12 +195,18 @@ class _RecordedTap(Closes):
     Args:
         tap: the connection's.
         note: takes who answered what, before the monitor does.
+        is_contested: whether several claim a name, as it is recorded.
     """
 
-    def __init__(self, tap: Tap, note: Callable[[str, Answer], None]) -> None:
+    def __init__(
+        self,
+        tap: Tap,
+        note: Callable[[str, Answer], None],
+        is_contested: Callable[[str], bool],
+    ) -> None:
         self._tap = tap
         self._note = note
-        self.is_contested = tap.is_contested
+        self.is_contested = is_contested
         self.take_dropped = tap.take_dropped
         self.peers = tap.peers
         self.problems = tap.problems

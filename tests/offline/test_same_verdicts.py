@@ -21,7 +21,7 @@ from moon.recording.reader import open_recording
 from moon.verdict import Outcome, Verdict
 from tests.offline import live as live_runs
 from tests.offline.live import SUBJECT, LiveRun, faulty_program, live_run, monitored, program
-from transports.simulated import Conditions, Pause, Rules
+from transports.simulated import Conditions, Kill, Pause, Rules
 
 UNEVEN = Conditions(delay_s=(0.0, 0.004), tap_delay_s=(0.0, 0.006), busy_s=(0.0, 0.001))
 DEAD = "BatteryLevelSkill"
@@ -67,6 +67,16 @@ def test_what_was_lost_late_or_doubled_is_judged_the_same(tmp_path: Path) -> Non
     assert Outcome.INCONCLUSIVE in {verdict.outcome for verdict in live}
     result = assert_same(path, live)
     assert any(problem.startswith("missed ") for problem in result.problems)
+
+
+def test_a_name_that_two_claim_for_a_while_is_judged_the_same(tmp_path: Path) -> None:
+    """By ROS 2's rules a node that is killed is missed only after its lease: its next life is there before."""
+    path = tmp_path / "run.mcap"
+    kills = (Kill(DEAD, 3.0, 0.0),)
+    conditions = Conditions(kills=kills, lease_s=2.0, rules=Rules.ROS2)
+    live = live_run(path, program(), 1, 8.0, conditions)
+    assert any(f"several sessions claim to be {DEAD}" in verdict.reason for verdict in live)
+    assert_same(path, live)
 
 
 def test_a_node_that_dies_and_a_clock_that_is_set_are_told_the_same(
