@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from m2c.model.machine import OutputKind
+from m2c.model.machine import InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, TooManyError
 from moon.oracle.confirmation import Conclusion, Violation
 from moon.oracle.explain import described, explanation_of, survivors_of
@@ -38,6 +38,12 @@ _INCONCLUSIVE = Outcome.INCONCLUSIVE  # looked up for every event
 _NOTHING: list[Verdict] = []
 """For most events; never changed."""
 
+_OF_CALLS = (
+    InterfaceKind.SERVER,
+    InterfaceKind.CLIENT,
+    InterfaceKind.ACTION_SERVER,
+    InterfaceKind.ACTION_CLIENT,
+)
 _PARTS = {
     OutputKind.ACCEPT_GOAL: ("/_action/send_goal", False),
     OutputKind.REJECT_GOAL: ("/_action/send_goal", False),
@@ -82,6 +88,12 @@ class ModelOracle:
         self.resynchronisation = Resynchronisation(search.bounds.latency)
         self._name = name
         self._node = node
+        self._calls = [
+            (node, interface.channel, False)
+            for interface in search.program.machine.interfaces
+            if interface.kind in _OF_CALLS and interface.channel
+        ]
+        """Where inputs come of which the node itself reports that it took them."""
         self.search = search
         self._bounds = search.bounds
         self._conclusion = conclusion
@@ -143,7 +155,7 @@ class ModelOracle:
                 is_open = self._conclusion.outcome is _INCONCLUSIVE
                 self.due_ns = AT_ONCE if is_open else search.next_due(only)
                 return _NOTHING
-        event.may_be_lost = event.stamp < self._linked_ns
+        event.may_be_lost = event.stamp < self._linked_ns or not event.is_linked
         verdicts: Sequence[Verdict] = _NOTHING
         try:
             after = search.after(known, event)
@@ -203,7 +215,7 @@ class ModelOracle:
         last = self.search.last
         try:
             for event in events:
-                event.may_be_lost = event.stamp < self._linked_ns
+                event.may_be_lost = event.stamp < self._linked_ns or not event.is_linked
                 after = self.search.after(known, event)
                 if not after:
                     break  # what comes before it may still explain it
@@ -266,8 +278,9 @@ class ModelOracle:
         before = self.hypotheses or []
         survivors = survivors_of(self.search, before, event)
         places = self._places_of(survivors)
-        is_open = bool(places) and event.role is not Role.UNDECLARED
-        if is_open and self._conclusion.may_have_missed(places, event.stamp):
+        missed = [*places, *self._calls]
+        is_open = event.role is not Role.UNDECLARED
+        if is_open and self._conclusion.may_have_missed(missed, event.stamp):
             self._forget(event.stamp)
             return self._conclusion.unknown(event.stamp, MISSED)
         explanation = explanation_of(self.search, survivors, event, self._history)

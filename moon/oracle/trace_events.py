@@ -20,7 +20,7 @@ from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.walk import failure_of_goals
-from moon.oracle.calls import Call
+from moon.oracle.calls import Call, is_nameless
 from moon.ordering.numbers import Count, Numbers, Place
 from transports.actions.rules import Stamp
 from transports.interface import CallOutcome, Observation, ObservationKind
@@ -172,6 +172,11 @@ class Port:
 def _undeclared(seen: Observation) -> TraceEvent:
     """Something for which the model has no words."""
     return TraceEvent(seen, Role.UNDECLARED)
+
+
+def _is_own_call(seen: Observation, node: str) -> bool:
+    """Whether what ``node`` itself reports is of a call that it made; its name there may not be known yet."""
+    return seen.client == node or is_nameless(seen.client)
 
 
 def _asking(name: str) -> Reader:
@@ -527,7 +532,7 @@ class Channels:
         if kind is ObservationKind.REQUEST_SENT:
 
             def sent(seen: Observation) -> TraceEvent | None:
-                if seen.client != node:
+                if not _is_own_call(seen, node):
                     return None
                 return TraceEvent(seen, Role.OUTPUT, name, None, OutputKind.REQUEST, seen.data)
 
@@ -537,7 +542,7 @@ class Channels:
         answer, failure = (EventKind.RESPONSE, name), (EventKind.CALL_ERROR, name)
 
         def received(seen: Observation) -> TraceEvent | None:
-            if seen.client != node:
+            if not _is_own_call(seen, node):
                 return None
             if seen.error:
                 return TraceEvent(seen, Role.INPUT, name, failure)

@@ -9,7 +9,7 @@ from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
-from transports.interface import Observation, ObservationKind
+from transports.interface import NAMELESS, Observation, ObservationKind
 
 MS = 1_000_000
 BEGAN = 10**18
@@ -92,3 +92,53 @@ def test_what_is_expected_where_nothing_was_received_yet_may_have_been_missed(
         said += oracle.feed(seen)
     said += oracle.advance(first_ns + 300 * MS)
     assert (Outcome.VIOLATED in [verdict.outcome for verdict in said]) == is_linked
+
+
+ANSWERS_LATER = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_service_client service_name="/Other/ask" type="probe_interfaces/Ask"/>
+  <state id="idle">
+    <ros_service_handle_request name="/Probe/ask"><ros_service_send_request name="/Other/ask"/></ros_service_handle_request>
+    <ros_service_handle_response name="/Other/ask"><ros_service_send_response name="/Probe/ask"/></ros_service_handle_response>
+  </state>
+</scxml>
+"""
+
+
+@pytest.mark.parametrize(
+    ("client", "is_linked", "is_violated"),
+    [
+        ("Probe", True, False),
+        (f"{NAMELESS}00ff", True, False),
+        ("", False, False),
+        ("", True, True),
+    ],
+)
+def test_an_answer_rests_on_another_that_its_node_got_under_whatever_name(
+    client: str, is_linked: bool, is_violated: bool
+) -> None:
+    """Without ``client`` nothing is received of the node's own call: the tap may not be linked to it yet."""
+    oracle = Oracle(read(ANSWERS_LATER), library(), bounds=Bounds(), synchronised=False)
+    oracle.start(BEGAN)
+    oracle.listen(BEGAN if is_linked else BEGAN + 5_000 * MS)
+    at_ns = BEGAN + 3_000 * MS
+    said = []
+    asked, answered = ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT
+    sent, got = ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED
+    for place, (channel, kind, who) in enumerate(
+        [
+            ("/Probe/ask", asked, "policy"),
+            *([("/Other/ask", kind, client) for kind in (sent, got)] if client else ()),
+            ("/Probe/ask", answered, "policy"),
+        ]
+    ):
+        at_ns += MS
+        seen = Observation(
+            stamp_ns=at_ns, received_ns=at_ns, channel=channel, kind=kind, type_name="",
+            data={"value": 0}, source="Probe", client=who, call=2,
+            sequence=place % 2 if channel == "/Other/ask" else bool(place),
+        )  # fmt: skip
+        said += oracle.feed(seen)
+    said += oracle.advance(at_ns + 300 * MS)
+    assert (Outcome.VIOLATED in [verdict.outcome for verdict in said]) == is_violated
