@@ -193,10 +193,10 @@ class ModelMonitor:
         """What was found of links, one sentence each."""
         return [found for oracle in self._all for found in oracle.take_findings(now_ns)]
 
-    def sender_ended(self, node: str) -> None:
-        """``node`` is gone, or has started again: what it sent last may never have left."""
+    def sender_changed(self, node: str, stamp_ns: int) -> None:
+        """``node`` came or went at ``stamp_ns``: what it sent last may never have left."""
         for oracle in self._all:
-            oracle.sender_ended(node)
+            oracle.sender_changed(node, stamp_ns)
 
     def node_started(self, node: str, stamp_ns: int, earliest_ns: int = FOREVER) -> None:
         """``node`` has just come up: its machine is in its initial state at ``stamp_ns``.

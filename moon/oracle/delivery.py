@@ -387,6 +387,13 @@ class Delivery:
     def take_findings(self, until: int) -> list[str]:
         """What was under way for too long and has come, or is given up, one sentence each."""
         found = []
+        for event in self._takes.lost:
+            source, channel = event.stream
+            found.append(
+                f"the link between {source} and {self._streams.node} lost message "
+                f"{event.observation.sequence} on {channel}, or was slow"
+            )
+        self._takes.lost.clear()
         for place in [p for p in self._under_way if not self._is_expected(p)]:
             event = self._under_way.pop(place)
             seconds = (until - event.stamp) / 1e9
@@ -417,6 +424,8 @@ class Delivery:
         """Messages on the machine's topics that its node, which reports what it takes, never took."""
         verdicts: list[Verdict] = []
         for event in self._overdue(self._taken, until, verdicts):
+            if not self._takes.is_missed(event):
+                continue
             source, channel = event.stream
             expected = f"message {event.observation.sequence} of {source} on {channel} to be taken"
             why = "the message was not taken"
@@ -439,6 +448,8 @@ class Topics:
         publishers: whose word is taken for it that they published.
         takes: the messages, where the node reports which of them it takes.
         held: what is not judged yet.
+        presumes_links: whether publishers are linked to the node from the beginning: nobody says when each
+            of them came.
 
     Attributes:
         is_ordered: all that the machine takes and sends is reported by its own node, in order: it is known
@@ -453,7 +464,9 @@ class Topics:
         publishers: Publishers,
         takes: TakenMessages,
         held: Held[TraceEvent],
+        presumes_links: bool,
     ) -> None:
+        self._presumes_links = presumes_links
         self._program = program
         self._channels = channels
         self._streams = streams
@@ -482,6 +495,7 @@ class Topics:
             return self._taken(event, since_ns)
         reported = self._takes.reported
         if not reported or event.event is None:
+            event.is_linked = self._takes.is_linked(event) or self._presumes_links
             return event
         match evidence_of(event.event[0], reported, event.observation.sequence >= 0):
             case Shown.BY_NODE:

@@ -36,10 +36,9 @@ class Shown(IntEnum):
 
 
 EVIDENCE: dict[EventKind, tuple[Shown, Shown]] = {
-    # topics, and plain events, which travel on topics
+    # topics: plain events travel on them, and feedback
     EventKind.MESSAGE: (Shown.BY_NODE, Shown.BY_SENDER),
-    # a report that feedback was taken does not say when: feedback waits until its goal is accepted
-    EventKind.FEEDBACK: (Shown.BY_SENDER, Shown.BY_SENDER),
+    EventKind.FEEDBACK: (Shown.BY_NODE, Shown.BY_SENDER),
     # what an end of a call does is reported by that end, on every middleware
     EventKind.REQUEST: (Shown.BY_NODE, Shown.BY_NODE),
     EventKind.RESPONSE: (Shown.BY_NODE, Shown.BY_NODE),

@@ -19,6 +19,8 @@ KEPT_REQUESTS = 1024
 """Requests sent that were not received yet. Of more, the oldest are not missed."""
 KEPT_MESSAGES = 1024
 """Messages that were not taken yet, and others that are remembered."""
+SEVERAL = 2
+"""So many messages in a row that were not taken were not lost by chance."""
 
 _RECEIVED = "received"
 Place = tuple[str, Call]
@@ -150,16 +152,18 @@ class _Link:
         since: the first message of the publisher's life was published then (ns).
         life: which life of the publisher it is; 0 where that is not known.
         last: number of the newest message.
-        is_used: whether the node has taken a message of that life.
+        taken: number of the newest of that life that the node has taken; -1: it has taken none.
+        missed: those that were not taken in time since it took one.
     """
 
-    __slots__ = ("is_used", "last", "life", "since")
+    __slots__ = ("last", "life", "missed", "since", "taken")
 
     def __init__(self, since: int, life: int) -> None:
         self.since = since
         self.life = life
         self.last = -1
-        self.is_used = False
+        self.taken = -1
+        self.missed: list[TraceEvent] = []
 
 
 class TakenMessages:
@@ -170,17 +174,20 @@ class TakenMessages:
 
     Attributes:
         reported: whether the machine's node reports what it takes.
-        started_ns: when the node started (ns); 0 where it is linked for long.
+        started_ns: when the node started, or was found (ns); 0 where it is linked for long.
         expected: by source and channel of a message, and its number there.
         awaited_ns: the first that was taken and whose contents were not received yet, was taken then (ns).
+        lost: those that were lost on their way; who says so empties it.
     """
 
     __slots__ = (
+        "_appeared",
         "_awaited",
         "_contents",
         "_links",
         "awaited_ns",
         "expected",
+        "lost",
         "reported",
         "started_ns",
     )
@@ -192,6 +199,9 @@ class TakenMessages:
         self._contents: dict[Place, TraceEvent] = {}
         self._awaited: dict[Place, TraceEvent] = {}
         self._links: dict[tuple[str, str], _Link] = {}
+        self._appeared: dict[str, int] = {}
+        """When each publisher came up last, where that is known (ns)."""
+        self.lost: list[TraceEvent] = []
         self.started_ns = 0
 
     def publish(self, message: TraceEvent, is_expected: bool) -> None:
@@ -202,8 +212,7 @@ class TakenMessages:
             is_expected: whether the node has to take it if it is linked to the publisher.
         """
         reference = reference_of(message)
-        if is_expected:
-            is_expected = self._is_linked(message)
+        is_expected = self.is_linked(message) and is_expected
         taken = self._awaited.pop(reference, None)
         if taken is not None:
             _fill(taken, message)
@@ -219,16 +228,37 @@ class TakenMessages:
         if is_expected:
             self.expected.add(reference, message)
 
-    def _is_linked(self, message: TraceEvent) -> bool:
-        """Whether what the publisher of ``message`` publishes reaches the node."""
+    def is_linked(self, message: TraceEvent) -> bool:
+        """Whether the publisher of ``message``, which is new, certainly was linked to the node.
+
+        It was if the node has taken an earlier message of it, or if both were there for long.
+        """
         number = message.observation.sequence
         link = self._links.get(message.stream)
         life = message.observation.life
         if link is None or link.life != life or (not life and number < link.last):
             # the publisher has started, perhaps once more
-            link = self._links[message.stream] = _Link(message.stamp, life)
+            since = min(message.stamp, self._appeared.get(message.stream[0], message.stamp))
+            link = self._links[message.stream] = _Link(since, life)
         link.last = max(link.last, number)
-        return link.is_used or message.stamp - LINKED_NS > max(link.since, self.started_ns)
+        return link.taken >= 0 or message.stamp - LINKED_NS > max(link.since, self.started_ns)
+
+    def is_missed(self, message: TraceEvent) -> bool:
+        """Whether it is the node's fault that it has not taken ``message`` in time.
+
+        One message may have been lost on its way; it was, where the node takes a later one. So it is not
+        before the node has taken none of several in a row.
+        """
+        link = self._links.get(message.stream)
+        _, (_, number, life) = reference_of(message)
+        if link is None or link.life != life:
+            return False
+        if number < link.taken:
+            self.lost.append(message)
+            return False
+        if len(link.missed) < SEVERAL:
+            link.missed.append(message)
+        return len(link.missed) == SEVERAL
 
     def take(self, taken: TraceEvent) -> None:
         """The node took a message: ``taken`` has its contents, now or once they are received."""
@@ -237,7 +267,10 @@ class TakenMessages:
         reference = (channel, taken.call)
         link = self._links.get((client, channel))
         if link is not None and number <= link.last and life == link.life:
-            link.is_used = True
+            link.taken = max(link.taken, number)
+            if len(link.missed) < SEVERAL:
+                self.lost += link.missed
+            link.missed.clear()
         message = self._contents.pop(reference, None)
         if message is None:
             self._awaited[reference] = taken
@@ -253,12 +286,28 @@ class TakenMessages:
     def forget(self) -> None:
         """It is not known any more what the node takes; what it will have taken may still come."""
         self.expected.clear()
+        for link in self._links.values():
+            link.missed.clear()
         self._awaited.clear()
         self.awaited_ns = FOREVER
 
-    def sender_ended(self, name: str) -> None:
-        """``name`` is gone: what it published may never have left, and another life of it numbers anew."""
+    def unlink(self, stamp_ns: int) -> None:
+        """The node came or went at ``stamp_ns``: publishers have to be linked to it once more."""
+        self._links.clear()
+        self.started_ns = stamp_ns
+
+    def sender_changed(self, name: str, stamp_ns: int) -> None:
+        """``name`` came or went at ``stamp_ns``: what it published may never have left.
+
+        Another life of it numbers anew, and it has to be linked to the node once more.
+        """
         self.expected.remove_of(name)
+        for stream in [stream for stream in self._links if stream[0] == name]:
+            del self._links[stream]
+        self._appeared.pop(name, None)
+        self._appeared[name] = stamp_ns
+        if len(self._appeared) > KEPT_CALLS:
+            del self._appeared[next(iter(self._appeared))]
         for place in [p for p in self._contents if p[1][0] == name and not p[1][2]]:
             del self._contents[place]
 
@@ -279,6 +328,6 @@ def reference_of(message: TraceEvent) -> Place:
 
 
 def _fill(taken: TraceEvent, message: TraceEvent) -> None:
-    taken.data = message.data
+    taken.data, taken.goal = message.data, message.goal
     taken.observation = message.observation
     taken.stream = message.stream

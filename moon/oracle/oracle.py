@@ -103,7 +103,15 @@ class Oracle:
         self._other_ends = OtherEnds(bounds.latency)
         held: Held[TraceEvent] = Held()
         self._takes = TakenMessages(bounds.deadline + bounds.skew)
-        self._topics = Topics(program, self.channels, self._streams, publishers, self._takes, held)
+        self._topics = Topics(
+            program,
+            self.channels,
+            self._streams,
+            publishers,
+            self._takes,
+            held,
+            presumes_links=sources is None,
+        )
         self._requests = RequestTracking(bounds.deadline)
         confirmation = Confirmation(
             self.node,
@@ -175,10 +183,13 @@ class Oracle:
         self._streams.received_since = since_ns
         self._delivery.linked(since_ns)
 
-    def sender_ended(self, name: str) -> None:
-        """Another node, ``name``, is gone, or has started again: what it sent last may never have left."""
+    def sender_changed(self, name: str, stamp_ns: int) -> None:
+        """``name`` came or went at ``stamp_ns``: what it sent last may never have left, or reached it."""
+        if name == self.node:
+            self._takes.unlink(stamp_ns)
+            return
         self._requests.sender_ended(name)
-        self._takes.sender_ended(name)
+        self._takes.sender_changed(name, stamp_ns)
 
     def lose(self, stamp_ns: int, text: str) -> list[Verdict]:
         """Something is missing: no verdict until the machine's doing is certain again.
@@ -320,7 +331,7 @@ class Oracle:
             case Sequel.ANEW if observation.source == self.node:
                 self._begin_again(stamp, verdicts)
             case Sequel.ANEW:
-                self.sender_ended(observation.source)
+                self.sender_changed(observation.source, stamp)
 
     def _begin_again(self, stamp_ns: int, verdicts: list[Verdict]) -> None:
         """The node has started again: what it reports is of another life from ``stamp_ns`` on."""

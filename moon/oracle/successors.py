@@ -664,6 +664,8 @@ class Inputs:
                 yield from self._successors.run_everywhere(
                     hypothesis, event, fact.data, {}, stamp, stamp
                 )
+            case EventKind.FEEDBACK:
+                yield from self._feedback_input(hypothesis, fact)
             case EventKind.RESPONSE | EventKind.CALL_ERROR:
                 yield from self._successors.run(hypothesis, 0, event, fact.data, {}, stamp, stamp)
             case _:
@@ -745,6 +747,29 @@ class Inputs:
                 )
             found = following
         return found
+
+    def _feedback_input(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
+        """Feedback is taken at once, or kept until its goal is accepted; of other goals it is nothing."""
+        event, stamp = fact.event, fact.stamp
+        assert event is not None
+        found = [hypothesis]
+        is_known = goal_called(hypothesis, fact.interface, fact.goal, served=False) is not None
+        if hypothesis.free and not is_known and not self._channels.was_sent(fact.goal):
+            for phase in (Phase.NEW, Phase.RUNNING):
+                adopted, _ = adopt_goal(hypothesis, fact.interface, fact.goal, False, phase)
+                perhaps_cancel(adopted, fact.interface)
+                found.append(adopted)
+        for known in found:
+            goal = goal_called(known, fact.interface, fact.goal, served=False)
+            if goal is None:
+                yield known
+            elif goal.phase is Phase.RUNNING:
+                parts = {"goal_id": goal.name}
+                yield from self._successors.run_everywhere(
+                    known, event, fact.data, parts, stamp, stamp
+                )
+            else:
+                yield known.with_pending((*known.pending, fact))
 
     def _goal_event(self, hypothesis: Hypothesis, fact: TraceEvent) -> Iterator[Hypothesis]:
         """What becomes of a goal that the machine sent."""

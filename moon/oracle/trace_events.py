@@ -68,6 +68,7 @@ class TraceEvent:
         call: which; of a message taken, who published it, its number, and in which life.
         goal: a goal's id (32 hex digits).
         stream: source and channel: the events of one stream keep their order.
+        is_linked: whether who sent it certainly was linked to the machine's node.
         may_be_lost: whether the machine may never have got it (set by the oracle).
         observation: what was observed.
     """
@@ -80,6 +81,7 @@ class TraceEvent:
         "event",
         "goal",
         "interface",
+        "is_linked",
         "may_be_lost",
         "observation",
         "output",
@@ -108,6 +110,7 @@ class TraceEvent:
         self.goal = goal
         self.call: Call = (observation.client, observation.call, observation.client_life)
         self.stream = (observation.source, observation.channel)
+        self.is_linked = True
         self.may_be_lost = False
         self._base: TraceEvent | None = None
         self._twin: TraceEvent | None = None
@@ -215,9 +218,9 @@ def _taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
     return lambda seen: TraceEvent(seen, role, name, event, None, complete(seen.data, template))
 
 
-def _took(name: str) -> Reader:
+def _took(name: str, kind: EventKind) -> Reader:
     """Reports of the machine's node that it took a message of a topic; who published it has the contents."""
-    event = (EventKind.MESSAGE, name)
+    event = (kind, name)
     return lambda seen: TraceEvent(seen, Role.TAKEN, name, event)
 
 
@@ -504,7 +507,9 @@ class Channels:
             case InterfaceKind.SUBSCRIBER if kind is ObservationKind.MESSAGE:
                 return _taking(Role.MESSAGE, name, EventKind.MESSAGE, template)
             case InterfaceKind.SUBSCRIBER if own and kind is ObservationKind.MESSAGE_TAKEN:
-                return _took(name)
+                return _took(name, EventKind.MESSAGE)
+            case InterfaceKind.ACTION_CLIENT if own and kind is ObservationKind.MESSAGE_TAKEN:
+                return _took(name, EventKind.FEEDBACK) if port.part == "feedback" else None
             case InterfaceKind.PUBLISHER if own and kind is ObservationKind.MESSAGE:
                 return _giving(name, OutputKind.PUBLISH, template)
             case InterfaceKind.SERVER:

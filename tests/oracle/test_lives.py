@@ -154,7 +154,7 @@ def test_the_last_messages_of_a_publisher_that_was_killed_need_not_have_been_tak
         probe = Probe()
         probe.follow()
         said = probe.published(5, 10, 11, sequence=1)
-        probe.oracle.sender_ended("other")
+        probe.oracle.sender_changed("other", 0)
         said += probe.published(50, 100, 101, sequence=0, life=9 if is_known else 0)
         said += probe.passed(5000)
         assert Outcome.VIOLATED not in said
@@ -249,5 +249,5 @@ def test_a_request_of_a_client_that_was_killed_may_never_have_left(tmp_path: Pat
     asked = Asked(tmp_path)
     said = asked.see(SENT, 10, 1, client_life=5) + asked.answer(12, 1, client_life=5)
     said += asked.see(SENT, 500, 2, client_life=5)
-    asked.oracle.sender_ended("Client")
+    asked.oracle.sender_changed("Client", 0)
     assert said + asked.passed(3000) == []

@@ -157,16 +157,35 @@ def test_contents_that_never_come_leave_the_machine_unknown_and_nobody_accused()
     assert probe.passed(400) == [Outcome.INCONCLUSIVE]
 
 
-def test_a_message_that_is_never_taken_is_a_violation() -> None:
+def test_messages_that_are_never_taken_are_a_violation() -> None:
+    probe = Probe()
+    probe.follow()
+    for number in range(2):
+        probe.published(5 + number, 10 + number, 11 + number)
+    late = 11 + BOUNDS.deadline / MS
+    assert probe.passed(late + 100) == []  # the node has not reported so far
+    until_ns = START + round((late + 200) * MS)
+    said = probe.oracle.reported(probe.order + 1, until_ns, until_ns + MS)
+    assert [verdict.outcome for verdict in said] == [Outcome.VIOLATED]
+    assert "message 2 of other on /in to be taken" in said[0].reason
+
+
+@pytest.mark.parametrize("after_ms", [5, 2500])
+def test_a_message_that_is_lost_on_its_way_is_a_finding_of_the_link(after_ms: float) -> None:
     probe = Probe()
     probe.follow()
     probe.published(5, 10, 11)
-    late = 10 + BOUNDS.deadline / MS
-    assert probe.passed(late + 100) == []  # the node has not reported so far
-    probe.published(6, late + 1, late + 2)
-    assert probe.took(2, late + 3, late + 20) == [Outcome.VIOLATED]
-    assert probe.sent(12, late + 4, late + 20) == []
-    assert "message 1 of other on /in to be taken" in probe.oracle.verdict().reason
+    said = probe.passed(10 + after_ms - 1)
+    at = 10 + after_ms
+    probe.published(6, at, at + 1)
+    said += probe.took(2, at + 2, at + 20)
+    said += probe.sent(12, at + 3, at + 20)
+    said += probe.passed(5000)
+    assert said == []
+    assert probe.oracle.outcome is Outcome.CONFORMING
+    assert probe.oracle.take_findings(0) == [
+        "the link between other and Probe lost message 1 on /in, or was slow"
+    ]
 
 
 def test_a_node_that_says_it_did_nothing_more_owes_what_it_did_not_send() -> None:

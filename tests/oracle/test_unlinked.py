@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from moon.oracle.bounds import Bounds
 from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
+from moon.ordering.sources import Sources
 from moon.verdict import Outcome
 from tests.oracle.agreement import CLOCK_ALLOWANCE_NS
 from tests.oracle.machines import NAME, library, read
@@ -108,6 +109,33 @@ def test_a_machine_that_may_not_be_linked_yet_has_its_messages_or_has_none(
     is_wrong = any(verdict.outcome is Outcome.VIOLATED for verdict in verdicts)
     # who has it once keeps it; who is linked has all
     assert is_wrong == (answers == [True, False] or (not linked_ns and False in answers))
+
+
+@pytest.mark.parametrize(
+    ("came_ms", "said_ms", "is_wrong"),
+    [(0, 1_000, False), (0, 6_000, True), (3_000, 6_000, False), (3_000, 9_000, True)],
+)
+def test_a_publisher_that_came_of_late_may_not_be_linked_yet(
+    came_ms: int, said_ms: int, is_wrong: bool
+) -> None:
+    """``came_ms``: when it came last, of which the monitor hears; the machine has none of its messages."""
+    oracle = Oracle(
+        read(DOOR),
+        library(),
+        bounds=Bounds(),
+        losses=Losses(possible=False),
+        sources=Sources(Bounds().latency),
+    )
+    oracle.start(0, whole=True)
+    oracle.sender_changed("Door", came_ms * MS)
+    seen = [
+        _seen(said_ms, MESSAGE, "/open", {"data": True}),
+        _seen(said_ms + 960, ASKED, "/Probe/ask", {"value": 0}, 1),
+        _seen(said_ms + 961, ANSWERED, "/Probe/ask", {"value": 0, "ok": False}, 1),
+    ]
+    verdicts = [verdict for item in seen for verdict in oracle.feed(item)]
+    verdicts += oracle.advance(seen[-1].stamp_ns + 450 * MS)
+    assert any(verdict.outcome is Outcome.VIOLATED for verdict in verdicts) == is_wrong
 
 
 MESSAGE, ASKED, ANSWERED = (
