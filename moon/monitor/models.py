@@ -81,6 +81,8 @@ class ModelMonitor:
         """All oracles by the node they watch, the policy's included."""
         if policy is not None:
             self.watched[policy.node] = policy
+        self._since: dict[str, int] = {}
+        """When each node began to connect last (ns)."""
         self.unconcerned = 0
         """Observations that concern no monitored machine."""
         by_channel: dict[str, list[Oracle]] = {}
@@ -193,8 +195,16 @@ class ModelMonitor:
         """What was found of links, one sentence each."""
         return [found for oracle in self._all for found in oracle.take_findings(now_ns)]
 
-    def sender_changed(self, node: str, stamp_ns: int) -> None:
-        """``node`` came or went at ``stamp_ns``: what it sent last may never have left."""
+    def sender_changed(self, node: str, stamp_ns: int, since_ns: int = 0) -> None:
+        """``node`` came or went: what it sent last may never have left.
+
+        Args:
+            node: its name.
+            stamp_ns: when that was known.
+            since_ns: when it began to connect, if it came; as before where it was only out of reach.
+        """
+        if since_ns and since_ns != self._since.get(node):
+            self._since[node] = stamp_ns = since_ns
         for oracle in self._all:
             oracle.sender_changed(node, stamp_ns)
 

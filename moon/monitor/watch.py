@@ -306,7 +306,7 @@ class SystemWatch:
         self._turns.received(now_ns)
         self._order.sources.changed(name, up, self._transport.up_since(name) if up else now_ns)
         self._properties.node_changed(name, up, now_ns)
-        self._models.sender_changed(name, now_ns)
+        self._models.sender_changed(name, now_ns, self._transport.up_since(name) if up else 0)
         node = self._nodes.get(name)
         if up and self._transport.up_since(name) < self._order.since_ns:
             # what it did before is not known, so nothing is reported of what should have been before
