@@ -406,6 +406,9 @@ class Outputs:
             for place, expected in enumerate(hypothesis.owed):
                 if self.is_owed(hypothesis, expected, fact):
                     made.append(self.fulfilled(hypothesis, place, fact))
+                    slept = self.slept(hypothesis, expected.timer, fact.stamp)
+                    if slept is not None:
+                        made.append(self.fulfilled(slept, place, fact))
                 if not expected.optional:
                     break
         return distinct(made)
@@ -425,6 +428,21 @@ class Outputs:
             return True  # a status shows that a goal has ended, not with what
         kind = self._types.get((owed.kind, owed.interface))
         return kind is None or agree(owed.data, fact.data, kind)
+
+    def slept(self, hypothesis: Hypothesis, key: TimerKey | None, stamp: int) -> Hypothesis | None:
+        """``hypothesis`` if the timer rang only just before ``stamp``, and was due again by then.
+
+        Its node stood still: the times slept through are skipped (see ``Executor``). None: it was not due.
+        """
+        if key is None:
+            return None
+        made = [
+            timer.not_before(stamp) if (timer.instance, timer.event) == key else timer
+            for timer in hypothesis.timers
+        ]
+        if all(new is old for new, old in zip(made, hypothesis.timers, strict=True)):
+            return None
+        return hypothesis.with_timers(tuple(made))
 
     def fulfilled(self, hypothesis: Hypothesis, place: int, fact: TraceEvent) -> Hypothesis:
         """``hypothesis`` once what it owed at ``place`` was seen."""
@@ -634,6 +652,8 @@ class DeterministicSuccessor:
             return None
         if fact.role is _OUTPUT:
             if not owed or owed[0].optional or not self._outputs.is_owed(hypothesis, owed[0], fact):
+                return None
+            if self._outputs.slept(hypothesis, owed[0].timer, fact.stamp) is not None:
                 return None
             if owed[0].timer is not None or fact.output not in _PLAIN:
                 return self._outputs.fulfilled(hypothesis, 0, fact)
