@@ -189,7 +189,8 @@ class PropertyWatch:
     def start(self, now_ns: int, linked_ns: int = 0) -> None:
         """Listening begins at ``now_ns``, with what is received at that instant.
 
-        What holds then is known one latency bound later: by then all are found that were there before.
+        What holds then is known one latency bound later: by then all are found that were there before. It is
+        known at once that nobody was, where all that may send have started since.
 
         Args:
             now_ns: ns since the epoch.
@@ -224,6 +225,8 @@ class PropertyWatch:
             self._unreceived.expect(node)
         if up:
             self._unreceived.started(node, self._sources.up_since(node))
+            if not self._is_begun:
+                self._due_ns = 0
         for departure in self._departures.changed(node, up, now_ns):
             self._hold(departure)
 
@@ -316,6 +319,7 @@ class PropertyWatch:
             found += self._missed(loss)
         self._losses.clear()
         self._now_ns = now_ns
+        found += self._begun()
         found += self._confirmed()
         found += self._pass_to(self._known_ns(now_ns))
         self._presume(now_ns)
@@ -409,6 +413,14 @@ class PropertyWatch:
                 why = f"the violation is withdrawn: messages on {loss.channel} were missed"
                 found += self._report(name, msgspec.structs.replace(standing, reason=why))
         return found
+
+    def _begun(self) -> list[Verdict]:
+        """What holds at the beginning, if all that may send have started since."""
+        if self._is_begun or not self._unreceived.all_have_started():
+            return []
+        self._is_begun = True
+        self._reached_ns += 1
+        return self._changes(self._ordered.seal(self._reached_ns))
 
     def _pass_to(self, instant: int) -> list[Verdict]:
         """Everything stamped up to ``instant`` counts.

@@ -118,6 +118,12 @@ class Unreceived:
             if heard is not None and heard.last_ns < since_ns:
                 self._places[node][place] = None
 
+    def all_have_started(self) -> bool:
+        """Whether all that may send are there, and each has started since all is received."""
+        listening_ns = self._sources.listening_ns
+        started = (self._sources.up_since(name) for name in self.channels)
+        return 0 < listening_ns < min(started, default=0)
+
     def restart(self) -> None:
         """Stamps begin elsewhere: nothing is known any more of what was received."""
         for node, places in self._places.items():

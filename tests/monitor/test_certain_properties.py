@@ -243,3 +243,19 @@ def test_nothing_is_violated_by_stamps_of_a_clock_that_may_have_been_set() -> No
     assert watched.said[-1] is Outcome.INCONCLUSIVE
     watched.watch.finish(START + 1_000 * MS, START + 1_010 * MS)
     assert watched.watch.violations == 0
+
+
+@pytest.mark.parametrize(("since_ms", "is_known"), [(1, True), (-10_000, False)])
+def test_who_has_started_since_was_not_there_before_the_beginning(
+    since_ms: int, is_known: bool
+) -> None:
+    watched = Watched(ABSENCE)
+    for node in ("Client", "Server"):
+        watched.sources.changed(node, True, START + since_ms * MS)
+        watched.watch.node_changed(node, True, START + 2 * MS)
+        watched.answer(node, 3)
+    watched.hear("Server", "/done", 20, 22)
+    for node in ("Client", "Server"):
+        watched.answer(node, 30)
+    watched.pass_to(100, 32)
+    assert (Outcome.VIOLATED in watched.said) == is_known
