@@ -113,7 +113,7 @@ class SystemWatch:
         self._up_since: list[int] = []
         self._gone: list[tuple[str, WatchedNode]] = []
         self._turns = Turns(transport, self._turn, bounds.latency)
-        self._silence = Silence(self._answered, bounds.latency / NS)
+        self._silence = Silence(self._answered, bounds.latency / NS, transport.now_ns)
         self._began_ns = 0
         self.listener: Tap | None = None
 
@@ -195,7 +195,7 @@ class SystemWatch:
         silent_ns = FOREVER
         if self.listener is not None:
             silent_ns = self._silence.look(self.listener, self._models.watched, clock_ns)
-            for asked in self._models.to_ask():
+            for asked in (*self._models.to_ask(), *self._order.sources.clocks.take_questions()):
                 self._silence.ask(self.listener, asked)
         is_behind = clock_ns < now_ns
         wanted_ns = min(self._models.turn_ns, self._properties.turn_ns, silent_ns)
@@ -233,9 +233,11 @@ class SystemWatch:
         for found in self._models.take_findings(now_ns):
             self._say(f"warning: {found}")
 
-    def _answered(self, node: str, answer: Answer) -> None:
-        """``node`` says up to where it has reported everything."""
+    def _answered(self, node: str, answer: Answer, asked_ns: int) -> None:
+        """``node`` says up to where it has reported everything, and what its clock shows."""
         now_ns = self._transport.now_ns()
+        if asked_ns:
+            self._order.answered(node, asked_ns, answer.stamp_ns, now_ns)
         if not self._order.is_timed(answer.stamp_ns, now_ns):
             return
         self._order.heard(node, answer.stamp_ns, now_ns)
@@ -266,6 +268,7 @@ class SystemWatch:
 
     def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
         """Find every machine in the middle of what it does (``moon.ordering.event_order.Judges``)."""
+        self._silence.clock_set()
         for name, oracle in self._models.watched.items():
             self._nodes[name].resynchronise(oracle, why)
         self._models = self._fresh_models()

@@ -184,6 +184,12 @@ class EventOrder:
             if set_ns:
                 self._host_clock_set(node, set_ns, now_ns)
 
+    def answered(self, node: str, asked_ns: int, stamp_ns: int, now_ns: int) -> None:
+        """``node``, asked at ``asked_ns``, answered at ``stamp_ns`` by its clock, which may differ."""
+        set_ns = self.sources.clocks.answered(node, asked_ns, stamp_ns, now_ns)
+        if set_ns:
+            self._host_clock_set(node, set_ns, now_ns)
+
     def _host_clock_set(self, node: str, set_ns: int, now_ns: int) -> None:
         from_ns = self.clock.clock_ns - self._latency_ns - abs(set_ns)
         where = "forward" if set_ns > 0 else "back"
@@ -347,7 +353,9 @@ class EventOrder:
             self.sources.clock_set(now_ns, self.since_ns)
         else:
             self.sources.restart()
-        if not is_late:  # what comes late may be of clocks that were set
+        if was_set and not held_up:
+            self.sources.clocks.clock_set()
+        elif not is_late:  # what comes late may be of clocks that were set
             self.sources.clocks.restart()
         self.sources.listening_ns = self.since_ns
         self.numbers.clear()

@@ -1,11 +1,12 @@
-"""Whether clocks of other hosts go on as the monitor's: one that is set shows in the lags of its nodes.
+"""Whether clocks of other hosts agree with the monitor's: one that is set shows in the lags of its nodes.
 
 The lag of a report is the time from its stamp to its reception. When the clock of a node's host is set, the
-lags of all that the node reports change by as much, at once, and stay so; those of other nodes do not. A
-network or a host that is slow for a while delays what was sent meanwhile, and nothing that is sent later.
-Nodes hold reports back, too: what is not later than half the latency bound shows nothing.
-So what comes unusually late leaves a doubt, which the next reports decide; what comes before it was sent is
-certain. The least lags of before and after tell by how much the clock was set, as in NTP (RFC 5905, 10).
+lags of all that the node reports change by as much, at once, and stay so. What comes before it was sent is
+certain. What comes later than ever is a doubt: a network may be slow for a while, a node may hold its reports
+back. So the node is asked: its answer is stamped between the question and its reception, or its clock is
+another (as in NTP, RFC 5905, 10). Of one that does not answer, lags that all rose by the same tell.
+
+A clock that was set is not relied on until what its node reports comes as before.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ KEPT_LAGS = 32
 """The lags of so many reports, and of up to as many before them, say what is usual of a node."""
 FEW_LAGS = 4
 """Fewer say nothing."""
+MANY_LAGS = 2 * FEW_LAGS
+"""So many, one after the other, tell that it is so from now on."""
 MOST_NODES = 1000
 """Nodes that are followed; their names come from the wire, and never end."""
 _LEAST, _MOST = -(1 << 62), 1 << 62
@@ -27,32 +30,35 @@ class HostClock:
     """The clock of one node's host, as its reports show it.
 
     Attributes:
-        behind_ns: by how much it is behind the monitor's since it was set.
-        margin_ns: by how much ``behind_ns`` may be wrong.
-        differs: whether that is more than delays can be mistaken for.
+        differs: whether it does from the monitor's, by more than delays can be mistaken for.
         least, most: of the lags that are usual (ns).
         is_known: whether there are enough to say what is usual.
         unusual: the lags of the last reports, of which none was usual (ns).
-        is_certain: whether one of them cannot be but of a clock that was set.
         open: so many reports have to be usual before there is no doubt.
         since_ns: when the first of ``unusual`` was received (ns).
         until_ns: the doubt ends then (ns), if nothing more is received.
         usual_ns: when a report was last received as usual (ns).
         went_back_ns: when its stamps were last found to go back (ns).
+        answers: whether the node has said what its clock shows.
+        agreed: so many reports were usual, one after the other, since it differs.
+        agreed_ns: when the first of those was received (ns).
+        is_confirmed: whether it answered since then that its clock agrees.
     """
 
     __slots__ = (
         "_count",
         "_least",
         "_most",
-        "behind_ns",
+        "agreed",
+        "agreed_ns",
+        "answers",
         "differs",
-        "is_certain",
+        "is_confirmed",
         "is_known",
         "least",
-        "margin_ns",
         "most",
         "open",
+        "set_ns",
         "since_ns",
         "until_ns",
         "unusual",
@@ -61,19 +67,17 @@ class HostClock:
     )
 
     def __init__(self) -> None:
-        self.behind_ns = self.usual_ns = self.went_back_ns = 0
-        self.since_ns = self.until_ns = self.open = self.margin_ns = 0
+        self.usual_ns = self.went_back_ns = self.set_ns = 0
+        self.since_ns = self.until_ns = self.open = 0
         self.unusual: list[int] = []
-        self.is_certain = self.is_known = self.differs = False
+        self.is_known = self.differs = self.answers = False
+        self.agreed = self.agreed_ns = 0
+        self.is_confirmed = False
         self.least, self.most = _MOST, _LEAST
         self._least, self._most, self._count = _MOST, _LEAST, 0
 
-    def note(self, lag_ns: int, now_ns: int) -> None:
-        """A report came as usual."""
-        self.usual_ns = now_ns
-        if self.open:
-            self.open -= 1
-            self.unusual.clear()
+    def note(self, lag_ns: int) -> None:
+        """So late a report may come: as what is usual."""
         if self._count == KEPT_LAGS:
             self.least, self.most = self._least, self._most
             self._least, self._most, self._count = _MOST, _LEAST, 0
@@ -88,30 +92,34 @@ class HostClock:
             self.most = max(lag_ns, self.most)
 
     @property
+    def rose_ns(self) -> int:
+        """By how much the lags of ``unusual`` rose above what is usual, at least."""
+        return min(self.unusual) - self.most
+
+    @property
     def has_moved(self) -> bool:
         """Whether many lags rose by more than they differ among them: those of a busy monitor do not."""
         lags = self.unusual
-        return len(lags) == KEPT_LAGS and max(lags) - min(lags) < min(lags) - self.most
+        return len(lags) == KEPT_LAGS and max(lags) - min(lags) < self.rose_ns
 
-    def set_by(self, most_ns: int) -> int:
-        """The clock was set, by the unusual lags: by how much (ns).
+    @property
+    def is_as_wide(self) -> bool:
+        """Whether the unusual lags differ no more than the usual ones: those of a slow network do."""
+        return max(self.unusual) - min(self.unusual) <= self.most - self.least + SET_NS
 
-        Args:
-            most_ns: clocks may differ by that.
-        """
-        least, most = (self.least, self.most) if self.is_known else (0, 0)
-        set_back_ns = min(self.unusual) - least
-        lags, now_ns = tuple(self.unusual), self.usual_ns
-        self.behind_ns += set_back_ns
-        self.margin_ns = max(lags) - min(lags)
-        is_clear = self.is_certain or set_back_ns > 2 * (most - least)
-        self.differs = is_clear and abs(self.behind_ns) > most_ns + self.is_known * (most - least)
-        self.is_certain = self.is_known = False
-        self.least, self.most = _MOST, _LEAST
-        self._least, self._most, self._count = _MOST, _LEAST, 0
-        for lag_ns in lags:
-            self.note(lag_ns - set_back_ns, now_ns)
-        return -set_back_ns
+    def set_by(self, lag_ns: int) -> int:
+        """The clock differs, as a report of this lag shows: by how much it was set (ns)."""
+        self.unusual.clear()
+        self.open = self.agreed = 0
+        self.is_confirmed = False
+        usual_ns = (self.least + self.most) // 2 if self.is_known else 0
+        self.differs, self.set_ns = True, usual_ns - lag_ns
+        return self.set_ns or 1
+
+    def agrees(self) -> int:
+        """It agrees again: by how much it was set (ns)."""
+        self.differs, self.agreed = False, 0
+        return -self.set_ns or 1
 
 
 class HostClocks:
@@ -130,6 +138,13 @@ class HostClocks:
         self._latency_ns = latency_ns
         self._most_ns = skew_ns + SET_NS
         self._known: dict[str, HostClock] = {}
+        self._to_ask: dict[str, None] = {}
+
+    def _of(self, node: str) -> HostClock | None:
+        clock = self._known.get(node)
+        if clock is None and len(self._known) < MOST_NODES:
+            clock = self._known[node] = HostClock()
+        return clock
 
     def heard(self, node: str, stamp_ns: int, now_ns: int) -> int:
         """Something of ``node``, stamped ``stamp_ns`` by its clock, is received at ``now_ns``.
@@ -137,42 +152,92 @@ class HostClocks:
         Returns:
             By how much its clock was set (ns); 0: it was not, as far as is known.
         """
-        clock = self._known.get(node)
+        clock = self._of(node)
         if clock is None:
-            if len(self._known) >= MOST_NODES:
-                return 0
-            clock = self._known[node] = HostClock()
+            return 0
         if now_ns > self.now_ns:
             self.now_ns = now_ns
-        lag_ns = now_ns - stamp_ns - clock.behind_ns
-        is_early = lag_ns < -self._most_ns - clock.margin_ns
-        is_late = clock.is_known and lag_ns > max(clock.most + PERIOD_NS, self._latency_ns // 2)
-        if is_early or is_late or clock.is_certain:
-            return self._unusual(clock, lag_ns, is_early, now_ns)
-        clock.note(lag_ns, now_ns)
+        lag_ns = now_ns - stamp_ns
+        is_early = lag_ns < -self._most_ns
+        is_late = clock.is_known and lag_ns > clock.most + PERIOD_NS
+        if clock.differs:
+            return self._may_agree(node, clock, not (is_early or is_late), now_ns)
+        if is_early:
+            return clock.set_by(lag_ns)
+        if is_late:
+            return self._late(node, clock, lag_ns, now_ns)
+        clock.usual_ns = now_ns
+        if clock.open:
+            clock.open -= 1
+            clock.unusual.clear()
+        clock.note(lag_ns)
         return 0
 
-    def _unusual(self, clock: HostClock, lag_ns: int, is_early: bool, now_ns: int) -> int:
-        if is_early and not clock.is_certain:
-            clock.is_certain = True
-            clock.unusual.clear()
+    def _may_agree(self, node: str, clock: HostClock, is_usual: bool, now_ns: int) -> int:
+        """A report of a clock that differs: as usual, or not."""
+        if not is_usual:
+            clock.agreed, clock.is_confirmed = 0, False
+            return 0
+        if not clock.agreed:
+            clock.agreed_ns = now_ns
+        clock.agreed += 1
+        if clock.agreed < MANY_LAGS or now_ns <= clock.agreed_ns + self._latency_ns:
+            return 0
+        if clock.answers and not clock.is_confirmed:
+            self._to_ask[node] = None
+            return 0
+        return clock.agrees()
+
+    def _late(self, node: str, clock: HostClock, lag_ns: int, now_ns: int) -> int:
         if not clock.unusual:
             clock.since_ns = now_ns
+            self._to_ask[node] = None
         clock.open = FEW_LAGS
-        clock.until_ns = now_ns + max(lag_ns, 0) + self._latency_ns
+        clock.until_ns = now_ns + lag_ns + self._latency_ns
         # what a slow link held up comes at once when it goes on
-        goes_on = now_ns - lag_ns > clock.since_ns or now_ns > clock.since_ns + self._latency_ns
+        is_over = now_ns > clock.since_ns + self._latency_ns
+        goes_on = now_ns - lag_ns > clock.since_ns or is_over
         clock.unusual.append(lag_ns)
         del clock.unusual[:-KEPT_LAGS]
-        if len(clock.unusual) < 2 * FEW_LAGS or not (goes_on or is_early):
+        if len(clock.unusual) < MANY_LAGS or not goes_on or (clock.answers and not is_over):
             return 0
-        if not (clock.is_certain or clock.has_moved or self._is_alone(clock)):
-            return 0
-        return clock.set_by(self._most_ns)
+        is_far = min(clock.unusual) > self._latency_ns // 2
+        if clock.has_moved or (self._is_alone(clock) and (is_far or clock.is_as_wide)):
+            return clock.set_by(min(clock.unusual))
+        return 0
 
     def _is_alone(self, clock: HostClock) -> bool:
         """Whether another node was heard as usual since this one was not."""
         return any(other.usual_ns > clock.since_ns for other in self._known.values())
+
+    def answered(self, node: str, asked_ns: int, stamp_ns: int, now_ns: int) -> int:
+        """``node``, asked at ``asked_ns``, answers that its clock shows ``stamp_ns``; received at ``now_ns``.
+
+        Returns:
+            By how much its clock was set (ns); 0: it was not, as far as is known.
+        """
+        clock = self._of(node)
+        if clock is None:
+            return 0
+        clock.answers = True
+        if asked_ns - self._most_ns <= stamp_ns <= now_ns + self._most_ns:
+            clock.is_confirmed = True
+            for lag_ns in clock.unusual:
+                clock.note(lag_ns)
+            clock.unusual.clear()
+            if not clock.differs:
+                clock.open = 0
+            return 0
+        if clock.differs:
+            clock.agreed = 0
+            return 0
+        return clock.set_by(now_ns - stamp_ns)
+
+    def take_questions(self) -> list[str]:
+        """The nodes to be asked now what their clocks show."""
+        names = list(self._to_ask)
+        self._to_ask.clear()
+        return names
 
     def went_back(self, node: str) -> bool:
         """The stamps of ``node`` went back, against the numbers of what it sent: whether that is news."""
@@ -193,10 +258,17 @@ class HostClocks:
         return {node for node, clock in clocks if clock is not None and self._is_doubtful(clock)}
 
     def _is_doubtful(self, clock: HostClock) -> bool:
-        if clock.is_certain or clock.differs:
-            return True
-        return clock.open > 0 and self.now_ns <= clock.until_ns
+        return clock.differs or (clock.open > 0 and self.now_ns <= clock.until_ns)
 
     def restart(self) -> None:
-        """The monitor's own clock was set, or it stood still."""
+        """The monitor stood still: what comes now is late for that."""
         self._known.clear()
+        self._to_ask.clear()
+
+    def clock_set(self) -> None:
+        """The monitor's own clock was set: what differs by as much now is of other hosts."""
+        self.now_ns = 0
+        for clock in self._known.values():
+            clock.unusual.clear()
+            clock.open = clock.agreed = 0
+            clock.usual_ns = clock.went_back_ns = 0

@@ -98,7 +98,7 @@ def trial(
         ):
             take(oracle.feed(observation))
 
-    def answered(_: str, answer: Answer) -> None:
+    def answered(_: str, answer: Answer, asked_ns: int) -> None:
         take(oracle.reported(answer.next_order, answer.stamp_ns, world.now_ns))
 
     def advance() -> None:
@@ -107,7 +107,7 @@ def trial(
 
     listener = SimulatedTransport(world, "listener")
     tap = listener.tap([], hear)
-    silence = Silence(answered, oracle.bounds.latency / 1e9)
+    silence = Silence(answered, oracle.bounds.latency / 1e9, lambda: world.now_ns)
     listener.every(_PERIOD_S, advance)
     oracle.start(world.now_ns)
     began_ns = world.now_ns

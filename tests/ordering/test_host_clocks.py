@@ -23,6 +23,7 @@ class Heard:
         self.now = 1_000_000 * MS
         self.ahead = 0
         self.slow = 0
+        self.answers = False
         self.steps: list[tuple[str, int]] = []
 
     def hear(self, times: int = 40, nodes: tuple[str, ...] = ("far", "near")) -> Heard:
@@ -34,7 +35,20 @@ class Heard:
                 found = self.clocks.heard(node, stamp, self.now + lag)
                 if found:
                     self.steps.append((node, found))
+            if self.answers:
+                self.ask()
         return self
+
+    def ask(self) -> None:
+        """Those who are to be asked answer at once, whatever they hold back."""
+        for node in self.clocks.take_questions():
+            asked = self.now
+            self.now += 2 * MS
+            stamp = self.now + (self.ahead if node == "far" else 0)
+            self.now += 2 * MS
+            found = self.clocks.answered(node, asked, stamp, self.now)
+            if found:
+                self.steps.append((node, found))
 
 
 @pytest.mark.parametrize("step_ms", [-3_600_000, -1000, -190, -120, 50, 100, 300, 3_600_000])
@@ -72,12 +86,61 @@ def test_one_report_that_comes_late_is_a_doubt_that_the_next_reports_end() -> No
 
 
 def test_reports_that_are_held_back_together_are_of_no_clock() -> None:
-    """A node that has nothing to do with a tick holds its reports for up to 50 ms."""
+    """A node that has nothing to do with a tick holds its reports for up to 50 ms, but not its answers."""
     heard = Heard().hear()
+    heard.answers = True
     heard.slow = 50 * MS
     heard.hear()
     assert heard.steps == []
     assert heard.clocks.doubtful(["far", "near"]) == set()
+    assert heard.hear().clocks.take_questions() == []  # it is usual by now
+
+
+@pytest.mark.parametrize("step_ms", [-3_600_000, -190, -60, -20, 5, 100, 3_600_000])
+def test_an_answer_shows_a_clock_that_was_set(step_ms: int) -> None:
+    heard = Heard().hear()
+    heard.answers = True
+    heard.ahead = step_ms * MS
+    heard.hear(4)
+    ((node, found),) = heard.steps
+    assert node == "far"
+    assert abs(found - step_ms * MS) <= USUAL[1]
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+    heard.ahead = 0
+    heard.hear()
+    assert heard.clocks.doubtful(["far", "near"]) == set()
+
+
+@pytest.mark.parametrize("step_ms", [-90, -30, 30])
+def test_who_answers_nothing_is_known_by_lags_that_all_changed_by_as_much(step_ms: int) -> None:
+    heard = Heard().hear()
+    heard.ahead = step_ms * MS
+    heard.hear()
+    ((node, found),) = heard.steps
+    assert node == "far"
+    assert abs(found - step_ms * MS) <= USUAL[1]
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+
+
+def test_a_clock_that_another_one_pulls_along_does_not_agree() -> None:
+    """A hybrid logical clock is right for a moment when its host has received something."""
+    heard = Heard().hear()
+    heard.answers = True
+    for _ in range(30):
+        heard.ahead = -90 * MS
+        heard.hear(2)
+        heard.ahead = 0
+        heard.hear(2)
+    assert len(heard.steps) == 1
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+
+
+def test_the_monitors_own_clock_that_is_set_shows_who_is_on_another_host() -> None:
+    heard = Heard().hear()
+    heard.clocks.clock_set()
+    heard.ahead = -90 * MS
+    heard.hear()
+    assert [node for node, _ in heard.steps] == ["far"]
 
 
 def test_where_all_are_late_by_different_times_no_clock_was_set() -> None:

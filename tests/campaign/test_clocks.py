@@ -1,0 +1,88 @@
+"""Clocks of hosts that are set by less than anything takes: two machines whose delays and answers show it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.campaign.circumstances import Circumstances
+from tests.campaign.trial import Prepared, try_one
+from transports.simulated import Conditions, HostClock, Rules
+
+HEAD = '<ascxml xmlns="http://www.w3.org/2005/07/scxml" name="{name}" initial="{first}">'
+SERVER = """
+  <ros_service_server name="ask" service_name="/ask" type="small/Ask"/>
+  <ros_topic_publisher name="out" topic="/out" type="std_msgs/Int32"/>
+  <datamodel><data id="n" type="int32" expr="0"/></datamodel>
+  <state id="idle">
+    <ros_service_handle_request name="ask" target="busy">
+      <assign location="n" expr="_req.number"/>
+      <ros_service_send_response name="ask"><field name="value" expr="n"/></ros_service_send_response>
+      <send event="later" delay="120ms"/>
+    </ros_service_handle_request>
+  </state>
+  <state id="busy">
+    <transition event="later" target="idle">
+      <ros_topic_publish name="out"><field name="data" expr="n"/></ros_topic_publish>
+    </transition>
+  </state>
+</ascxml>"""
+ASKER = """
+  <ros_service_client name="ask" service_name="/ask" type="small/Ask"/>
+  <ros_topic_subscriber name="out" topic="/out" type="std_msgs/Int32"/>
+  <ros_topic_publisher name="echo" topic="/echo" type="std_msgs/Int32"/>
+  <ros_time_rate name="now" rate_hz="3"/>
+  <datamodel><data id="n" type="int32" expr="0"/></datamodel>
+  <state id="asking">
+    <ros_rate_callback name="now">
+      <assign location="n" expr="n + 1"/>
+      <ros_service_send_request name="ask"><field name="number" expr="n"/></ros_service_send_request>
+    </ros_rate_callback>
+    <ros_service_handle_response name="ask" target="asking"/>
+    <ros_topic_callback name="out">
+      <ros_topic_publish name="echo"><field name="data" expr="_msg.data"/></ros_topic_publish>
+    </ros_topic_callback>
+  </state>
+</ascxml>"""
+SYSTEM = """<roaml>
+  <node_models>
+    <input type="node-ascxml" src="./Server.ascxml"/><input type="node-ascxml" src="./Asker.ascxml"/>
+  </node_models>
+  <interfaces><input type="ros-interfaces" src="./interfaces"/></interfaces>
+</roaml>"""
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
+    folder: Path = tmp_path_factory.mktemp("clocks")
+    types = folder / "interfaces" / "small" / "srv" / "Ask.srv"
+    types.parent.mkdir(parents=True)
+    types.write_text("int32 number\n---\nint32 value\n")
+    for name, first, text in (("Server", "idle", SERVER), ("Asker", "asking", ASKER)):
+        (folder / f"{name}.ascxml").write_text(HEAD.format(name=name, first=first) + text)
+    system = folder / "system.xml"
+    system.write_text(SYSTEM)
+    return Prepared(system)
+
+
+WHERE = [("Server",), ("Asker",), ("Server", "monitor"), ("monitor",), ("Server", "Asker")]
+
+
+@pytest.mark.parametrize("rules", list(Rules))
+@pytest.mark.parametrize("by_s", [-0.15, -0.09, -0.04, 0.04, 0.09, 0.3])
+@pytest.mark.parametrize("there", WHERE, ids="+".join)
+def test_nobody_is_accused_by_a_clock_that_is_set(
+    prepared: Prepared, there: tuple[str, ...], by_s: float, rules: Rules
+) -> None:
+    made = Circumstances(
+        Conditions(
+            delay_s=(0.0, 0.002),
+            tap_delay_s=(0.0, 0.002),
+            hosts=dict.fromkeys(there, "robot"),
+            clocks=(HostClock("robot", steps=((2.04, by_s),)),),
+            rules=rules,
+        ),
+        seconds=5.0,
+    )
+    assert try_one(prepared, 1, made).failures == ()
