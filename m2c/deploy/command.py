@@ -5,11 +5,44 @@ from __future__ import annotations
 import shutil
 import sys
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
 
 from m2c.inputs import ExistingPath, Inputs, deployment_option, input_options, lenient_option
 from m2c.terminal import fail, show
+
+
+class DeployOptions(NamedTuple):  # msgspec's would cost each --help its import
+    """The command line of ``m2c deploy``; what was not given is None, "" or False.
+
+    Attributes:
+        inputs: the system, and folders of interface packages.
+        output: the folder of the deployment.
+        transport: the middleware of the nodes.
+        deployment: the file of the deployment.
+        endpoint: where the nodes of several hosts meet on Zenoh.
+        prefix: the folder on each computer.
+        user: whose the processes are under systemd.
+        wheel: what containers install m2c from.
+        namespace: prefix of every channel.
+        secure: the folder of certificates.
+        force: whether files that were edited are overwritten.
+        lenient: whether strings, numbers and bools become one another.
+    """
+
+    inputs: Inputs
+    output: Path
+    transport: str
+    deployment: Path | None
+    endpoint: str
+    prefix: str
+    user: str
+    wheel: Path | None
+    namespace: str
+    secure: Path | None
+    force: bool
+    lenient: bool
 
 
 @click.command()
@@ -55,20 +88,7 @@ from m2c.terminal import fail, show
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
 @lenient_option
 @input_options
-def deploy(
-    inputs: Inputs,
-    output: Path,
-    transport: str,
-    deployment: Path | None,
-    endpoint: str,
-    prefix: str,
-    user: str,
-    wheel: Path | None,
-    namespace: str,
-    secure: Path | None,
-    force: bool,
-    lenient: bool,
-) -> None:
+def deploy(**given: Any) -> None:
     """Write what starts a system on the computers that run it.
 
     The folder gets the generated packages (`system`), a systemd unit for each host of the deployment
@@ -92,6 +112,7 @@ def deploy(
         KEYS_FOLDER,
         SYSTEM_FOLDER,
         DeployError,
+        Hosting,
         deployment_files,
         host_labels,
     )
@@ -101,6 +122,9 @@ def deploy(
     from transports.interface import TransportError
     from transports.options import NamespaceError, plain_namespace
 
+    options = DeployOptions(**given)
+    output, transport, namespace = options.output, options.transport, options.namespace
+    wheel, secure = options.wheel, options.secure
     if secure is not None and transport != "zenoh":
         raise click.UsageError("--secure is for zenoh")
     if secure is not None and namespace:
@@ -111,26 +135,27 @@ def deploy(
         fail(f"--namespace: {error}")
     naming = naming_for(transport)
     log = DiagnosticLog()
-    system = read_and_check(*inputs, log, with_policy=False, naming=naming, lenient=lenient)
-    if system is not None and deployment is not None:
+    system = read_and_check(
+        *options.inputs, log, with_policy=False, naming=naming, lenient=options.lenient
+    )
+    if system is not None and options.deployment is not None:
         names = names_in_deployment(system.nodes, system.policy is not None)
-        plan = read_deployment_file(deployment, names, log)
+        plan = read_deployment_file(options.deployment, names, log)
         system = msgspec.structs.replace(system, deployment=plan)
     print_findings(log.diagnostics)
     if system is None or log.has_errors:
         sys.exit(2)
     try:
-        files = deployment_files(
-            system.name,
-            system.deployment,
+        hosting = Hosting(
             transport=transport,
-            endpoint=endpoint,
-            prefix=prefix,
-            user=user,
+            endpoint=options.endpoint,
+            prefix=options.prefix,
+            user=options.user,
             wheel="" if wheel is None else wheel.name,
             namespace=namespace,
             secure=secure is not None,
         )
+        files = deployment_files(system.name, system.deployment, hosting)
         hosts = hosts_of(system.deployment)
         certificates = {}
         if secure is not None:
@@ -140,8 +165,8 @@ def deploy(
             of_hosts = certified(secure, system.deployment, names, hosts or [""])
             labels = host_labels(hosts) if hosts else {"": snake(system.name) or "system"}
             certificates = {labels[host]: found for host, found in of_hosts.items()}
-        write_system(system, output / SYSTEM_FOLDER, transport, None, naming, force)
-        write_files(files, output, force)
+        write_system(system, output / SYSTEM_FOLDER, transport, None, naming, options.force)
+        write_files(files, output, options.force)
         if secure is not None:
             write_keys(secure, output / KEYS_FOLDER, certificates)
         if wheel is not None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jinja2
+import msgspec
 from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
@@ -42,23 +43,10 @@ class DeployError(Exception):
     """The files cannot be made; the text says why and what would be right."""
 
 
-def deployment_files(
-    system: str,
-    processes: Sequence[Process],
-    *,
-    transport: str = "zenoh",
-    endpoint: str = "",
-    prefix: str = "",
-    user: str = USER,
-    wheel: str = "",
-    namespace: str = "",
-    secure: bool = False,
-) -> dict[str, str]:
-    """Relative path → content.
+class Hosting(msgspec.Struct, frozen=True, kw_only=True):
+    """How the hosts run their part of a system.
 
-    Args:
-        system: its name.
-        processes: its deployment; without hosts all of it runs on one computer.
+    Attributes:
         transport: the middleware.
         endpoint: where the nodes meet on Zenoh; may be left out if there is one host.
         prefix: the folder on each computer that has the virtual environment ``venv``, the generated
@@ -68,16 +56,38 @@ def deployment_files(
             them says what is installed.
         namespace: the prefix of every channel.
         secure: whether the processes run with certificates.
+    """
+
+    transport: str = "zenoh"
+    endpoint: str = ""
+    prefix: str = ""
+    user: str = USER
+    wheel: str = ""
+    namespace: str = ""
+    secure: bool = False
+
+
+def deployment_files(
+    system: str, processes: Sequence[Process], hosting: Hosting | None = None
+) -> dict[str, str]:
+    """Relative path → content.
+
+    Args:
+        system: its name.
+        processes: its deployment; without hosts all of it runs on one computer.
+        hosting: how the hosts run it; by default as ``Hosting()`` says.
 
     Raises:
         DeployError: an endpoint is needed, or what was given is none, no folder, no user or no wheel.
     """
+    hosting = hosting or Hosting()
+    endpoint, wheel, secure = hosting.endpoint, hosting.wheel, hosting.secure
     name = snake(system) or "system"
-    folder = prefix or f"/opt/{name}"
+    folder = hosting.prefix or f"/opt/{name}"
     protocol = "tls" if secure else "tcp"
-    _check(folder, endpoint, user, wheel, protocol if secure else "")
+    _check(folder, endpoint, hosting.user, wheel, protocol if secure else "")
     hosts = hosts_of(processes) or [""]
-    is_zenoh = transport == "zenoh"
+    is_zenoh = hosting.transport == "zenoh"
     if len(hosts) > 1 and is_zenoh and not endpoint:
         raise DeployError(
             f"the nodes of {len(hosts)} hosts meet at an address that all of them reach: give --endpoint, "
@@ -99,12 +109,12 @@ def deployment_files(
     services: dict[str, Any] = {}
     for host in hosts:
         nice = min((p.priority or 0 for p in processes if p.host == host), default=0)
-        words = ["m2c", "run", SYSTEM_FOLDER, "--transport", transport, "--restart", "on-failure"]
-        words += ["--quiet", *(["--host", host] if host else [])]
-        words += ["--namespace", namespace] if namespace else []
+        words = ["m2c", "run", SYSTEM_FOLDER, "--transport", hosting.transport]
+        words += ["--restart", "on-failure", "--quiet", *(["--host", host] if host else [])]
+        words += ["--namespace", hosting.namespace] if hosting.namespace else []
         here = ["--secure", f"{folder}/{KEYS_FOLDER}"] if secure else []
         here += ["--endpoint", endpoint] if endpoint else []
-        facts = {"system": name, "host": host, "prefix": folder, "nice": nice, "user": user}
+        facts = {"system": name, "host": host, "prefix": folder, "nice": nice, "user": hosting.user}
         unit = f"{name}-{units[host]}" if host else name
         files[f"systemd/{unit}.service"] = environment.get_template("service.j2").render(
             facts, command=[*words, *here]

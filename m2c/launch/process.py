@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import msgspec
+
 from m2c.launch import child, threads
 from transports.stop_signals import stopping
 
@@ -31,30 +33,40 @@ its own holds it open.
 """
 
 
+class Module(msgspec.Struct, frozen=True):
+    """What a process runs.
+
+    Attributes:
+        package: its Python package; run by ``python -m``.
+        folders: put on the module path.
+        arguments: the node's command line.
+        files: open files that it inherits, under the same numbers.
+        priority: its nice value; None leaves it as it is.
+    """
+
+    package: str
+    folders: Sequence[Path]
+    arguments: Sequence[str] = ()
+    files: Sequence[int] = ()
+    priority: int | None = None
+
+
 class NodeProcess:
     """Some nodes (or the policy, or what watches) as a process.
 
     Args:
         name: of the process.
-        package: its Python package; run by ``python -m``.
-        folders: put on the module path.
-        arguments: the node's command line.
+        module: what it runs.
         line: called with ``(name, text)`` for each line of output, on a thread of the process's own.
         ended: called with ``(name, exit code)`` once, on a thread of the process's own.
-        files: open files that it inherits, under the same numbers.
-        priority: its nice value; None leaves it as it is.
     """
 
     def __init__(
         self,
         name: str,
-        package: str,
-        folders: Sequence[Path],
-        arguments: Sequence[str],
+        module: Module,
         line: Callable[[str, str], None],
         ended: Callable[[str, int], None],
-        files: Sequence[int] = (),
-        priority: int | None = None,
     ) -> None:
         self.name = name
         self.stuck: threads.Worker | None = None
@@ -62,11 +74,14 @@ class NodeProcess:
         self.last_lines: collections.deque[str] = collections.deque(maxlen=KEPT_LINES)
         self._line = line
         self._ended = ended
-        path = os.pathsep.join([*map(str, folders), *filter(None, [os.environ.get("PYTHONPATH")])])
+        path = os.pathsep.join(
+            [*map(str, module.folders), *filter(None, [os.environ.get("PYTHONPATH")])]
+        )
         self._process = subprocess.Popen(
             [
                 *(sys.executable, "-u", "-m", child.__name__, str(os.getpid())),
-                *("" if priority is None else str(priority), package, *arguments),
+                "" if module.priority is None else str(module.priority),
+                *(module.package, *module.arguments),
             ],
             env={**os.environ, "PYTHONPATH": path},
             stdin=subprocess.DEVNULL,
@@ -75,7 +90,7 @@ class NodeProcess:
             text=True,
             errors="replace",
             start_new_session=True,
-            pass_fds=files,
+            pass_fds=module.files,
         )
         self._thread = threading.Thread(target=self._follow, name=f"{name}-output", daemon=True)
         self._thread.start()

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess
+from m2c.launch.process import STOP_TIMEOUT_S, Module, NodeProcess
 from m2c.launch.refusals import asked_as_nodes_are
 from m2c.terminal import say
 from transports.interface import Connection, TransportError
@@ -52,12 +52,14 @@ class Router:
         try:
             self.process = NodeProcess(
                 NAME,
-                _PACKAGE,
-                [folder],
-                [*arguments, "--ready-fd", str(say_ready)],
+                Module(
+                    package=_PACKAGE,
+                    folders=[folder],
+                    arguments=[*arguments, "--ready-fd", str(say_ready)],
+                    files=[say_ready],
+                ),
                 self._line,
                 self._ended,
-                [say_ready],
             )
         finally:
             os.close(say_ready)

@@ -16,6 +16,7 @@ import msgspec
 from m2c.check.report import print_findings
 from m2c.launch.description import LaunchError, package_in, selected
 from m2c.launch.observers import observer
+from m2c.launch.options import RunOptions
 from m2c.launch.reading import read_to_run
 from m2c.launch.screen import Guarded, Screen, screen_for
 from m2c.launch.simulation_options import TRANSPORT, Simulation
@@ -51,41 +52,37 @@ _NS = 1e9
 
 
 def run_simulated(
-    path: Path,
-    changed: dict[str, Path],
-    lenient: bool,
-    rate_hz: float | None,
-    ticks: int,
-    only: tuple[str, ...],
-    without: tuple[str, ...],
-    simulation: Simulation,
-    of_monitor: list[str] | None,
-    record: Path | None,
-    quiet: bool,
+    options: RunOptions, changed: dict[str, Path], of_monitor: list[str] | None
 ) -> int:
-    """Run the system in ``path``; see ``m2c run --help``.
+    """Run a system in virtual time.
+
+    Args:
+        options: the command line.
+        changed: what is run in nodes' places, by their names.
+        of_monitor: the options of the monitor, if there is to be one.
 
     Returns:
         The exit code; what keeps the system from being run ends the process with 2.
     """
+    path, simulation = options.system, options.simulation
     if path.is_dir():
         fail(f"--transport {TRANSPORT}: it runs models: give the system file as SYSTEM")
     semantics = Semantics(simulation.semantics or Semantics.DEPLOYED)
     if semantics is Semantics.AS2FM:
         _refuse_what_is_deployed(simulation, changed, of_monitor)
-    system = read_to_run(path, changed, naming_for(TRANSPORT), lenient)
+    system = read_to_run(path, changed, naming_for(TRANSPORT), options.lenient)
     try:
-        program = _program(system, changed, only, without, semantics)
-        if ticks and program.policy is None:
-            fail(f"--ticks {ticks}: the policy is not run, so nothing is ticked")
-        watch = watcher(path, of_monitor, record, system.library.folders)
+        program = _program(system, changed, options.only, options.without, semantics)
+        if options.ticks and program.policy is None:
+            fail(f"--ticks {options.ticks}: the policy is not run, so nothing is ticked")
+        watch = watcher(path, of_monitor, options.record, system.library.folders)
         signals = StopSignals()
-        with screen_for(program.policy, quiet) as screen:
+        with screen_for(program.policy, options.quiet) as screen:
             run = _Run(
                 system.name,
                 program,
-                rate_hz or system.tick_rate_hz,
-                ticks,
+                options.rate or system.tick_rate_hz,
+                options.ticks or 0,
                 system.max_time_s,
                 simulation,
                 screen,

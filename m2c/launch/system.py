@@ -14,7 +14,14 @@ import msgspec
 from m2c.launch import composed
 from m2c.launch.description import LaunchDescription, LaunchError
 from m2c.launch.grouping import Group
-from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess, asked_by, describe_end, ended_well
+from m2c.launch.process import (
+    STOP_TIMEOUT_S,
+    Module,
+    NodeProcess,
+    asked_by,
+    describe_end,
+    ended_well,
+)
 from m2c.launch.refusals import Refusals
 from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.router import NAME as ROUTER
@@ -203,12 +210,14 @@ class RunningSystem:
         try:
             self._processes[WATCHER] = NodeProcess(
                 WATCHER,
-                WATCHER,
-                [self._folder],
-                [*self._settings.watcher, "--ready-fd", str(say_ready)],
+                Module(
+                    package=WATCHER,
+                    folders=[self._folder],
+                    arguments=[*self._settings.watcher, "--ready-fd", str(say_ready)],
+                    files=[say_ready],
+                ),
                 self._line,
                 self._ended,
-                [say_ready],
             )
         finally:
             os.close(say_ready)
@@ -329,13 +338,9 @@ class RunningSystem:
         try:
             self._processes[group.name] = NodeProcess(
                 group.name,
-                package,
-                folders,
-                arguments,
+                Module(package, folders, arguments, files, group.priority),
                 self._line,
                 self._ended,
-                files,
-                group.priority,
             )
         finally:
             if report_to is not None:

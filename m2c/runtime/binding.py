@@ -18,6 +18,7 @@ from m2c.runtime.ports import (
     ActionServerPort,
     ClientPort,
     GoalHandlers,
+    Owner,
     PublisherPort,
     ServerPort,
 )
@@ -104,6 +105,10 @@ class Binding:
         self._stepping: set[Callable[[], bool]] = set()
         self.log = logging.getLogger(name)
 
+    @property
+    def _owner(self) -> Owner:
+        return Owner(self.log, self._state, self.fault)
+
     def publisher(self, topic: Topic) -> Publisher:
         """A publisher of ``topic``; a message that the transport refuses is a fault of the model."""
         return PublisherPort(self._transport.publisher(topic), topic.name, self.fault)
@@ -121,7 +126,7 @@ class Binding:
 
     def server(self, service: Service, handler: Callable[[Any], bool] | None) -> ServerPort:
         """Serve ``service``; ``handler`` says whether the active state takes the request."""
-        port = ServerPort(service.name, self.log, self._state, self.fault)
+        port = ServerPort(service.name, self._owner)
         guarded = self._guard(handler) if handler is not None else None
 
         def serve(request: Request) -> None:
@@ -146,9 +151,7 @@ class Binding:
             self._settings.call_timeout_s,
             self._offering(response) if response is not None else None,
             self._guard(error) if error is not None else None,
-            self.log,
-            self._state,
-            self.fault,
+            self._owner,
         )
 
     def action_server(
@@ -158,7 +161,7 @@ class Binding:
         cancel: Callable[[int], object] | None,
     ) -> ActionServerPort:
         """Serve ``action``; goals are numbered from 1 in order of arrival."""
-        port = ActionServerPort(action.name, self.log, self._state)
+        port = ActionServerPort(action.name, self._owner)
         guarded_goal = self._offering(goal) if goal is not None else None
         guarded_cancel = self._guard(cancel) if cancel is not None else None
         self._transport.serve_action(
@@ -182,9 +185,7 @@ class Binding:
                     if (handler := getattr(handlers, field)) is not None
                 },
             ),
-            self.log,
-            self._state,
-            self.fault,
+            self._owner,
         )
 
     def post(self, handler: Callable[[], object]) -> None:

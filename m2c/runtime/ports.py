@@ -30,6 +30,20 @@ RESULT_CODES = {GoalStatus.SUCCEEDED: 4, GoalStatus.CANCELED: 5, GoalStatus.ABOR
 """``_wrapped_result.code``: action_msgs/msg/GoalStatus."""
 
 
+class Owner(msgspec.Struct, frozen=True):
+    """The machine whose ends these are.
+
+    Attributes:
+        log: its node's.
+        state: says the active state, for messages.
+        fault: reports, once for a channel, what the transport refuses there.
+    """
+
+    log: logging.Logger
+    state: Callable[[], str]
+    fault: Callable[[str, str], None]
+
+
 class PublisherPort:
     """A publisher. What the transport cannot carry (a string longer than its bound) is reported once."""
 
@@ -55,17 +69,11 @@ class ServerPort:
     cannot carry is reported, and its request stays unanswered.
     """
 
-    def __init__(
-        self,
-        channel: str,
-        log: logging.Logger,
-        state: Callable[[], str],
-        fault: Callable[[str, str], None],
-    ) -> None:
+    def __init__(self, channel: str, owner: Owner) -> None:
         self._channel = channel
-        self._log = log
-        self._state = state
-        self._fault = fault
+        self._log = owner.log
+        self._state = owner.state
+        self._fault = owner.fault
         self._waiting: deque[Request] = deque()
         self._current: Request | None = None
 
@@ -112,18 +120,16 @@ class ClientPort:
         timeout_s: float,
         response: Callable[[Any], object] | None,
         error: Callable[[], bool] | None,
-        log: logging.Logger,
-        state: Callable[[], str],
-        fault: Callable[[str, str], None],
+        owner: Owner,
     ) -> None:
         self._client = client
         self._channel = channel
         self._timeout_s = timeout_s
         self._response = response
         self._error = error
-        self._log = log
-        self._state = state
-        self._fault = fault
+        self._log = owner.log
+        self._state = owner.state
+        self._fault = owner.fault
 
     def call(self, request: Message) -> None:
         """Send ``request`` and go on; the response is an event."""
@@ -150,10 +156,10 @@ class ClientPort:
 class ActionServerPort:
     """The goals of one action, numbered from 1."""
 
-    def __init__(self, channel: str, log: logging.Logger, state: Callable[[], str]) -> None:
+    def __init__(self, channel: str, owner: Owner) -> None:
         self._channel = channel
-        self._log = log
-        self._state = state
+        self._log = owner.log
+        self._state = owner.state
         self._goals: dict[int, GoalHandle] = {}
         self._numbers: dict[str, int] = {}
         self._unanswered: set[int] = set()
@@ -254,17 +260,15 @@ class ActionClientPort:
         channel: str,
         timeout_s: float,
         handlers: GoalHandlers,
-        log: logging.Logger,
-        state: Callable[[], str],
-        fault: Callable[[str, str], None],
+        owner: Owner,
     ) -> None:
         self._client = client
         self._channel = channel
         self._timeout_s = timeout_s
         self._handlers = handlers
-        self._log = log
-        self._state = state
-        self._fault = fault
+        self._log = owner.log
+        self._state = owner.state
+        self._fault = owner.fault
         self._ids: dict[int, str] = {}
         self._last = 0
 

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from m2c.cli import main
 from m2c.codegen.names import snake
-from m2c.deploy.files import DeployError, deployment_files
+from m2c.deploy.files import DeployError, Hosting, deployment_files
 from m2c.model.deployment import Process
 from tests.keys.test_secure_runs import init
 from tests.launch.system import Run, System
@@ -114,7 +114,7 @@ def test_the_name_of_a_system_is_no_part_of_a_unit_but_as_a_plain_word() -> None
     assert name == "systemd/a_h_service_x.service"
     assert "%" not in files[name]
     with pytest.raises(DeployError):
-        deployment_files("a", [], prefix="/../..\n")
+        deployment_files("a", [], Hosting(prefix="/../..\n"))
 
 
 HOSTILE = [
@@ -151,7 +151,7 @@ def processes_of(hosts: list[str]) -> list[Process]:
 def test_each_host_has_a_unit_and_a_container_of_its_own_whatever_it_is_called(seed: int) -> None:
     chosen = random.Random(seed)
     hosts = chosen.sample(HOSTILE, chosen.randint(2, len(HOSTILE)))
-    files = deployment_files("lab", processes_of(hosts), endpoint=MEETING)
+    files = deployment_files("lab", processes_of(hosts), Hosting(endpoint=MEETING))
     units = [name for name in files if name.endswith(".service")]
     assert len({name.casefold() for name in units}) == len(hosts)
     services = yaml.safe_load(files["compose.yaml"])["services"]
@@ -172,7 +172,7 @@ def test_each_host_has_a_unit_and_a_container_of_its_own_whatever_it_is_called(s
 
 @pytest.mark.parametrize("pair", [*itertools.permutations(["robot", "Robot", "robot-2"], 2)])
 def test_names_that_differ_in_case_only_stay_apart(pair: tuple[str, str]) -> None:
-    files = deployment_files("lab", processes_of([*pair]), endpoint=MEETING)
+    files = deployment_files("lab", processes_of([*pair]), Hosting(endpoint=MEETING))
     units = {name.casefold() for name in files if name.endswith(".service")}
     assert len(units) == 2
 

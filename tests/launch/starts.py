@@ -23,7 +23,7 @@ from examples.lab_tour.faults.busy import busy
 from m2c.codegen.package import system_files
 from m2c.codegen.writer import write_files
 from m2c.launch.description import Package, read_description
-from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess
+from m2c.launch.process import STOP_TIMEOUT_S, Module, NodeProcess
 from m2c.model import DiagnosticLog, load
 from m2c.rosidl.build import build_interfaces
 from tests.monitor.processes import free_endpoint
@@ -80,9 +80,7 @@ def start_and_stop(
     ended = threading.Event()
     process = NodeProcess(
         name,
-        package.package,
-        [folder / package.path],
-        [*arguments, "--node-name", name],
+        Module(package.package, [folder / package.path], [*arguments, "--node-name", name]),
         lambda *_: None,
         lambda *_: ended.set(),
     )

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from m2c.launch.description import LaunchDescription, Package
 from m2c.launch.grouping import grouped
-from m2c.launch.process import STOP_TIMEOUT_S, NodeProcess
+from m2c.launch.process import STOP_TIMEOUT_S, Module, NodeProcess
 from tests.launch.system import LIMIT_S, Run, System
 
 
@@ -251,7 +251,7 @@ def test_who_takes_its_time_to_say_where_it_stands_is_heard_out(tmp_path: Path) 
     """As it does on a machine that is busy."""
     (tmp_path / "slow.py").write_text(SLOW)
     up = threading.Event()
-    process = NodeProcess("Slow", "slow", [tmp_path], [], lambda *_: up.set(), lambda *_: None)
+    process = NodeProcess("Slow", Module("slow", [tmp_path]), lambda *_: up.set(), lambda *_: None)
     assert up.wait(LIMIT_S)
     assert process.finish(time.monotonic()) == f"did not end in {STOP_TIMEOUT_S:g} s and was killed"
     assert process.last_lines[-1] == "here"

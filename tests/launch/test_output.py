@@ -30,7 +30,7 @@ import sys
 import threading
 from pathlib import Path
 
-from m2c.launch.process import NodeProcess
+from m2c.launch.process import Module, NodeProcess
 from m2c.launch.screen import Lines
 
 folder, names, *arguments = sys.argv[1:]
@@ -38,7 +38,7 @@ screen = Lines()
 ended = threading.Semaphore(0)
 for name in names:
     NodeProcess(
-        name, "writer", [Path(folder)], [name, *arguments],
+        name, Module("writer", [Path(folder)], [name, *arguments]),
         lambda name, text: screen.line(f"{name} | {text}"),
         lambda name, code: ended.release(),
     )

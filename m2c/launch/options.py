@@ -1,0 +1,83 @@
+"""What ``m2c run`` is asked to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from m2c.launch.simulation_options import Simulation
+
+ON_FAILURE = "on-failure"
+"""The value of ``--restart`` that starts again what dies, as Docker and systemd call it."""
+
+
+class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
+    """The command line of ``m2c run``; what was not given is None, "", empty or False.
+
+    Attributes:
+        system: a system file, or the folder of a generated system.
+        transport: the middleware.
+        rate: ticks of the tree a second.
+        ticks: after how many to stop.
+        only: nodes, of which alone are run.
+        without: nodes that are left out.
+        replacements: ``NODE=PATH`` of what is run in nodes' places.
+        endpoint: where the nodes meet on Zenoh.
+        routed: whether they talk through a router there.
+        zenoh_config: a configuration file for every process.
+        secure: the folder of certificates.
+        namespace: prefix of every channel.
+        monitored: whether the run is monitored.
+        monitor: the monitor's own options.
+        record: the file that the run is recorded to.
+        processes: to how many processes nodes are dealt out; 0: one for each.
+        deployment: the file of the deployment.
+        host: whose nodes are run.
+        restart: what becomes of a node that dies: ``never`` or ``ON_FAILURE``.
+        lenient: whether strings, numbers and bools become one another.
+        quiet: whether ticks are not shown.
+        simulation: what only a system in virtual time has.
+    """
+
+    system: Path
+    transport: str
+    rate: float | None
+    ticks: int | None
+    only: tuple[str, ...]
+    without: tuple[str, ...]
+    replacements: tuple[str, ...]
+    endpoint: str | None
+    routed: bool
+    zenoh_config: Path | None
+    secure: Path | None
+    namespace: str
+    monitored: bool
+    monitor: str | None
+    record: Path | None
+    processes: int | None
+    deployment: Path | None
+    host: str | None
+    restart: str
+    lenient: bool
+    quiet: bool
+    simulation: Simulation
+
+    @property
+    def restarts(self) -> bool:
+        """Whether what dies is started again."""
+        return self.restart == ON_FAILURE
+
+    def of_a_middleware(self) -> list[str]:
+        """The options that were given and that a system in virtual time has no place for."""
+        given = {
+            "--endpoint": self.endpoint,
+            "--router": self.routed,
+            "--zenoh-config": self.zenoh_config,
+            "--secure": self.secure,
+            "--namespace": self.namespace,
+            "--processes": self.processes is not None,
+            "--deployment": self.deployment,
+            "--host": self.host,
+            "--restart": self.restarts,
+        }
+        return [name for name, value in given.items() if value]
