@@ -7,15 +7,15 @@ from collections.abc import Iterable, Mapping
 
 import msgspec
 
+from m2c.codegen.draft import MODULES, STEPWISE, Draft
 from m2c.codegen.event_package import event_package
-from m2c.codegen.formatting import NotPythonError, formatted
 from m2c.codegen.names import distinct, package_name, snake
 from m2c.codegen.nodes import node_program
-from m2c.codegen.packaging import FILES, Packaging, code_package, launch_package
-from m2c.codegen.program import LaunchProgram, NodeProgram, PackageProgram
+from m2c.codegen.packaging import Packaging, code_package, launch_package, type_names
+from m2c.codegen.policy_package import add_policy_package
+from m2c.codegen.program import LaunchProgram
 from m2c.codegen.rendering import Templates, our_templates
 from m2c.codegen.source import Source, name
-from m2c.codegen.writer import SEALED, sealed
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.naming import ANYWHERE, Naming
@@ -23,80 +23,8 @@ from m2c.model.system import System
 
 LAUNCH_FORMAT = 1
 
-_MODULES = {
-    "__init__.py": "node_init.py.j2",
-    "interfaces.py": "interfaces.py.j2",
-    "machine.py": "machine.py.j2",
-    "node.py": "node.py.j2",
-}
-"""The modules of a node, and the templates that they are made from."""
-_STEPWISE = _MODULES | {"machine.py": "stepwise_machine.py.j2", "node.py": "stepwise_node.py.j2"}
-"""The same for a run in steps."""
-
 _SERVES = (InterfaceKind.SERVER, InterfaceKind.ACTION_SERVER)
 _CALLS = (InterfaceKind.CLIENT, InterfaceKind.ACTION_CLIENT)
-
-
-class Draft:
-    """Files being made: their texts, and of which template and for which model each is.
-
-    Args:
-        templates: what they are made from.
-        packaging: what their packages are installed with.
-    """
-
-    def __init__(self, templates: Templates, packaging: Packaging = Packaging.WHEEL) -> None:
-        self._templates = templates
-        self.packaging = packaging
-        self._files: dict[str, str] = {}
-        self._made_of: dict[str, tuple[str, str]] = {}
-
-    def add(self, path: str, template: str, model: str, **context: object) -> None:
-        """Make the file ``path`` from ``template``, for ``model``."""
-        self._made_of[path] = (template, model)
-        self._files[path] = self._templates.render(
-            template, model, transport=self.packaging.value, **context
-        )
-
-    def put(self, path: str, text: str) -> None:
-        """Have the file ``path`` with data, which no template makes."""
-        self._files[path] = text
-
-    def add_node(
-        self, folder: str, node: NodeProgram, modules: Mapping[str, str] = _MODULES
-    ) -> None:
-        """The modules of a node, in ``folder``."""
-        for path, template in modules.items():
-            self.add(f"{folder}{path}", template, node.name, node=node)
-
-    def add_around(self, folder: str, package: PackageProgram, model: str) -> None:
-        """The files around the code of ``package``."""
-        for file in FILES[self.packaging]:
-            self.add(f"{folder}{file}", f"{file}.j2", model, package=package)
-        if self.packaging is Packaging.AMENT:
-            self.put(f"{folder}resource/{package.name}", "")
-
-    def texts(self) -> dict[str, str]:
-        """The files as their templates made them."""
-        return dict(self._files)
-
-    def files(self) -> dict[str, str]:
-        """The files formatted, and sealed with their hash.
-
-        Raises:
-            TemplateFault: what a template made is not Python.
-        """
-        try:
-            found = formatted(self._files)
-        except NotPythonError as error:
-            template, model = self._made_of[error.file]
-            lines = self._files[error.file].splitlines() or [""]
-            line = lines[min(max(error.line, 1), len(lines)) - 1].strip()
-            what = f"makes no Python, {error.what} in line {error.line}: {line}"
-            raise self._templates.fault(template, model, what) from error
-        return {
-            path: sealed(text) if path.endswith(SEALED) else text for path, text in found.items()
-        }
 
 
 def system_files(
@@ -126,8 +54,6 @@ def system_files(
         _add_node_package(draft, machine, system.library, package, f"{package}/")
     policy, called = None, frozenset[str]()
     if system.policy is not None:
-        from m2c.policy.generate import add_policy_package
-
         policy = distinct(f"{snake(system.name)}_policy", {*used, *nodes})
         called = add_policy_package(draft, system, policy, naming)
     machines = (*system.nodes, *system.plugins)
@@ -216,12 +142,6 @@ def _add_node_package(
     )
 
 
-def type_names(machines: Iterable[Machine]) -> tuple[str, ...]:
-    """The ROS types of the channels of ``machines``."""
-    names = {interface.type_name for machine in machines for interface in machine.interfaces}
-    return tuple(sorted(names - {""}))
-
-
 def node_modules(machine: Machine, library: InterfaceLibrary, package: str) -> dict[str, str]:
     """``__init__``, ``interfaces``, ``machine`` and ``node`` of one machine."""
     draft = Draft(our_templates())
@@ -238,13 +158,5 @@ def node_texts(
     """
     draft = Draft(our_templates())
     node = node_program(machine, library, package, is_stepwise)
-    draft.add_node("", node, _STEPWISE if is_stepwise else _MODULES)
+    draft.add_node("", node, STEPWISE if is_stepwise else MODULES)
     return draft.texts()
-
-
-def plugin_modules(plugins: Iterable[Machine]) -> dict[str, str]:
-    """The module (a part of the policy's package) of each plugin, by the plugin's name."""
-    found: dict[str, str] = {}
-    for plugin in plugins:
-        found[plugin.name] = distinct(snake(plugin.name), found.values())
-    return found

@@ -12,6 +12,7 @@ from enum import StrEnum
 
 from m2c.codegen.program import PackageProgram
 from m2c.codegen.source import Source, name
+from m2c.model.machine import Machine
 
 _TRANSPORT_PACKAGES = ("rclpy", "std_msgs")
 """What every node needs on ROS 2: what the tools tell each other travels in std_msgs/String."""
@@ -73,3 +74,9 @@ def launch_package(
     needed = (*sorted(started), "launch", "launch_ros", "ros2launch")
     depends = tuple(name(owner) for owner in needed)
     return PackageProgram(name(package), name(package), description, depends, launch=file)
+
+
+def type_names(machines: Iterable[Machine]) -> tuple[str, ...]:
+    """The ROS types of the channels of ``machines``."""
+    names = {interface.type_name for machine in machines for interface in machine.interfaces}
+    return tuple(sorted(names - {""}))

@@ -14,8 +14,9 @@ from m2c.convert.model import converted_model
 from m2c.convert.system_file import converted_system_file
 from m2c.convert.trees import elements
 from m2c.diagnostics import DiagnosticLog, Position, Severity
+from m2c.model.loading import load
 from m2c.model.machine import Dialect
-from m2c.model.system import MODEL_SUFFIXES, System, interfaces_near, load
+from m2c.model.system import MODEL_SUFFIXES, System, interfaces_near
 from m2c.model.xml import Element, parse_xml, tree_with_comments
 from m2c.output_file import write_whole
 

@@ -11,7 +11,8 @@ from lxml import etree
 from m2c.convert.trees import document, drop_prefixes, elements, with_root
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.inputs import resolve
-from m2c.model.system import SYSTEM_ROOT, SYSTEM_ROOTS, current_input_type
+from m2c.model.loading import current_input_type
+from m2c.model.system import SYSTEM_ROOT, SYSTEM_ROOTS
 from m2c.model.xml import Element
 
 CURRENT_TAGS = {"mc_parameters": "parameters"}

@@ -16,8 +16,9 @@ from m2c.check.report import print_findings
 from m2c.launch.description import LaunchDescription
 from m2c.model import DiagnosticLog, load
 from m2c.model.deployment import Process, hosts_of, names_in_deployment, read_deployment_file
+from m2c.model.loading import linked
 from m2c.model.naming import Naming
-from m2c.model.system import System, linked, read_with_reference
+from m2c.model.system import System, read_with_reference
 from m2c.suggestions import nearest
 from m2c.terminal import fail
 

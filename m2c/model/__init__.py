@@ -2,9 +2,10 @@
 
 from m2c.diagnostics import Diagnostic, DiagnosticLog, ModelError, Position, Severity
 from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.loading import load, read_system
 from m2c.model.machine import Machine
 from m2c.model.reader import read_machine
-from m2c.model.system import System, load, read_system
+from m2c.model.system import System
 
 __all__ = [
     "Diagnostic",

@@ -8,7 +8,8 @@ from pathlib import Path
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog, ModelError, Position
-from m2c.model.system import System, load
+from m2c.model.loading import load
+from m2c.model.system import System
 
 
 def read_or_raise(

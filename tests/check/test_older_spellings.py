@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from m2c.cli import main
-from m2c.model.system import current_input_type
+from m2c.model.loading import current_input_type
 
 NS = 'xmlns="http://www.w3.org/2005/07/scxml"'
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Main">{0}</BehaviorTree></root>'

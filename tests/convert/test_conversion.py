@@ -15,7 +15,7 @@ from m2c.cli import main
 from m2c.convert.comparison import first_difference
 from m2c.convert.expressions import respelled
 from m2c.model import DiagnosticLog, Machine, Position, load
-from m2c.model.system import current_input_type
+from m2c.model.loading import current_input_type
 from tests.hostile.texts import PAYLOADS
 
 ROOT = Path(__file__).parents[2]

@@ -12,9 +12,10 @@ from m2c.check import check_system
 from m2c.check.reading import read_and_check
 from m2c.language.datatypes import FLOAT64, INT64, STRING, Array, DataType, Primitive, describe
 from m2c.model import DiagnosticLog, load
+from m2c.model.loading import linked
 from m2c.model.machine import Emit, EventKind, InterfaceKind, Machine, Raise
 from m2c.model.naming import Naming
-from m2c.model.system import linked, read_with_reference
+from m2c.model.system import read_with_reference
 from m2c.model.walk import events_of, statements_of
 from transports.registry import name_rules
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import msgspec
 
-from m2c.codegen.names import distinct, machine_class
+from m2c.codegen.draft import Draft
+from m2c.codegen.names import distinct, machine_class, snake
 from m2c.codegen.nodes import node_program
-from m2c.codegen.package import Draft, plugin_modules, type_names
-from m2c.codegen.packaging import code_package
+from m2c.codegen.packaging import code_package, type_names
 from m2c.codegen.program import PluginClass, PolicyProgram
 from m2c.codegen.source import name
 from m2c.diagnostics import DiagnosticLog, ModelError
+from m2c.model.machine import Machine
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
 from m2c.policy.program import read_policy
@@ -62,3 +65,11 @@ def add_policy_package(
     return frozenset(
         channel for leaf in policy.leaves for channel in (leaf.tick, leaf.halt) if channel
     )
+
+
+def plugin_modules(plugins: Iterable[Machine]) -> dict[str, str]:
+    """The module (a part of the policy's package) of each plugin, by the plugin's name."""
+    found: dict[str, str] = {}
+    for plugin in plugins:
+        found[plugin.name] = distinct(snake(plugin.name), found.values())
+    return found
