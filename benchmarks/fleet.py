@@ -55,9 +55,9 @@ from transports.service_events import (
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 from transports.zenoh import connect
 from transports.zenoh.names import own_key
-from transports.zenoh.session import open_session
 from transports.zenoh.tokens import node_key
 from transports.zenoh.wire import MEDIA_TYPE, attachment
+from transports.zenoh_link.session import open_session
 
 SYSTEM = ROOT / "examples/lab_tour/system.xml"
 NS = 1_000_000_000

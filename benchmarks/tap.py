@@ -24,7 +24,7 @@ from benchmarks.processes import Child, free_endpoint, processor_s, ready, say
 from moon.recording.reader import open_recording
 from transports.interface import Observation, Topic
 from transports.zenoh import connect
-from transports.zenoh.session import open_session
+from transports.zenoh_link.session import open_session
 
 CHANNELS = 4
 PEER = "a bare Zenoh subscriber that counts"

@@ -122,7 +122,7 @@ def listen(transport_name: str, options: dict[str, str]) -> None:
 
 
 def serve_zenoh(options: dict[str, str]) -> None:
-    from transports.zenoh.session import open_session
+    from transports.zenoh_link.session import open_session
 
     answer = msgspec.msgpack.encode(Answer(True))
     with contextlib.closing(open_session(options)) as session:
@@ -139,7 +139,7 @@ def serve_zenoh(options: dict[str, str]) -> None:
 
 def call_zenoh(listening: dict[str, str], options: dict[str, str]) -> None:
     """Bare calls alternate with ours, in one process: caches are then as cold for both."""
-    from transports.zenoh.session import open_session
+    from transports.zenoh_link.session import open_session
 
     transport = connect("zenoh", CLIENT, listening)
     client = transport.client(ECHO)

@@ -117,7 +117,7 @@ def calls(stack: contextlib.ExitStack, topology: str) -> Child:
     endpoint = free_endpoint()
     served = called = {"endpoint": endpoint, "mode": "client"}
     if topology == STAR:
-        arguments = ["-m", "transports.zenoh.router", "--listen", endpoint]
+        arguments = ["-m", "transports.zenoh_link.router", "--listen", endpoint]
         stack.enter_context(Child("router", arguments)).wait_for(lambda line: "listens" in line)
     else:
         served, called = {"listen": endpoint}, {"endpoint": endpoint}

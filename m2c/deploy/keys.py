@@ -9,7 +9,7 @@ from pathlib import Path
 
 from m2c.model.deployment import Process
 from transports.options import LAUNCHER
-from transports.zenoh.credentials import AUTHORITY, KEY, SUFFIXES, check
+from transports.zenoh_link.credentials import AUTHORITY, KEY, SUFFIXES, check
 
 _FOR_ITS_USER = 0o600
 _FOR_ALL = 0o644

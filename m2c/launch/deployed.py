@@ -260,7 +260,7 @@ def _transport_options(run: RunOptions) -> dict[str, str]:
 
 def _check_certificates(folder: Path, groups: Sequence[Group]) -> None:
     """TransportError, before any is started, if a process has no certificate: it would end as it starts."""
-    from transports.zenoh.credentials import check
+    from transports.zenoh_link.credentials import check
 
     for name in (LAUNCHER, *(group.name for group in groups)):
         check(folder, name)

@@ -23,7 +23,7 @@ from transports.registry import connect
 
 NAME = "router"
 """The prefix of its output."""
-_PACKAGE = "transports.zenoh.router"
+_PACKAGE = "transports.zenoh_link.router"
 _READY_S = 30.0
 """How long a router may take to listen; a machine under load starts twenty interpreters in it."""
 
@@ -111,7 +111,7 @@ def met_at_router(
     Raises:
         TransportError: there is no router, and none can be started there.
     """
-    from transports.zenoh.session import NotARouterError
+    from transports.zenoh_link.session import NotARouterError
 
     with asked_as_nodes_are():
         router = Router(folder, options)

@@ -152,7 +152,7 @@ def _fail(error: Exception) -> NoReturn:
 def _report(folder: Path, processes: tuple[Rights, ...]) -> None:
     from cryptography import x509
 
-    from transports.zenoh.credentials import AUTHORITY_KEY, CERTIFICATE, expiry
+    from transports.zenoh_link.credentials import AUTHORITY_KEY, CERTIFICATE, expiry
 
     first = (folder / f"{processes[0].name}{CERTIFICATE}").read_bytes()
     until = expiry(x509.load_pem_x509_certificate(first))

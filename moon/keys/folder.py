@@ -17,7 +17,13 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from moon.keys.certificates import Pair, issued, new_authority
 from transports.options import SECURE_ENDPOINT
 from transports.zenoh.access import Rights, Role, access_control
-from transports.zenoh.credentials import AUTHORITY, AUTHORITY_KEY, CERTIFICATE, CONFIGURATION, KEY
+from transports.zenoh_link.credentials import (
+    AUTHORITY,
+    AUTHORITY_KEY,
+    CERTIFICATE,
+    CONFIGURATION,
+    KEY,
+)
 
 _FOR_ITS_USER = 0o600
 _FOR_ALL = 0o644

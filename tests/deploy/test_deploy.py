@@ -23,7 +23,7 @@ from tests.keys.test_secure_runs import init
 from tests.launch.system import Run, System
 from tests.monitor.processes import free_endpoint
 from tests.transports.hosts import ADDRESSES, may_be_made, two_hosts
-from transports.zenoh.credentials import check
+from transports.zenoh_link.credentials import check
 
 MEETING = f"tcp/{ADDRESSES[0]}:7447"
 TWO_HOSTS = (

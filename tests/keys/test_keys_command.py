@@ -23,7 +23,7 @@ from tests.transports.zenoh_network import Inbox, peer
 from transports.interface import TransportError
 from transports.networks import spinning
 from transports.zenoh import connect
-from transports.zenoh.credentials import check, configuration_file
+from transports.zenoh_link.credentials import check, configuration_file
 
 
 def run(*words: object) -> Result:

@@ -27,7 +27,7 @@ def router_of(run: Run) -> int:
     (found,) = [
         pid
         for pid in family(run.process.pid)
-        if b"transports.zenoh.router" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"transports.zenoh_link.router" in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
     return found
 

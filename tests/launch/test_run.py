@@ -18,7 +18,7 @@ import pytest
 from m2c.policy.runner import TreeTick
 from tests.launch.system import LEVEL, LIMIT_S, LOW, M2C, MOVE, Run, System
 from tests.monitor.processes import free_endpoint
-from transports.zenoh.session import open_session
+from transports.zenoh_link.session import open_session
 
 pytestmark = [pytest.mark.zenoh]
 

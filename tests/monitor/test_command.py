@@ -97,7 +97,7 @@ def test_a_wrong_argument_is_one_clear_error_and_exit_code_2(arguments, message)
 
 @pytest.mark.zenoh
 def test_a_log_that_cannot_be_written_is_exit_code_2() -> None:
-    from transports.zenoh.session import open_session
+    from transports.zenoh_link.session import open_session
 
     endpoint = free_endpoint()
     hub = open_session({"listen": endpoint})

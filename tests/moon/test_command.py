@@ -18,7 +18,7 @@ import pytest
 
 from transports.interface import Action, GoalEvents, Service, Topic
 from transports.zenoh import connect
-from transports.zenoh.session import open_session
+from transports.zenoh_link.session import open_session
 
 pytestmark = pytest.mark.zenoh
 MOON = [sys.executable, "-m", "moon.cli"]

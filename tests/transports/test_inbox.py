@@ -10,8 +10,9 @@ import msgspec
 import pytest
 
 from transports.interface import Topic
-from transports.zenoh import connect, executor
-from transports.zenoh.executor import Executor
+from transports.zenoh import connect
+from transports.zenoh_link import executor
+from transports.zenoh_link.executor import Executor
 
 
 class Number(msgspec.Struct):

@@ -30,8 +30,8 @@ from transports.simulated import SimulatedWorld
 from transports.simulated.routes import Sent
 from transports.simulated.transport import Publisher, SimulatedTransport
 from transports.zenoh import presence, services, tap, tokens, wire
-from transports.zenoh.executor import Executor
 from transports.zenoh.tokens import LinkToken, NodeToken, ServerToken, TokenError
+from transports.zenoh_link.executor import Executor
 
 LOG = logging.getLogger("tests.wire")
 

@@ -12,7 +12,7 @@ import pytest
 
 from transports.simulated import SimulatedWorld
 from transports.work_queue import WorkQueue
-from transports.zenoh.executor import Executor
+from transports.zenoh_link.executor import Executor
 
 PATIENCE_S = 60.0
 

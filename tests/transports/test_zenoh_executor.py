@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from transports.zenoh.executor import Executor
+from transports.zenoh_link.executor import Executor
 
 
 class HeldUp:
@@ -51,7 +51,7 @@ def test_a_timer_that_another_one_cancels_does_not_run_though_both_were_slept_th
 WAITS_FOR_A_SIGNAL = """
 import signal, sys, threading
 from transports.stop_signals import StopSignals
-from transports.zenoh.executor import Executor
+from transports.zenoh_link.executor import Executor
 
 def receive_it():
     sys.stdin.readline()

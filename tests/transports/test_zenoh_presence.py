@@ -12,10 +12,10 @@ import zenoh
 
 from transports.refusals import Refusals
 from transports.zenoh import presence
-from transports.zenoh.executor import Executor
 from transports.zenoh.names import LINK_KEYS, NODE_KEYS
 from transports.zenoh.presence import Announcements
-from transports.zenoh.wire import LOG
+from transports.zenoh_link.executor import Executor
+from transports.zenoh_link.log import LOG
 
 pytestmark = pytest.mark.zenoh
 

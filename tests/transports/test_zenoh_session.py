@@ -10,7 +10,8 @@ from transports.interface import (
     CallOutcome,
     TransportError,
 )
-from transports.zenoh import connect, session
+from transports.zenoh import connect
+from transports.zenoh_link import session
 
 pytestmark = pytest.mark.zenoh
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import zenoh
 
-from transports.zenoh import connect, session
+from transports.zenoh import connect
+from transports.zenoh_link import session
 
 PEER = Path(__file__).with_name("zenoh_peer.py")
 _spec = importlib.util.spec_from_file_location("zenoh_peer", PEER)

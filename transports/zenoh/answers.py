@@ -25,11 +25,11 @@ import zenoh
 from transports.interface import Answer
 from transports.refusals import Refusals
 from transports.timers import Timer
-from transports.zenoh.contained import Runner
 from transports.zenoh.names import ANSWER_KEYS
 from transports.zenoh.orders import Orders
 from transports.zenoh.tokens import MOST_NS, answer_key
 from transports.zenoh.wire import attachment, read_attachment
+from transports.zenoh_link.contained import Runner
 
 MARK = "_m2c_mark"
 """The last part of the keys on which a session puts marks, for itself."""

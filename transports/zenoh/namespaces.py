@@ -24,15 +24,15 @@ from transports.options import MOST_NAMESPACE
 from transports.refusals import Refusals
 from transports.timers import Timer
 from transports.zenoh import presence, tokens, topics
-from transports.zenoh.contained import Contained
-from transports.zenoh.executor import Executor
 from transports.zenoh.idle import IdleTaps
 from transports.zenoh.names import NODE_KEYS
 from transports.zenoh.orders import Orders
 from transports.zenoh.permissions import Permissions
 from transports.zenoh.tap import Tap
 from transports.zenoh.tokens import NodeToken, TokenError
-from transports.zenoh.wire import LOG
+from transports.zenoh_link.contained import Contained
+from transports.zenoh_link.executor import Executor
+from transports.zenoh_link.log import LOG
 
 RING_CAPACITY = 4096
 """Messages of one namespace that Zenoh keeps until they are taken: 20 s of the lab tour at five ticks a

@@ -11,6 +11,7 @@ from collections.abc import Container, Iterable, Mapping
 from typing import Any
 
 from transports.zenoh.names import ANSWER_KEYS, node_of
+from transports.zenoh_link.session import access_control
 
 NOBODY: frozenset[str] = frozenset()
 
@@ -93,3 +94,9 @@ def _answerers(queryables: Iterable[str]) -> Iterable[str]:
 
 def _among(granted: Mapping[str, set[str]], nodes: frozenset[str]) -> dict[str, frozenset[str]]:
     return {key: frozenset(names & nodes) for key, names in granted.items()}
+
+
+def permissions_for(options: Mapping[str, str]) -> Permissions | None:
+    """What the access control of the session that ``options`` ask for allows; None: it has none."""
+    found = access_control(options)
+    return None if found is None else permissions_of(*found)

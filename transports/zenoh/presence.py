@@ -22,11 +22,11 @@ import zenoh
 from transports.refusals import Refusals, shown
 from transports.work_queue import WorkQueue
 from transports.zenoh import tokens
-from transports.zenoh.contained import Runner
-from transports.zenoh.executor import Executor
 from transports.zenoh.names import NODE_KEYS, SERVER_KEYS, key_of
 from transports.zenoh.tokens import NodeToken, TokenError
-from transports.zenoh.wire import LOG
+from transports.zenoh_link.contained import Runner
+from transports.zenoh_link.executor import Executor
+from transports.zenoh_link.log import LOG
 
 MOST_TOKENS = 4096
 """Announcements of nodes that are remembered: anybody may declare any number of them."""

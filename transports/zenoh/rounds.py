@@ -14,9 +14,9 @@ from typing import Any
 import zenoh
 
 from transports.outbox import Outbox
-from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Recorded
 from transports.zenoh.names import ROUND_KEY
+from transports.zenoh_link.executor import Executor
 
 LAST_S = 0.002
 """Whoever says that a round is over reports this much later: it has most to report; the others come first."""

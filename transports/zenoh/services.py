@@ -29,11 +29,11 @@ from transports.payloads import PayloadError
 from transports.refusals import Refusals
 from transports.timers import Timer
 from transports.work_queue import WorkQueue
-from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
 from transports.zenoh.orders import Moment
 from transports.zenoh.wire import UNKNOWN, Codec, attachment, contents, life_of, read_attachment
+from transports.zenoh_link.executor import Executor
 
 MOST_WAITING = 10_000
 MOST_WAITING_BYTES = 64 * 1024 * 1024

@@ -13,10 +13,10 @@ import zenoh
 from transports.interface import TransportError
 from transports.outbox import Outbox
 from transports.refusals import Refusals
-from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Recorded, publish
 from transports.zenoh.presence import Announcements
 from transports.zenoh.rounds import Rounds
+from transports.zenoh_link.executor import Executor
 
 
 class Shared:

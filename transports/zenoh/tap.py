@@ -34,7 +34,6 @@ from transports.service_events import (
 from transports.zenoh import tokens
 from transports.zenoh.answers import MARK, Questions
 from transports.zenoh.claims import Claims
-from transports.zenoh.contained import Runner
 from transports.zenoh.idle import IdleTaps
 from transports.zenoh.names import LINK_KEYS, NODE_KEYS, channel_of, node_of, subscriptions
 from transports.zenoh.permissions import Permissions
@@ -43,6 +42,7 @@ from transports.zenoh.services import MOST_ERROR
 from transports.zenoh.tokens import TokenError
 from transports.zenoh.waiting import Arrived, Waiting, size_of
 from transports.zenoh.wire import UNKNOWN, Sent, life_of, read_attachment, type_of
+from transports.zenoh_link.contained import Runner
 
 RING_CAPACITY = 65_536
 """Messages that Zenoh keeps until they are taken (more than a second at the fastest rates measured)."""

@@ -13,11 +13,11 @@ from transports.interface import Message, Reliability, Topic, TransportError
 from transports.payloads import PayloadError
 from transports.refusals import Refusals
 from transports.service_events import MESSAGE_TAKEN
-from transports.zenoh.executor import Executor
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
 from transports.zenoh.orders import Orders
 from transports.zenoh.wire import UNKNOWN, Codec, attachment, contents, life_of, read_attachment
+from transports.zenoh_link.executor import Executor
 
 
 class _Declared(Protocol):

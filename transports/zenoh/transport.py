@@ -26,22 +26,22 @@ from transports.on_executor import OnExecutor
 from transports.refusals import Refusals
 from transports.service_events import TAKEN_SUFFIX
 from transports.zenoh import answers, presence, topics
-from transports.zenoh.executor import Executor
 from transports.zenoh.idle import IdleTaps
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
 from transports.zenoh.namespaces import NamespaceWatch, Within
 from transports.zenoh.orders import Orders
-from transports.zenoh.permissions import Permissions
+from transports.zenoh.permissions import Permissions, permissions_for
 from transports.zenoh.services import Client, Request, Server
-from transports.zenoh.session import open_session, permissions_for
 from transports.zenoh.shared import Shared
 from transports.zenoh.tap import Tap
-from transports.zenoh.wire import LOG
+from transports.zenoh_link.executor import Executor
+from transports.zenoh_link.log import LOG
+from transports.zenoh_link.session import open_session
 
 
 def connect(node: str, options: Mapping[str, str]) -> ZenohTransport:
-    """Open ``node``'s connection; for ``options`` see ``transports.zenoh.session``.
+    """Open ``node``'s connection; for ``options`` see ``transports.zenoh_link.session``.
 
     Raises:
         TransportError: an option is unknown or wrong, or an endpoint cannot be reached.

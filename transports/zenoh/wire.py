@@ -9,7 +9,6 @@ node in UTF-8.
 
 from __future__ import annotations
 
-import logging
 import struct
 from typing import Any, NamedTuple
 
@@ -19,7 +18,6 @@ from transports.interface import Message
 from transports.payloads import TypedCodec
 from transports.zenoh.tokens import MOST_NAME
 
-LOG = logging.getLogger("transports.zenoh")
 """Where this transport reports what it dropped."""
 
 MEDIA_TYPE = "application/msgpack"

@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.x509.oid import NameOID
 
 from transports.interface import TransportError
-from transports.zenoh.wire import LOG
+from transports.zenoh_link.log import LOG
 
 AUTHORITY = "ca.pem"
 AUTHORITY_KEY = "ca.key"

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Protocol
 
 from transports.timers import Timer
-from transports.zenoh.executor import Executor, Work, call
+from transports.zenoh_link.executor import Executor, Work, call
 
 
 class Runner(Protocol):

@@ -30,13 +30,13 @@ import re
 import socket
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
 from transports.interface import TransportError, UnreachableError
 from transports.options import MOST_NAMESPACE, NamespaceError, plain_namespace, refuse_unknown
-from transports.zenoh.permissions import Permissions, permissions_of
-from transports.zenoh.wire import LOG
+from transports.zenoh_link.log import LOG
 
 OPTIONS = (
     *("endpoint", "rendezvous", "listen", "config", "namespace", "secure", "identity"),
@@ -116,7 +116,7 @@ def open_session(options: Mapping[str, str]) -> zenoh.Session:
 
 def _with_certificate(options: Mapping[str, str]) -> dict[str, str]:
     """``options`` that name the configuration file of this process in the folder of certificates."""
-    from transports.zenoh.credentials import configuration_file
+    from transports.zenoh_link.credentials import configuration_file
 
     if options.get("config", ""):
         raise TransportError("with certificates the configuration is the folder's; give no other")
@@ -218,8 +218,10 @@ def _endpoints(config: zenoh.Config, key: str) -> list[str]:
     return [found] if isinstance(found, str) else list(found or ())
 
 
-def permissions_for(options: Mapping[str, str]) -> Permissions | None:
-    """What the access control of the session that ``options`` ask for allows; None: it has none."""
+def access_control(options: Mapping[str, str]) -> tuple[Any, str] | None:
+    """The access control (Zenoh's configuration, as JSON) and the namespace of the session that ``options``
+    ask for; None: they name no configuration.
+    """
     if options.get("secure", ""):
         options = _with_certificate(options)
     if not options.get("config", ""):
@@ -228,7 +230,7 @@ def permissions_for(options: Mapping[str, str]) -> Permissions | None:
     config = _read(Path(options["config"]), Path(secure) if secure else None)
     access = json.loads(config.get_json("access_control"))
     namespace = options.get("namespace", "") or json.loads(config.get_json("namespace"))
-    return permissions_of(access, namespace or "")
+    return access, namespace or ""
 
 
 def configuration(options: Mapping[str, str]) -> zenoh.Config:
