@@ -12,6 +12,7 @@ from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
+from transports import calls
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
 from transports.refusals import Refusals
@@ -69,8 +70,8 @@ class Server:
         self.graph = graph
         self.errors = errors
         self.events = events
-        self.response = Codec(f"{service.type_name}_Response", service.response)
-        self._request = Codec(f"{service.type_name}_Request", service.request)
+        self.response = Codec(calls.response_type(service), service.response)
+        self._request = Codec(calls.request_type(service), service.request)
         self._handler = handler
         profile = qos.profile(reliable=True, transient_local=False, depth=qos.DEPTH)
         try:
@@ -148,7 +149,7 @@ class Request:
                 client=self.client,
                 gid=self._id.gid.hex(),
                 call=self._id.call,
-                error=f"{CallOutcome.REMOTE_ERROR}: {error}",
+                error=calls.end_of(calls.refused(error)),
                 node=server.node,
                 stamp_ns=time.time_ns(),
             )
@@ -156,10 +157,7 @@ class Request:
 
     def _take(self) -> None:
         if not self._open:
-            raise TransportError(
-                f"call {self._id.call} of {self.client or 'an unnamed client'} to "
-                f"{self._server.name} is answered already"
-            )
+            raise calls.answered_already(self._id.call, self.client, self._server.name)
         self._open = False
 
 
@@ -200,8 +198,8 @@ class Client:
         self._events = events
         self.name = name
         self.type_name = service.type_name
-        self._request = Codec(f"{service.type_name}_Request", service.request)
-        self._response = Codec(f"{service.type_name}_Response", service.response)
+        self._request = Codec(calls.request_type(service), service.request)
+        self._response = Codec(calls.response_type(service), service.response)
         profile = qos.profile(reliable=True, transient_local=False, depth=qos.DEPTH)
         try:
             self.declared = node.create_client(
@@ -240,10 +238,7 @@ class Client:
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and wait, on a thread that is not the executor's."""
         if self._executor.is_current():
-            raise TransportError(
-                f"call_and_wait of {self.name} on the executor's own thread: nothing else would "
-                "run meanwhile; use call"
-            )
+            calls.refuse_to_wait(self.name)
         deadline = time.monotonic() + timeout_s
         ended = threading.Event()
         results: list[CallResult] = []
@@ -333,8 +328,7 @@ class Client:
         with self._lock:
             call = self._sent.pop(error.call, None)
         if call is not None:
-            text = error.error.removeprefix(f"{CallOutcome.REMOTE_ERROR}: ")
-            self._end(call, CallResult(CallOutcome.REMOTE_ERROR, error=text))
+            self._end(call, calls.refused(calls.reason_of(error.error)))
 
     def _timed_out(self, call: _Call) -> None:
         with self._lock:
@@ -348,8 +342,7 @@ class Client:
         if was_held:
             self._give_up(call)
             return
-        text = f"{self.name}: no answer within the time limit"
-        self._end(call, CallResult(CallOutcome.TIMEOUT, error=text))
+        self._end(call, calls.timed_out(self.name))
 
     def _give_up(self, call: _Call) -> None:
         """Nobody serves, after all."""
@@ -359,8 +352,7 @@ class Client:
         self._end_unserved(call)
 
     def _end_unserved(self, call: _Call) -> None:
-        text = f"{self.name}: no response: no node serves it, or its server ended"
-        self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
+        self._end(call, calls.unserved(self.name))
 
     def graph_changed(self) -> None:
         """On the executor: a server may have come or gone."""
@@ -385,9 +377,8 @@ class Client:
                     self._held.clear()
         for call in given_up:
             self._give_up(call)
-        text = f"{self.name}: the node that serves it ended"
         for call in lost:
-            self._end(call, CallResult(CallOutcome.UNAVAILABLE, error=text))
+            self._end(call, calls.abandoned(self.name))
 
     def _take_lost(self) -> list[_Call]:
         """The calls whose servers have gone, though others serve now, as after a kill and a restart."""
@@ -412,7 +403,7 @@ class Client:
                     client=self._node.get_name(),
                     gid=self._gid.hex(),
                     call=call.number,
-                    error=f"{result.outcome}: {result.error}",
+                    error=calls.end_of(result),
                     node=self._node.get_name(),
                     stamp_ns=time.time_ns(),
                 )
@@ -426,6 +417,5 @@ class Client:
             waiting = [call for call in (*self._sent.values(), *self._held) if call.timer is None]
             self._sent.clear()
             self._held.clear()
-        result = CallResult(CallOutcome.UNAVAILABLE, error=f"{self.name}: this node was closed")
         for call in waiting:
-            call.done(result)
+            call.done(calls.closed(self.name))

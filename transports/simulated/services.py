@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from transports import calls
 from transports.interface import (
     CallOutcome,
     CallResult,
@@ -66,10 +67,7 @@ class Request:
 
     def _take(self) -> None:
         if self._answered:
-            raise TransportError(
-                f"call {self._call.number} of {self.client} to {self._server.name} "
-                "is answered already"
-            )
+            raise calls.answered_already(self._call.number, self.client, self._server.name)
         self._answered = True
 
 
@@ -83,8 +81,8 @@ class Server:
         self.node_name = node.node
         self.name = service.name
         self.service = service
-        self.response = TypedCodec(f"{service.type_name}_Response", service.response)
-        self._request = TypedCodec(f"{service.type_name}_Request", service.request)
+        self.response = TypedCodec(calls.response_type(service), service.response)
+        self._request = TypedCodec(calls.request_type(service), service.request)
         self._handler = handler
         self._open: dict[Call, None] = {}
 
@@ -103,7 +101,7 @@ class Server:
             data = self._request.decode_bytes(call.payload)
         except PayloadError as error:
             self.node.refusals.refuse(self.name, client, error)
-            self.answer(call, None, f"bad request: {error}")
+            self.answer(call, None, calls.bad_request(error))
             return
         self.node.routes.service_event(
             self.node_name,
@@ -125,7 +123,7 @@ class Server:
             payload,
             call.client.node,
             call.number,
-            error=f"{CallOutcome.REMOTE_ERROR}: {error}" if payload is None else "",
+            error=calls.end_of(calls.refused(error)) if payload is None else "",
         )
         link = Link(self.node_name, self.name, call.client.node_name)
         self.node.world.send(link, call.client.receive, (call, payload, error))
@@ -146,15 +144,12 @@ class Client:
         self.node = node
         self.node_name = node.node
         self.service = service
-        self._request = TypedCodec(f"{service.type_name}_Request", service.request)
-        self._response = TypedCodec(f"{service.type_name}_Response", service.response)
+        self._request = TypedCodec(calls.request_type(service), service.request)
+        self._response = TypedCodec(calls.response_type(service), service.response)
         self._numbers = numbers
         self._found: dict[Server, int] = {}
         self._waiting: dict[Completion, None] = {}
-        self._unavailable = CallResult(
-            CallOutcome.UNAVAILABLE,
-            error=f"{service.name}: no response: no node serves it, or its server ended",
-        )
+        self._unavailable = calls.unserved(service.name)
 
     def call(
         self, request: Message, done: Callable[[CallResult], None], timeout_s: float = 5.0
@@ -203,10 +198,7 @@ class Client:
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and run the world until the call has ended."""
         if self.node.world.running is not None:
-            raise TransportError(
-                f"call_and_wait of {self.service.name} on the executor's own thread: nothing else "
-                "would run meanwhile; use call"
-            )
+            calls.refuse_to_wait(self.service.name)
         waiting = Completion(self.node.world)
         self._waiting[waiting] = None
         self.call(request, waiting.set, timeout_s)
@@ -232,21 +224,19 @@ class Client:
     def _take_answer(self, answer: tuple[Call, bytes | None, str]) -> None:
         call, payload, error = answer
         if payload is None:
-            self._end(call, CallResult(CallOutcome.REMOTE_ERROR, error=error), None)
+            self._end(call, calls.refused(error), None)
             return
         try:
             response = self._response.decode_bytes(payload)
         except PayloadError as bad:
             self.node.refusals.refuse(self.service.name, "its server", bad)
-            text = f"{self.service.name}: bad response: {bad}"
-            self._end(call, CallResult(CallOutcome.REMOTE_ERROR, error=text), None)
+            self._end(call, calls.undecodable(self.service.name, bad), None)
             return
         self._end(call, CallResult(CallOutcome.RESPONSE, response), payload)
 
     def _time_out(self, call: Call) -> None:
         if call.done is not None:
-            text = f"{self.service.name}: no answer within the time limit"
-            result = CallResult(CallOutcome.TIMEOUT, error=text)
+            result = calls.timed_out(self.service.name)
             self.node.work(lambda _: self._end(call, result, None), None)
 
     def _end_unavailable(self, call: Call) -> None:
@@ -256,7 +246,6 @@ class Client:
         done, call.done = call.done, None
         if done is None:
             return
-        failed = result.outcome is not CallOutcome.RESPONSE
         self.node.routes.service_event(
             self.node_name,
             self.service,
@@ -264,6 +253,6 @@ class Client:
             payload,
             self.node,
             call.number,
-            error=f"{result.outcome}: {result.error}" if failed else "",
+            error=calls.end_of(result),
         )
         done(result)

@@ -22,6 +22,7 @@ from typing import Any
 import msgspec
 import zenoh
 
+from transports import calls
 from transports import service_events as event
 from transports.interface import CallOutcome, CallResult, Message, Service, TransportError
 from transports.outbox import CALLER_S
@@ -55,10 +56,10 @@ class ServiceCodec(msgspec.Struct, frozen=True):
 
 
 def codec_of(service: Service) -> ServiceCodec:
-    """The codec of ``service``; its parts are named as ROS 2 names them."""
+    """The codec of ``service``."""
     return ServiceCodec(
-        Codec(f"{service.type_name}_Request", service.request),
-        Codec(f"{service.type_name}_Response", service.response),
+        Codec(calls.request_type(service), service.request),
+        Codec(calls.response_type(service), service.response),
     )
 
 
@@ -106,7 +107,7 @@ class Request:
             events.forget(moment)
             raise TransportError(f"cannot answer {server.name}: {cause}") from cause
         if moment is not None:
-            self._record(moment, None, f"{CallOutcome.REMOTE_ERROR}: {error}")
+            self._record(moment, None, calls.end_of(calls.refused(error)))
 
     def _record(self, moment: Moment, payload: bytes | None, error: str) -> None:
         events = self._server.events
@@ -117,10 +118,7 @@ class Request:
     def _take(self) -> zenoh.Query:
         query = self._query
         if query is None:
-            raise TransportError(
-                f"call {self._call} of {self.client or 'an unnamed client'} to "
-                f"{self._server.name} is answered already"
-            )
+            raise calls.answered_already(self._call, self.client, self._server.name)
         self._query = None
         self._server.closed(query)
         return query
@@ -201,7 +199,7 @@ class Server:
             data = self.codec.request.decode(request, query.encoding)
         except PayloadError as error:
             self._refusals.refuse(self.name, client, error)
-            Request(self, query, call, life, client, None).fail(f"bad request: {error}")
+            Request(self, query, call, life, client, None).fail(calls.bad_request(error))
             return
         is_tapped = events.is_tapped
         if is_tapped:
@@ -287,13 +285,8 @@ class Client:
         self._node_bytes = node.encode()
         self._numbers = numbers
         self._waiting: set[WorkQueue[zenoh.Reply | None]] = set()
-        self.unavailable = CallResult(
-            CallOutcome.UNAVAILABLE,
-            error=f"{service.name}: no response: no node serves it, or its server ended",
-        )
-        self.timeout = CallResult(
-            CallOutcome.TIMEOUT, error=f"{service.name}: no answer within the time limit"
-        )
+        self.unavailable = calls.unserved(service.name)
+        self.timeout = calls.timed_out(service.name)
 
     def call(
         self, request: Message, done: Callable[[CallResult], None], timeout_s: float = 5.0
@@ -315,10 +308,7 @@ class Client:
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and wait, on the calling thread, without the executor."""
         if self._executor.is_current():
-            raise TransportError(
-                f"call_and_wait of {self._name} on the executor's own thread: nothing else would "
-                "run meanwhile; use call"
-            )
+            calls.refuse_to_wait(self._name)
         payload = self._codec.request.encode(request)
         number = next(self._numbers)
         replies: WorkQueue[zenoh.Reply | None] = WorkQueue()
@@ -389,14 +379,13 @@ class Client:
             error = reply.err
             sent = b"" if error is None else error.payload.to_bytes()[: 4 * MOST_ERROR]
             text = sent.decode(errors="replace")[:MOST_ERROR]
-            return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
+            return calls.refused(text), None
         payload = contents(sample.payload)
         try:
             response = self._codec.response.decode(payload, sample.encoding)
         except PayloadError as error:
             self._refusals.refuse(self._name, "its server", error)
-            text = f"{self._name}: bad response: {error}"
-            return CallResult(CallOutcome.REMOTE_ERROR, error=text), None
+            return calls.undecodable(self._name, error), None
         return CallResult(CallOutcome.RESPONSE, response), payload
 
     def note_end(self, number: int, result: CallResult, response: bytes | None) -> bool:
@@ -405,8 +394,6 @@ class Client:
         if not events.is_tapped:
             events.skip()
             return False
-        failed = result.outcome is not CallOutcome.RESPONSE
-        error = f"{result.outcome}: {result.error}" if failed else ""
-        end = number, None, response, error, self._life
+        end = number, None, response, calls.end_of(result), self._life
         events.record(event.RESPONSE_RECEIVED, events.moment(), self._node, *end)
         return True
