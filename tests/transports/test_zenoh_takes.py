@@ -188,6 +188,6 @@ def test_what_a_node_that_has_ended_kept_does_not_hold_up_those_beside_it(networ
     eventually(lambda: events.is_tapped)
     moment = events.moment()
     server.close()
-    events.record(REQUEST_RECEIVED, moment, "late", 1, None)
+    events.record(REQUEST_RECEIVED, moment, ("late", 1, 0), None)
     owner._shared.outbox.flush()
     owner.close()

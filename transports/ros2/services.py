@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
@@ -48,27 +48,44 @@ class Look:
         return max(self._until_s - now_s, 0.0)
 
 
+class OfNode(NamedTuple):
+    """What the servers and clients of a node have in common.
+
+    Attributes:
+        node: the ``rclpy.node.Node``.
+        executor: where their handlers run.
+        graph: who is connected.
+        errors: where it is told how calls ended without a response.
+        look: how long clients look for their servers.
+        refusals: where what cannot be decoded is counted.
+    """
+
+    node: Any
+    executor: Executor
+    graph: Graph
+    errors: CallErrors
+    look: Look
+    refusals: Refusals
+
+
 class Server:
-    """Serves one service."""
+    """Serves one service, called ``name`` on ROS 2."""
 
     def __init__(
         self,
-        node: Any,
-        executor: Executor,
-        graph: Graph,
-        errors: CallErrors,
+        of_node: OfNode,
         events: ServiceEvents,
         name: str,
         service: Service,
         handler: Callable[[Request], None],
-        refusals: Refusals,
     ) -> None:
-        self._refusals = refusals
+        node, executor = of_node.node, of_node.executor
+        self._refusals = of_node.refusals
         self.name = name
         self.type_name = service.type_name
         self.node = node.get_name()
-        self.graph = graph
-        self.errors = errors
+        self.graph = of_node.graph
+        self.errors = of_node.errors
         self.events = events
         self.response = Codec(calls.response_type(service), service.response)
         self._request = Codec(calls.request_type(service), service.request)
@@ -180,18 +197,9 @@ class _Call:
 class Client:
     """Calls one service. One per service and node: calls are numbered by it."""
 
-    def __init__(
-        self,
-        node: Any,
-        executor: Executor,
-        errors: CallErrors,
-        events: ServiceEvents,
-        name: str,
-        service: Service,
-        look: Look,
-        refusals: Refusals,
-    ) -> None:
-        self._refusals = refusals
+    def __init__(self, of_node: OfNode, events: ServiceEvents, name: str, service: Service) -> None:
+        node, executor, errors = of_node.node, of_node.executor, of_node.errors
+        self._refusals = of_node.refusals
         self._node = node
         self._executor = executor
         self._errors = errors
@@ -211,7 +219,7 @@ class Client:
         self._handle = self.declared.handle
         self._gid = native.gid_of_client(self._handle)
         self._known_as = {gid.hex() for gid in endpoints.of_client(node, self._handle, name)}
-        self._look = look
+        self._look = of_node.look
         self._had_server = False
         self._servers: frozenset[bytes] | None = None
         """Who serves; None: it is to be asked, as the graph has changed."""

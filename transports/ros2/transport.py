@@ -25,7 +25,7 @@ from transports.ros2.introspection import ServiceEvents, outbox
 from transports.ros2.last_words import LastWords
 from transports.ros2.logs import RosLogHandler
 from transports.ros2.parameters import positive
-from transports.ros2.services import Client, Look, Request, Server
+from transports.ros2.services import Client, Look, OfNode, Request, Server
 from transports.ros2.session import open_node, prefix_of
 from transports.ros2.shared import Shared
 from transports.ros2.subscribing import Subscriber
@@ -149,18 +149,8 @@ class Ros2Transport(OnExecutor):
         name = self._full_name("service", service.name)
         if name in self._declared.serves:
             raise TransportError(f"{service.name} is served by {self.node} already")
-        errors, events = self._call_errors(), self._events_of(name, service)
-        Server(
-            self._ros,
-            self._executor,
-            self._graph,
-            errors,
-            events,
-            name,
-            service,
-            handler,
-            self._refusals,
-        )
+        of_node = self._of_node()
+        Server(of_node, self._events_of(name, service), name, service, handler)
         self._declared.serves[name] = service.type_name
         self._own.serves.append(name)
         self._announcements.announce_again()
@@ -171,17 +161,8 @@ class Ros2Transport(OnExecutor):
         name = self._full_name("service", service.name)
         client = self._clients.get(name)
         if client is None:
-            errors, events = self._call_errors(), self._events_of(name, service)
-            client = Client(
-                self._ros,
-                self._executor,
-                errors,
-                events,
-                name,
-                service,
-                self._look,
-                self._refusals,
-            )
+            of_node = self._of_node()
+            client = Client(of_node, self._events_of(name, service), name, service)
             self._clients[name] = client
             self._declared.calls[name] = service.type_name
             self._own.calls.append(name)
@@ -285,6 +266,16 @@ class Ros2Transport(OnExecutor):
             events = ServiceEvents(self._ros, self._outbox, name, service.type_name)
             self._events[name] = events
         return events
+
+    def _of_node(self) -> OfNode:
+        return OfNode(
+            self._ros,
+            self._executor,
+            self._graph,
+            self._call_errors(),
+            self._look,
+            self._refusals,
+        )
 
     def _call_errors(self) -> CallErrors:
         if self._errors is None:

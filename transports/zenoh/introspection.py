@@ -33,10 +33,12 @@ from transports.zenoh.wire import MEDIA_TYPE, attachment
 _encode = msgspec.msgpack.Encoder().encode
 
 
-Recorded = tuple["Events", int, Moment, str, int, bytes | None, bytes | None, str, int]
+Call = tuple[str, int, int]
+"""A call: its client, its number, and the client's life; or who published a message taken, and its number."""
+Recorded = tuple["Events", int, Moment, Call, bytes | None, bytes | None, str]
 """An event that is still to be published, a plain tuple as ``Moment`` is; it is made of this then, when
-nobody waits for the node: of which channel it is, what happened and when, the client, its call's number, the
-encoded request and response, the error, and the client's life (see ``ServiceEvent``)."""
+nobody waits for the node: of which channel it is, what happened and when, in which call, the encoded request
+and response, and the error (see ``ServiceEvent``)."""
 
 
 def publish(recorded: Recorded) -> None:
@@ -116,15 +118,13 @@ class Events:
         self,
         event_type: int,
         moment: Moment,
-        client: str,
-        call: int,
+        call: Call,
         request: bytes | None,
         response: bytes | None = None,
         error: str = "",
-        life: int = 0,
     ) -> None:
         """Keep an event until the outbox is flushed; the contents are encoded messages."""
-        self._keep((self, event_type, moment, client, call, request, response, error, life))
+        self._keep((self, event_type, moment, call, request, response, error))
         self._end(moment[1])
 
     def forget(self, moment: Moment | None) -> None:
@@ -136,7 +136,7 @@ class Events:
         """Publish an event; one thread at a time."""
         if self._has_ended:
             return
-        _, event_type, (stamp, order), client, call, request, response, error, life = recorded
+        _, event_type, (stamp, order), (client, call, life), request, response, error = recorded
         stamp_ns = int(stamp.get_time_as_ntp64().as_nanos())
         event = ServiceEvent(
             ServiceEventInfo(event_type, stamp_ns, client, call, life),

@@ -27,8 +27,7 @@ from transports.zenoh import presence, tokens, topics
 from transports.zenoh.idle import IdleTaps
 from transports.zenoh.names import NODE_KEYS
 from transports.zenoh.orders import Orders
-from transports.zenoh.permissions import Permissions
-from transports.zenoh.tap import Tap
+from transports.zenoh.tap import Listener, Tap
 from transports.zenoh.tokens import NodeToken, TokenError
 from transports.zenoh_link.contained import Contained
 from transports.zenoh_link.executor import Executor
@@ -251,35 +250,28 @@ class Within(Closes):
     """A listener to the system of one namespace; see ``transports.interface.Listener`` for every method.
 
     Args:
-        session: shared, without a namespace.
+        listener: who listens, on a session without a namespace; its handlers run in ``Contained``.
         executor: shared.
-        node: who listens.
         namespace: whose system.
         failed: gets what a handler raised; nothing is run for this listener then.
         closed: called with this once it is closed.
-        permissions: what whose certificate allows, where certificates are in use.
-        idle: shared; waits for the first message.
     """
 
     repair_s: float = 0.0
 
     def __init__(
         self,
-        session: zenoh.Session,
+        listener: Listener,
         executor: Executor,
-        node: str,
         namespace: str,
         failed: Callable[[Exception], None],
         closed: Callable[[Within], None],
-        permissions: Permissions | None = None,
-        idle: IdleTaps | None = None,
     ) -> None:
-        self.node = node
-        self._session = session
+        self.node = listener.node
+        self._session = session = listener.session
         self._namespace = namespace
-        self._permissions = permissions
-        self._idle = idle
         self._runner = runner = Contained(executor, failed)
+        self._listener = listener._replace(executor=runner)
         self._closed = closed
         self._refusals = Refusals(_Named(namespace))
         self._orders = Orders(session.new_timestamp)
@@ -323,18 +315,7 @@ class Within(Closes):
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Receive everything of this namespace on channels that match one of the globs (empty: all)."""
-        tap = Tap(
-            self._session,
-            self._runner,
-            self.node,
-            channels,
-            handler,
-            self._refusals,
-            self._namespace,
-            RING_CAPACITY,
-            self._permissions,
-            self._idle,
-        )
+        tap = Tap(self._listener, channels, handler, self._refusals, self._namespace, RING_CAPACITY)
         self._taps.append(tap)
         return tap
 

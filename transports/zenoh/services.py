@@ -111,8 +111,8 @@ class Request:
 
     def _record(self, moment: Moment, payload: bytes | None, error: str) -> None:
         events = self._server.events
-        call = self.client, self._call
-        events.record(event.RESPONSE_SENT, moment, *call, None, payload, error, self._life)
+        call = self.client, self._call, self._life
+        events.record(event.RESPONSE_SENT, moment, call, None, payload, error)
         events.flush_later()
 
     def _take(self) -> zenoh.Query:
@@ -204,7 +204,7 @@ class Server:
         is_tapped = events.is_tapped
         if is_tapped:
             moment = events.moment()
-            events.record(event.REQUEST_RECEIVED, moment, client, call, request, life=life)
+            events.record(event.REQUEST_RECEIVED, moment, (client, call, life), request)
         else:
             events.skip()
         self._handler(Request(self, query, call, life, client, data))
@@ -369,7 +369,8 @@ class Client:
             events.forget(moment)
             raise TransportError(f"cannot call {self._name}: {error}") from error
         if moment is not None:
-            events.record(event.REQUEST_SENT, moment, self._node, number, payload, life=self._life)
+            call = self._node, number, self._life
+            events.record(event.REQUEST_SENT, moment, call, payload)
             events.flush_later(delay_s)
 
     def result_of(self, reply: zenoh.Reply) -> tuple[CallResult, bytes | None]:
@@ -394,6 +395,6 @@ class Client:
         if not events.is_tapped:
             events.skip()
             return False
-        end = number, None, response, calls.end_of(result), self._life
-        events.record(event.RESPONSE_RECEIVED, events.moment(), self._node, *end)
+        call, end = (self._node, number, self._life), calls.end_of(result)
+        events.record(event.RESPONSE_RECEIVED, events.moment(), call, None, response, end)
         return True

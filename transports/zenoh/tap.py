@@ -79,34 +79,46 @@ class _Place(NamedTuple):
     speakers: Container[str] | None
 
 
+class Listener(NamedTuple):
+    """Who listens, and by what.
+
+    Attributes:
+        session: whose subscribers it has.
+        executor: where observations are handed over.
+        node: its name.
+        permissions: what whose certificate allows, where certificates are in use.
+        idle: waits for first messages, where they may never come; by default each tap does so itself.
+    """
+
+    session: zenoh.Session
+    executor: Runner
+    node: str
+    permissions: Permissions | None = None
+    idle: IdleTaps | None = None
+
+
 class Tap(Closes):
     """A passive listener; see ``transports.interface.Tap``.
 
     Args:
-        session: whose subscribers it has.
-        executor: where observations are handed over.
+        listener: who listens.
         globs: of channels; empty: all.
         handler: gets each observation.
         refusals: where what cannot be used is counted.
         namespace: whose channels and nodes they are, where the session has no namespace of its own.
         ring_capacity: messages that Zenoh keeps until they are taken; by default ``RING_CAPACITY``.
-        permissions: what whose certificate allows, where certificates are in use.
-        idle: waits for its first message, where that may never come; by default it does so itself.
     """
 
     def __init__(
         self,
-        session: zenoh.Session,
-        executor: Runner,
-        node: str,
+        listener: Listener,
         globs: Sequence[str],
         handler: Callable[[Observation], None],
         refusals: Refusals,
         namespace: str = "",
         ring_capacity: int | None = None,
-        permissions: Permissions | None = None,
-        idle: IdleTaps | None = None,
     ) -> None:
+        session, executor, node, permissions, idle = listener
         self._session = session
         self._permissions = permissions
         self._prefix = prefix = f"{namespace}/" if namespace else ""

@@ -130,7 +130,7 @@ def subscribe(
             return
         stamp = sample.timestamp
         life = 0 if stamp is None else life_of(stamp.get_id())
-        events.record(MESSAGE_TAKEN, events.moment(), source, number, None, life=life)
+        events.record(MESSAGE_TAKEN, events.moment(), (source, number, life), None)
         handler(message)
         events.flush_later()  # mostly all that comes of it is done by now
 

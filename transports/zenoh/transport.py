@@ -34,7 +34,7 @@ from transports.zenoh.orders import Orders
 from transports.zenoh.permissions import Permissions, permissions_for
 from transports.zenoh.services import Client, Request, Server
 from transports.zenoh.shared import Shared
-from transports.zenoh.tap import Tap
+from transports.zenoh.tap import Listener, Tap
 from transports.zenoh_link.executor import Executor
 from transports.zenoh_link.log import LOG
 from transports.zenoh_link.session import open_session
@@ -183,15 +183,8 @@ class ZenohTransport(OnExecutor):
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Receive everything on channels that match one of the globs (empty: all), passively."""
-        tap = Tap(
-            self._session,
-            self._executor,
-            self._node,
-            channels,
-            handler,
-            self._refusals,
-            permissions=self._permissions,
-        )
+        listener = Listener(self._session, self._executor, self._node, self._permissions)
+        tap = Tap(listener, channels, handler, self._refusals)
         self._taps.append(tap)
         return tap
 
@@ -208,16 +201,10 @@ class ZenohTransport(OnExecutor):
 
     def within(self, namespace: str, failed: Callable[[Exception], None]) -> Within:
         """See ``transports.interface.Namespaces``."""
-        opened = Within(
-            self._session,
-            self._executor,
-            self._node,
-            namespace,
-            failed,
-            self._namespaces.pop,
-            self._permissions,
-            self._idle,
+        listener = Listener(
+            self._session, self._executor, self._node, self._permissions, self._idle
         )
+        opened = Within(listener, self._executor, namespace, failed, self._namespaces.pop)
         self._namespaces[opened] = None
         return opened
 
