@@ -14,9 +14,9 @@ from m2c.language.expressions import (
     Member,
     Unary,
     children,
+    is_settled,
 )
 from m2c.language.macrostep import prefix_of
-from m2c.language.typing import is_constant
 from m2c.model.machine import Event, EventKind, If, Machine, State, Statement, Target, Transition
 
 
@@ -32,7 +32,7 @@ def truth(cond: Expression | None) -> bool | None:
     """
     if cond is None:
         return True
-    if is_constant(cond):
+    if is_settled(cond):
         try:
             return truthy(evaluate(cond, {}, {}))
         except ExecutionError:

@@ -9,7 +9,7 @@ from m2c.check.paths import open_branches, truth
 from m2c.diagnostics import DiagnosticLog, Position
 from m2c.language.ecmascript import ExecutionError
 from m2c.language.evaluate import evaluate
-from m2c.language.typing import is_constant
+from m2c.language.expressions import is_settled
 from m2c.model.machine import (
     Emit,
     Event,
@@ -190,5 +190,5 @@ def _statuses(machine: Machine, service: str) -> Iterator[Field]:
             and statement.interface == service
         ):
             for field in statement.fields:
-                if field.name == "status" and is_constant(field.value):
+                if field.name == "status" and is_settled(field.value):
                     yield field

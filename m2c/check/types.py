@@ -22,9 +22,9 @@ from m2c.language.datatypes import (
     only_array,
     part,
 )
-from m2c.language.expressions import Expression, Literal, Member, Variable
+from m2c.language.expressions import Expression, Literal, Member, Variable, is_settled
 from m2c.language.typing import Scope, check_expression, type_of
-from m2c.model.initial import initial_value, is_settled
+from m2c.model.initial import initial_value
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,

@@ -8,7 +8,7 @@ root the model used: ``_msg.x``, ``_req.x``, ``_res.x``, ``_feedback.x``, ``_goa
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Literal as OneOf
 
 import msgspec
@@ -179,3 +179,14 @@ def nodes(expression: Expression) -> Iterator[Expression]:
     yield expression
     for child in children(expression):
         yield from nodes(child)
+
+
+def is_settled(expression: Expression, known: Collection[str] = ()) -> bool:
+    """Whether ``expression`` has one value, given those of the variables ``known``."""
+    match expression:
+        case Variable(name=name):
+            return name in known
+        case EventData() | PortInput() | MathCall(function="random"):
+            return False
+        case _:
+            return all(is_settled(child, known) for child in children(expression))

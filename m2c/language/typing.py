@@ -47,7 +47,7 @@ from m2c.language.expressions import (
     PortInput,
     Unary,
     Variable,
-    children,
+    is_settled,
 )
 from m2c.language.operators import BINARY, PREFIX
 from m2c.language.values import convert
@@ -156,26 +156,14 @@ def constant_value(expression: Expression) -> int | float | None:
 
 def _computed(expression: Expression) -> tuple[bool, Any]:
     """The value of ``expression``, if it depends on nothing: (True, value), else (False, None)."""
-    match expression:
-        case Variable() | EventData() | PortInput() | MathCall(function="random"):
-            return False, None
-        case ArrayLiteral() | ObjectLiteral():
-            return False, None  # checked element by element
-    if not all(is_constant(child) for child in children(expression)):
+    if isinstance(expression, ArrayLiteral | ObjectLiteral):
+        return False, None  # checked element by element
+    if not is_settled(expression):
         return False, None
     try:
         return True, evaluate(expression, {}, {})
     except ExecutionError:
         return True, None
-
-
-def is_constant(expression: Expression) -> bool:
-    """Whether no data, event or chance can change the value of ``expression``."""
-    match expression:
-        case Variable() | EventData() | PortInput() | MathCall(function="random"):
-            return False
-        case _:
-            return all(is_constant(child) for child in children(expression))
 
 
 class _Typer:

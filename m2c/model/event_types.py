@@ -23,8 +23,8 @@ from m2c.language.datatypes import (
     Structure,
     describe,
 )
-from m2c.language.expressions import EventData, Expression, children
-from m2c.language.typing import Scope, assignable, check_expression, common_type, is_constant
+from m2c.language.expressions import EventData, Expression, children, is_settled
+from m2c.language.typing import Scope, assignable, check_expression, common_type
 from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
 from m2c.model.machine import (
     Emit,
@@ -245,7 +245,7 @@ def _what_is_given(field: Field, scope: Scope) -> _Given:
     return _Given(
         ANY if faults.has_errors or _depth(kind) > MAX_NESTING else kind,
         field.position,
-        is_constant(field.value),
+        is_settled(field.value),
         faults.has_errors,
         _is_received(field.value),
     )

@@ -2,33 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from m2c.language.datatypes import Array
 from m2c.language.evaluate import evaluate
 from m2c.language.expressions import (
     ArrayLiteral,
-    EventData,
-    Expression,
-    MathCall,
-    PortInput,
-    Variable,
-    children,
 )
 from m2c.language.values import convert, zero
 from m2c.model.machine import Data
-
-
-def is_settled(expression: Expression, known: Collection[str]) -> bool:
-    """Whether ``expression`` has one value, given those of the variables ``known``."""
-    match expression:
-        case Variable(name=name):
-            return name in known
-        case EventData() | PortInput() | MathCall(function="random"):
-            return False
-        case _:
-            return all(is_settled(child, known) for child in children(expression))
 
 
 def initial_value(data: Data, values: Mapping[str, Any], lenient: bool = False) -> Any:
