@@ -307,24 +307,31 @@ class Search:
         perhaps = _perhaps(hypotheses)
         unknown = self.program.unknown_data()
         known: dict[Any, Hypothesis] = {}
-        todo = list(hypotheses)
+        changed: dict[
+            Any, None
+        ] = {}  # first in, first out: what comes from one is joined before it goes on
+        found = list(hypotheses)
         limit = self.bounds.hypotheses
         tried = 0
-        while todo:
-            made = vague(todo.pop(), now).with_pending(perhaps)
-            place = place_of(made)
-            before = known.get(place)
-            wide = made if before is None else joined(before, made, unknown)
-            if wide is None:
-                continue
-            known[place] = wide
-            for after in self._following(wide, now):
-                tried += 1
-                after.moment = 0
-                todo.append(after)
+        while True:
+            for each in found:
+                made = vague(each, now).with_pending(perhaps)
+                place = place_of(made)
+                before = known.get(place)
+                wide = made if before is None else joined(before, made, unknown)
+                if wide is not None:
+                    known[place] = wide
+                    changed[place] = None
+            tried += len(found)
             if len(known) > limit or tried > LOOSE_STEPS * limit:
                 return None
-        return list(known.values())
+            if not changed:
+                return list(known.values())
+            place = next(iter(changed))
+            del changed[place]
+            found = list(self._following(known[place], now))
+            for each in found:
+                each.moment = 0
 
     def _following(self, hypothesis: Hypothesis, now: int) -> Iterable[Hypothesis]:
         """What one thing more that happens before ``now``, and is not seen, makes of ``hypothesis``."""

@@ -32,6 +32,8 @@ SECONDS = 14.0
 """So long is a run; a monitor takes some seconds to be sure of what it found in the middle of it."""
 UNTIL_S = 7.0
 """Nothing happens to a run later than this: what it did to the monitor is over by the end."""
+_READING_S = 1e-6
+"""Clocks that differ by less are the same."""
 _NEAR_S = (0.0, 0.0002, 0.002, 0.05, 0.2)
 
 
@@ -93,9 +95,16 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
             found.append(kill.at_s + (kill.down_s or 0.0) + lease_s)
         found += [cut.at_s + cut.for_s for cut in conditions.cuts]
         found += [at_s for clock in conditions.clocks for at_s, _ in clock.steps]
-        if any(clock.ahead_s for clock in conditions.clocks) or conditions.lost:
+        if conditions.lost or (conditions.hosts and self._do_clocks_differ()):
             return self.seconds
         return max(found)
+
+    def _do_clocks_differ(self) -> bool:
+        """Whether those of the two hosts differ in the end: for good."""
+        ahead_s = {"": 0.0, "robot": 0.0}
+        for clock in self.conditions.clocks:
+            ahead_s[clock.host] += clock.ahead_s + sum(by_s for _, by_s in clock.steps)
+        return abs(ahead_s[""] - ahead_s["robot"]) > _READING_S
 
 
 class Kind(StrEnum):

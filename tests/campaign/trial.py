@@ -17,12 +17,13 @@ import msgspec
 from m2c.model.machine import Machine
 from m2c.simulation.program import Program, compile_node, compile_system
 from m2c.simulation.run import SimulatedRun
-from moon.monitor.status import PROPERTY, UNSEEN
+from moon.monitor.status import POLICY, PROPERTY, UNSEEN
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
+from moon.policy.shape import shape_of
 from moon.recording.definitions import Definitions
 from moon.recording.recorded import RecordedConnection, RecordedRun
 from moon.recording.recorder import Recorder
@@ -331,8 +332,15 @@ class _Trial:
         return [
             (name, text)
             for name, kind, text, _ in self.standings
-            if kind == "model" and text != UNSEEN
+            if kind == "model" and text != UNSEEN and (name != POLICY or self._is_policy_judged())
         ]
+
+    def _is_policy_judged(self) -> bool:
+        """Whether a policy of this shape is judged after something was wrong; ``moon explain`` says it, too."""
+        policy = self.prepared.program.policy
+        assert policy is not None
+        shape = shape_of(policy, self.monitored.system.plugins)
+        return not shape.unchecked and (shape.forgets or not self.made.over_s)
 
 
 def _reason(verdicts: list[Verdict], node: str) -> str:
