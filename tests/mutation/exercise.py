@@ -43,6 +43,8 @@ _LONG_PAUSES = 0.03
 _ANSWERS_AFTER_S = (0.0, 0.0, 0.001, 0.01, 0.08, 0.3, 1.0)
 _NO_ANSWER = 0.01
 _FAILED = 0.12
+_LIVES_S = (2.0, 6.0, 15.0)
+_DOWN_NS = 200_000_000
 
 
 class Values:
@@ -221,15 +223,39 @@ def _forget_result(_: CallResult) -> None:
 
 
 def answerers(world: SimulatedWorld, machine: Machine, library: InterfaceLibrary) -> None:
-    """A node that serves what ``machine`` calls: right, wrong, late, with an error, or not at all."""
-    _Answerer(world, machine, library)
+    """A node that serves what ``machine`` calls: right, wrong, late, with an error, or not at all.
+
+    One that serves actions dies now and then, and is there again soon: its goals are over then.
+    """
+    draw = Random(f"{world.seed}/answerer")
+
+    def begin(_: object = None) -> None:
+        node = SimulatedTransport(world, "answerer")
+        _Answerer(node, machine, library, draw)
+        if actions:
+            node.after(draw.choice(_LIVES_S), lambda: end(node))
+
+    def end(node: SimulatedTransport) -> None:
+        node.close()
+        world.schedule(_DOWN_NS, begin, None)
+
+    actions = [
+        action_of(interface, library)
+        for interface in machine.interfaces
+        if interface.kind is InterfaceKind.ACTION_CLIENT
+    ]
+    begin()
+    for action in actions:
+        _cancel_others(world, action)
 
 
 class _Answerer:
-    def __init__(self, world: SimulatedWorld, machine: Machine, library: InterfaceLibrary) -> None:
-        self._draw = Random(f"{world.seed}/answerer")
+    def __init__(
+        self, node: SimulatedTransport, machine: Machine, library: InterfaceLibrary, draw: Random
+    ) -> None:
+        self._draw = draw
         self._values = Values([machine], self._draw)
-        self._node = node = SimulatedTransport(world, "answerer")
+        self._node = node
         for interface in machine.interfaces:
             if interface.kind is InterfaceKind.CLIENT:
                 kind = library.service(interface.type_name).response
@@ -238,7 +264,6 @@ class _Answerer:
                 found, action = library.action(interface.type_name), action_of(interface, library)
                 drive = _Drives(node, self._draw, self._values, found.feedback, found.result)
                 node.serve_action(action, drive.goal, drive.cancel)
-                _cancel_others(world, action)
         node.announce()
 
     def _answer(self, kind: Structure) -> Callable[[Request], None]:
