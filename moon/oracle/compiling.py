@@ -56,6 +56,9 @@ FEW = 8
 
 Action = Callable[["Step"], None]
 
+_NO_ANSWERS: dict[int, list[tuple[Any, ...]]] = {}
+"""Of a step that asks nothing; never changed."""
+
 
 # --- a step ---------------------------------------------------------------------------------------
 
@@ -100,12 +103,14 @@ class Step:
     """A macrostep being taken: what changes, and what comes of it."""
 
     __slots__ = (
+        "_answers",
         "_known",
         "_position",
         "asked",
         "data",
         "effect",
         "internal",
+        "length",
         "message",
         "outputs",
         "parts",
@@ -127,6 +132,10 @@ class Step:
         self._position = 0
         self._known: dict[Any, tuple[tuple[Any, ...], Any]] | None = None
         """What was found of unknown values: by the question, these values, and the answer."""
+        self._answers: dict[int, list[tuple[Any, ...]]] = _NO_ANSWERS
+        """The questions whose answer is an unknown value, by its identity."""
+        self.length = 0
+        """How many eventless transitions and internal events it has had."""
         self.outputs: list[Output] = []
         self.scheduled: list[Delayed | str] = []
         """In order: what is started, and the ids of what is cancelled."""
@@ -169,10 +178,17 @@ class Step:
         known = self._known
         if known is None:
             known = self._known = {}
+            self._answers = {}
         key = tuple(place)
         if key not in known:
-            known[key] = (values, find())
+            answer = find()
+            known[key] = (values, answer)
+            self._note_answer(key, answer)
         return known[key][1]
+
+    def _note_answer(self, key: tuple[Any, ...], answer: Any) -> None:
+        if answer.__class__ is Unknown:
+            self._answers.setdefault(id(answer), []).append(key)
 
     def enumerated(self, value: Any) -> Any:
         """``value``; if it is one of a few numbers, each of them in turn: ranges forget that two
@@ -201,9 +217,10 @@ class Step:
         for item in self.scheduled:
             if isinstance(item, Delayed):
                 item.data = filled_in(item.data, found)
-        for key, (values, answer) in (self._known or {}).items():
-            if answer.__class__ is Unknown and id(answer) in found and self._known is not None:
-                self._known[key] = (values, value)
+        if self._known is not None:
+            for key in self._answers.pop(id(unknown), ()):
+                self._known[key] = (self._known[key][0], value)
+                self._note_answer(key, value)
 
 
 class TransitionProgram:

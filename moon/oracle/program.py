@@ -43,6 +43,9 @@ from moon.oracle.unknowns import unknown_of
 MAX_OUTCOMES = 256
 """So many outcomes of one step are followed; a step with more is too open to be checked."""
 
+MAX_LENGTH = 4 * MAX_STEPS
+"""So many transitions without an event, and internal events, are followed in all outcomes of one step."""
+
 KEPT_STEPS = 64
 """Steps whose outcome is remembered, for each machine."""
 
@@ -182,6 +185,7 @@ class MachineProgram:
     ) -> Iterator[tuple[bool, Step]]:
         states = self._symbolic if symbolic else self._exact
         tape: list[list[int]] = []
+        length = 0
         for _ in range(MAX_OUTCOMES):
             step = Step(state, data, message, parts, tape)
             if event is None:
@@ -196,9 +200,12 @@ class MachineProgram:
             if not tape:
                 return
             tape[-1][0] += 1
+            length += step.length
+            if length > MAX_LENGTH:
+                break
         raise TooOpenError(
             f"{self.machine.name}: a step in state {states[state].name} has more than "
-            f"{MAX_OUTCOMES} outcomes"
+            f"{MAX_OUTCOMES} outcomes, or too long ones"
         )
 
     def _deliver(self, step: Step, states: list[StateProgram], event: EventKey) -> bool:
@@ -246,6 +253,7 @@ class MachineProgram:
     def _complete_macrostep(self, step: Step, states: list[StateProgram]) -> None:
         asked, waiting = -1, 0
         for _ in range(MAX_STEPS):
+            step.length += 1
             if self._follow_first(step, states, states[step.state].eventless):
                 asked = -1
                 continue

@@ -186,8 +186,11 @@ class Search:
 
     def _is_vague(self, hypotheses: list[Hypothesis], now: int) -> bool:
         """Whether there were too many possibilities a short time ago, or still are several."""
-        since = max([hypothesis.vague for hypothesis in hypotheses], default=0)
-        return since > 0 and (len(hypotheses) > 1 or now < since + self.bounds.deadline)
+        for hypothesis in hypotheses:
+            if hypothesis.vague:
+                since = max([other.vague for other in hypotheses])
+                return len(hypotheses) > 1 or now < since + self.bounds.deadline
+        return False
 
     def passed(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis]:
         """What can be so at ``now``, where nothing was seen since: all that was due has been taken.
@@ -246,9 +249,11 @@ class Search:
         if hypothesis.owed:
             return hypothesis
         limit = due - self.bounds.latency - self.bounds.skew
-        if any(timer.perhaps and timer.high < limit for timer in hypothesis.timers):
-            left = [t for t in hypothesis.timers if not (t.perhaps and t.high < limit)]
-            hypothesis = hypothesis.with_timers(tuple(left))
+        for timer in hypothesis.timers:
+            if timer.perhaps and timer.high < limit:
+                left = [t for t in hypothesis.timers if not (t.perhaps and t.high < limit)]
+                hypothesis = hypothesis.with_timers(tuple(left))
+                break
         pending = hypothesis.pending
         for fact in pending:
             if fact.stamp > limit:

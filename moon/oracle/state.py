@@ -159,10 +159,8 @@ class PendingTimer:
 
     def due(self, low: int, high: int) -> PendingTimer:
         """The same timer, due between ``low`` and ``high``."""
-        return PendingTimer(
-            *(self.instance, self.event, low, high),
-            *(self.period, self.data, self.id, self.perhaps),
-        )
+        period, data, perhaps = self.period, self.data, self.perhaps
+        return PendingTimer(self.instance, self.event, low, high, period, data, self.id, perhaps)
 
     def not_before(self, limit: int) -> PendingTimer:
         """The same periodic timer, without the times that were over before ``limit``."""

@@ -240,7 +240,9 @@ class Successors:
         for event in hypothesis.queue:
             latest = min(latest, event.high + latency)
         for timer in hypothesis.timers:
-            if timer.high + latency < latest and self._must_ring(hypothesis, timer):
+            if timer.perhaps or timer.high + latency >= latest:
+                continue
+            if self._matters(hypothesis, timer):
                 latest = timer.high + latency
         return latest
 
@@ -556,10 +558,6 @@ class Successors:
         parts = {"goal_id": output.goal or 0, "thread_id": number}
         event = (EventKind.THREAD_FREE, output.interface)
         made.queue = (*made.queue, QueuedEvent(0, event, None, parts, low, high))
-
-    def _must_ring(self, hypothesis: Hypothesis, timer: PendingTimer) -> bool:
-        """Whether something happens by ``timer`` for sure."""
-        return not timer.perhaps and self._matters(hypothesis, timer)
 
     def _matters(self, hypothesis: Hypothesis, timer: PendingTimer) -> bool:
         state, _ = hypothesis.instances[timer.instance]
