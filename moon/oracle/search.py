@@ -561,10 +561,13 @@ class Outputs:
 
 
 def _acceptance_seen(hypothesis: Hypothesis, fact: TraceEvent) -> Hypothesis:
-    """The server told the client when it accepted the goal: cancel requests up to some time mean that."""
+    """The server told the client when it accepted the goal: cancel requests up to some time mean that.
+
+    It runs from then on, also where it was not known which goal was accepted.
+    """
     stamp = stamp_of(fact.observation.data)
     goals = tuple(
-        goal.but(stamp=stamp)
+        goal.but(stamp=stamp, phase=Phase.RUNNING if goal.phase is Phase.NEW else goal.phase)
         if goal.served and goal.id == fact.goal and goal.interface == fact.interface
         else goal
         for goal in hypothesis.goals
