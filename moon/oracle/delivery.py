@@ -15,7 +15,7 @@ from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.confirmation import Conclusion, Publishers
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import Expected, Place, RequestTracking, TakenMessages, reference_of
-from moon.oracle.model_oracle import ModelOracle
+from moon.oracle.model_oracle import TRIES, ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
@@ -369,12 +369,13 @@ class Delivery:
             is_message = expected is self._taken
             place = reference_of(event) if is_message else (event.observation.channel, event.call)
             nodes = (sender, self._streams.node)
-            reached = self._reachability.reached_ns(nodes, event.stamp + self._latency)
-            if reached is not None and until >= 2 * reached - event.stamp:
+            if self._has_arrived(event, expected, nodes, until):
                 self._under_way.pop(place, None)
                 yield event
                 continue
-            expected.wait_on(place, event, until + self._latency)
+            since = until - event.stamp - expected.deadline
+            wait = min(max(since, self._latency // TRIES), self._latency)
+            expected.wait_on(place, event, until + wait)
             self.unreached.update(nodes)
             if place not in self._under_way:
                 self._under_way[place] = event
@@ -383,6 +384,22 @@ class Delivery:
                     f"{self._streams.node} may be cut"
                 )
                 verdicts += self._conclusion.unknown(event.stamp, text)
+
+    def _has_arrived(
+        self, event: TraceEvent, expected: Expected, nodes: tuple[str, str], until: int
+    ) -> bool:
+        """Whether no network can be the reason that ``event`` has not come by ``until`` (ns).
+
+        Both ends were heard in time after it was sent, and for as long again as they were not; and once more
+        when it was overdue: it may have been slow, and held up then.
+        """
+        reachability = self._reachability
+        if reachability is None:
+            return True
+        reached = reachability.reached_ns(nodes, event.stamp + self._latency)
+        if reached is None or until < 2 * reached - event.stamp:
+            return False
+        return reachability.reached_ns(nodes, event.stamp + expected.deadline) is not None
 
     def take_findings(self, until: int) -> list[str]:
         """What was under way for too long and has come, or is given up, one sentence each."""

@@ -35,14 +35,15 @@ class Expected:
         most: so much is kept; of more, the oldest is not missed.
 
     Attributes:
+        deadline: as given.
         events: as who sent them reports them, oldest first.
         due: when the first of them will be overdue (ns), or earlier.
     """
 
-    __slots__ = ("_deadline", "_most", "due", "events")
+    __slots__ = ("_most", "deadline", "due", "events")
 
     def __init__(self, deadline: int, most: int) -> None:
-        self._deadline = deadline
+        self.deadline = deadline
         self._most = most
         self.events: dict[Place, TraceEvent] = {}
         self.due = FOREVER
@@ -52,7 +53,7 @@ class Expected:
         self.events[place] = event
         if len(self.events) > self._most:
             del self.events[next(iter(self.events))]
-        self.due = min(self.due, event.stamp + self._deadline)
+        self.due = min(self.due, event.stamp + self.deadline)
 
     def remove(self, place: Place) -> None:
         """It has arrived, or is not waited for any more; nothing happens if it was not expected."""
@@ -61,12 +62,12 @@ class Expected:
 
     def overdue(self, watermark: int) -> list[TraceEvent]:
         """What should have arrived by ``watermark`` (ns); it is expected no more."""
-        limit = watermark - self._deadline
+        limit = watermark - self.deadline
         found = {place: event for place, event in self.events.items() if event.stamp <= limit}
         for place in found:
             del self.events[place]
         stamps = (event.stamp for event in self.events.values())
-        self.due = min(stamps, default=FOREVER - self._deadline) + self._deadline
+        self.due = min(stamps, default=FOREVER - self.deadline) + self.deadline
         return list(found.values())
 
     def wait_on(self, place: Place, event: TraceEvent, until: int) -> None:

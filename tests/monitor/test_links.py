@@ -34,10 +34,21 @@ def violations(hand: HandDriven) -> list[str]:
     return [verdict.reason for verdict in hand.verdicts if verdict.outcome == "violated"]
 
 
+@pytest.mark.parametrize("is_slow", [False, True])
 def test_a_request_under_way_through_a_network_that_is_cut_is_not_charged(
-    hand: HandDriven,
+    hand: HandDriven, is_slow: bool
 ) -> None:
+    """Or that was slow, while both ends were heard in time, and was held up by the cut then."""
     ask(hand, 4)
+    if is_slow:
+        hand.pass_time(300)
+        hand.hear("/other", "request_sent", "t/srv/Tick_Request", {}, "policy", call=1)
+        for kind, part, data in (
+            ("request_received", "Request", {}),
+            ("response_sent", "Response", {"status": 0}),
+        ):
+            more = {"call": 1, "client": "somebody"}
+            hand.hear("/Level/tick", kind, f"t/srv/Tick_{part}", data, "Level", **more)
     hand.pass_time(3000)  # of the side of the skill, nothing comes
     assert {"Level", "policy"} <= set(hand.asked)
     for kind in ("request_received", "response_sent"):  # the network is there again
