@@ -28,9 +28,10 @@ from moon.ordering.judge import Gap
 from moon.ordering.sources import Sources
 from moon.ordering.unreceived import Place, Unreceived, Window
 from moon.properties.describe import duration
-from moon.properties.formula import predicates
+from moon.properties.formula import predicates, rests_on_past
 from moon.properties.monitor import TimeOrderError
 from moon.properties.ordering import OrderedProperties
+from moon.properties.patterns import needs_cause
 from moon.properties.predicates import ANY_CHANNEL
 from moon.properties.property import Fact, Property, Role, Status, Witness
 from moon.properties.property import Verdict as PropertyVerdict
@@ -298,8 +299,19 @@ class PropertyWatch:
         self._clear()
         self._unreceived.restart()
         self.start(now_ns, self._unreceived.linked_ns)
+        for channel in sorted(self._needed_before()):
+            self._lose(channel, 0, now_ns)
         for departure in self._departures.again(now_ns):
             self._hold(departure)
+        return found
+
+    def _needed_before(self) -> frozenset[str]:
+        """The channels of properties that may be broken as something did not happen before."""
+        found: frozenset[str] = frozenset()
+        for name, item in self.properties.items():
+            pattern = item.pattern
+            if rests_on_past(item.formula) if pattern is None else needs_cause(pattern):
+                found |= self._tallies[name].channels
         return found
 
     def advance(self, now_ns: int, lag_ns: int = 0) -> list[Verdict]:

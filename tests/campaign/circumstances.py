@@ -81,6 +81,12 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
         return not self.conditions.clocks
 
     @property
+    def has_one_clock(self) -> bool:
+        """Whether all stamps are of one clock, which may be set: what is violated all the same is so in truth."""
+        clocks = self.conditions.clocks
+        return not self.conditions.hosts and not any(clock.ahead_s for clock in clocks)
+
+    @property
     def over_s(self) -> float:
         """When the last of what happens once has happened; the run's length where something goes on."""
         conditions = self.conditions

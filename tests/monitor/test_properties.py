@@ -556,3 +556,19 @@ def test_a_violation_from_before_the_clock_was_set_forward_stands(watched) -> No
     assert not withdrawn
     assert watched.properties.violations == 1
     assert watched.of("answers")[-1] == "inconclusive"
+
+
+@pytest.mark.parametrize("step_ms", [-3_600_000, -300, -20, 20, 300, 3_600_000])
+def test_what_was_asked_before_the_clock_was_set_may_be_answered_after_it(tmp_path, step_ms):
+    text = FILE[: FILE.index("properties:")] + (
+        "properties:\n  - {id: first, pattern: precedence, cause: asked, effect: answered}\n"
+    )
+    watched = Watched(tmp_path, text)
+    watched.pass_time(500)
+    watched.tick(1)
+    watched.set_forward_ns += step_ms * MS
+    watched.jump(step_ms * MS)
+    watched.pass_time(700)
+    watched.answer(late_by=0)
+    watched.pass_time(1500)
+    assert "violated" not in watched.of("first")
