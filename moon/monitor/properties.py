@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import msgspec
 
 from m2c.model.walk import variables_of
+from moon.monitor.careful import CarefulProperties
 from moon.monitor.departures import PREFIX, Departures
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
@@ -30,7 +31,6 @@ from moon.ordering.unreceived import Place, Unreceived, Window
 from moon.properties.describe import duration
 from moon.properties.formula import predicates, rests_on_past
 from moon.properties.monitor import TimeOrderError
-from moon.properties.ordering import OrderedProperties
 from moon.properties.patterns import needs_cause
 from moon.properties.predicates import ANY_CHANNEL
 from moon.properties.property import Fact, Property, Role, Status, Witness
@@ -61,13 +61,15 @@ _OUTCOMES = {
 class _Loss(msgspec.Struct):
     """Messages of ``channel`` stamped in ``[start, end)`` that were missed.
 
-    ``stands``: what was violated was so by what was certain then, and is not withdrawn.
+    ``stands``: what was violated was so by what was certain then, and is not withdrawn. ``is_shown``: numbers
+    show it; else it may be that some were.
     """
 
     start: int
     end: int
     channel: str
     stands: bool = False
+    is_shown: bool = True
 
 
 class _Unconfirmed(msgspec.Struct):
@@ -151,10 +153,11 @@ class PropertyWatch:
         self._clear()
 
     def _clear(self) -> None:
-        self._ordered = OrderedProperties(self._departures.properties, self._latency_ns)
-        self._ordered.presume(-1)  # compiles now what would hold it up later
+        self._ordered = CarefulProperties(self._departures.properties, self._latency_ns)
+        self._hopeful = self._ordered.hopeful
+        self._hopeful.presume(-1)  # compiles now what would hold it up later
         self.channels = frozenset(
-            name for name in self._ordered.channels() if not name.startswith(PREFIX)
+            name for name in self._hopeful.channels() if not name.startswith(PREFIX)
         )
         self._unconfirmed: list[_Unconfirmed] = []
         self._certain_ns = FOREVER
@@ -198,6 +201,8 @@ class PropertyWatch:
             linked_ns: so long after it was found, a node is linked on all its channels (ns); 0: at once.
         """
         self._unreceived.linked_ns = linked_ns
+        if linked_ns:
+            self._ordered.be_careful()
         self._reached_ns, self._is_begun = now_ns - 1, False
 
     def miss(self, channels: Iterable[str]) -> None:
@@ -225,7 +230,12 @@ class PropertyWatch:
         if self._is_anybody and up:
             self._unreceived.expect(node)
         if up:
-            self._unreceived.started(node, self._sources.up_since(node))
+            for channel, from_ns, until_ns in self._unreceived.started(
+                node, self._sources.up_since(node)
+            ):
+                if self.concerns(channel):
+                    self._losses.append(_Loss(from_ns, until_ns, channel, is_shown=False))
+                    self._due_ns = 0
             if not self._is_begun:
                 self._due_ns = 0
         for departure in self._departures.changed(node, up, now_ns):
@@ -377,7 +387,7 @@ class PropertyWatch:
         """When a turn is wanted (ns); 0: at once. It is :attr:`next_ns`, or up to :data:`BEHIND_NS` later."""
         if not self._due_ns:
             return 0
-        due_ns = self._due_ns + self._latency_ns + BEHIND_NS * bool(self._ordered.held)
+        due_ns = self._due_ns + self._latency_ns + BEHIND_NS * bool(self._hopeful.held)
         return min(due_ns, self._presume_ns + self._wait_ns, self._certain_ns)
 
     def take_questions(self) -> Sequence[str]:
@@ -397,16 +407,17 @@ class PropertyWatch:
             else []
         )
         if not names:
-            self._ordered.presume_nothing()
+            self._hopeful.presume_nothing()
             self._presume_ns = FOREVER
             return
-        if self._ordered.presume(until_ns):
+        if self._hopeful.presume(until_ns):
             self._to_ask = sorted({*self._to_ask, *names})
-        self._presume_ns = self._ordered.presume_ns
+        self._presume_ns = self._hopeful.presume_ns
 
     def _missed(self, loss: _Loss) -> list[Verdict]:
         """Hand ``loss`` to the properties; a violation of which it leaves nothing is withdrawn."""
-        changes = dict(self._ordered.lose(loss.channel, loss.start, loss.end))
+        lose = self._ordered.lose if loss.is_shown else self._ordered.may_lose
+        changes = dict(lose(loss.channel, loss.start, loss.end))
         verdicts = self._ordered.verdicts()
         found = self._drop_explained(loss)
         for name, tally in self._tallies.items():

@@ -5,9 +5,9 @@ What is missing shows in numbers (decision 26). Up to when all is known that a n
 * a node that numbers all that it reports, and answers: up to where it has reported. One that does not
   answer is judged by the latency bound;
 * where links are made channel by channel, nodes number each channel: up to the newest on that channel; of
-  what they do in calls, so from when on something numbered was missing in this run. What a node did on a
-  channel before its first number there may be missing. A node that has started is linked for sure some time
-  later, and who is not found by then was not there;
+  what they do in calls, so from when on something numbered was missing in this run. A node that has started
+  is linked for sure some time later: until then what it does in calls is unknown, and what it sends up to
+  number 0. Who is not found by then was not there;
 * what is not numbered at all is taken for whole.
 """
 
@@ -50,21 +50,6 @@ class Window(msgspec.Struct, frozen=True):
     can_answer: bool = False
 
 
-class _Heard:
-    """What was received of a place.
-
-    Attributes:
-        missed_until_ns: something that happened before may not have been (ns); 0: all was.
-        last_ns: the newest stamp; FOREVER: it is not numbered.
-    """
-
-    __slots__ = ("last_ns", "missed_until_ns")
-
-    def __init__(self, missed_until_ns: int, last_ns: int) -> None:
-        self.missed_until_ns = missed_until_ns
-        self.last_ns = last_ns
-
-
 class Unreceived:
     """What may be missing of the nodes that send on the channels of some judge.
 
@@ -82,8 +67,10 @@ class Unreceived:
         self.is_lossy = False
         self.channels: dict[str, set[str]] = {}
         self._sources = sources
-        self._places: dict[str, dict[Place, _Heard | None]] = {}
-        """Of each node; None: nothing was received there."""
+        self._places: dict[str, dict[Place, int]] = {}
+        """Of each node, the newest stamp received there; 0: nothing was, FOREVER: it is not numbered."""
+        self._first: dict[Place, int] = {}
+        """When the first message was sent that was received of a place, and was not the first of all (ns)."""
 
     def expect(self, node: str, channel: str = "", is_message: bool = True) -> None:
         """``node`` may report something there, by its model; on any channel, if none is given."""
@@ -92,31 +79,39 @@ class Unreceived:
         channels = self.channels.setdefault(node, set())
         if channel:
             channels.add(channel)
-            self._places.setdefault(node, {}).setdefault(Place(node, channel, is_message))
+            self._places.setdefault(node, {}).setdefault(Place(node, channel, is_message), 0)
 
     def received(self, seen: Observation) -> None:
         """``seen`` was received: who sent it may send there."""
         place = Place(seen.source, seen.channel, seen.kind is ObservationKind.MESSAGE)
         places = self._places.get(seen.source, {})
-        heard = places.get(place)
-        if heard is not None:
-            if heard.last_ns < seen.stamp_ns:
-                heard.last_ns = seen.stamp_ns
-            return
         if place not in places and len(places) < MOST_PLACES:
             self.expect(seen.source, seen.channel, place.is_message)
             places = self._places.get(seen.source, {})
         if place in places:
-            # messages are numbered from the first of a life on; reports on calls, while somebody listens
-            is_first = seen.sequence == 0 if place.is_message else seen.call == 1
-            last_ns = seen.stamp_ns if seen.sequence >= 0 else FOREVER
-            places[place] = _Heard(0 if is_first else seen.stamp_ns, last_ns)
+            if not places[place] and place.is_message and seen.sequence > 0:
+                self._first[place] = seen.stamp_ns
+            places[place] = max(places[place], seen.stamp_ns if seen.sequence >= 0 else FOREVER)
 
-    def started(self, node: str, since_ns: int) -> None:
-        """``node`` has come up, having begun to connect at ``since_ns``: it links anew."""
-        for place, heard in self._places.get(node, {}).items():
-            if heard is not None and heard.last_ns < since_ns:
-                self._places[node][place] = None
+    def started(self, node: str, since_ns: int) -> Iterator[tuple[str, int, int]]:
+        """``node`` is up, having begun to connect at ``since_ns``: what cannot be known of it.
+
+        The first message of a node has number 0; reports on calls are numbered while somebody listens.
+
+        Returns:
+            Channels, each with the first and last time at which something of it may be missing (ns).
+        """
+        places = self._places.get(node, {})
+        for place, last_ns in places.items():
+            if last_ns < since_ns:
+                places[place] = 0
+        listening_ns = self._sources.listening_ns
+        from_ns = max(since_ns, listening_ns)
+        for place in places if self.linked_ns else ():
+            if not place.is_message or since_ns < listening_ns:
+                yield place.channel, from_ns, from_ns + self.linked_ns
+            elif self._first.get(place, 0) > from_ns:
+                yield place.channel, from_ns, self._first[place]
 
     def all_have_started(self) -> bool:
         """Whether all that may send are there, and each has started since all is received."""
@@ -127,7 +122,7 @@ class Unreceived:
     def restart(self) -> None:
         """Stamps begin elsewhere: nothing is known any more of what was received."""
         for node, places in self._places.items():
-            self._places[node] = dict.fromkeys(places)
+            self._places[node] = dict.fromkeys(places, 0)
 
     def windows(
         self, concerns: Callable[[str], bool], until_ns: int, now_ns: int
@@ -153,22 +148,18 @@ class Unreceived:
         source = self._sources.known.get(place.node)
         if source is not None and self._sources.is_answering(source):
             return self._of_answering(place.node, source, until_ns, now_ns)
-        if source is None or source.is_up is False:
+        if source is None or not source.is_up:
             return self._of_unknown(place, source, until_ns, now_ns)
         if source.progress.next or not self.linked_ns:
             return None  # it says nothing of its silence
-        heard = self._places.get(place.node, {}).get(place)
-        since_ns = max(source.since_ns, self._sources.listening_ns)
-        if since_ns > until_ns:
+        last_ns = self._places.get(place.node, {}).get(place, 0)
+        if last_ns > until_ns or source.since_ns > until_ns:
             return None
-        if heard is None:
-            until = FOREVER if place.is_message else since_ns + self.linked_ns
-            return Window(place, since_ns, until)
-        if heard.missed_until_ns > since_ns:
-            return Window(place, since_ns, heard.missed_until_ns)
-        if heard.last_ns > until_ns:
-            return None
-        return Window(place, heard.last_ns + 1) if place.is_message or self.is_lossy else None
+        if last_ns:
+            is_open = place.is_message or self.is_lossy
+            return Window(place, last_ns + 1) if is_open else None
+        has_started = source.since_ns >= self._sources.listening_ns
+        return Window(place, source.since_ns) if place.is_message and has_started else None
 
     def _of_answering(self, node: str, source: Source, until_ns: int, now_ns: int) -> Window | None:
         reported_ns = source.progress.reported_ns

@@ -6,7 +6,7 @@ import pytest
 
 from moon.monitor.properties import PropertyWatch
 from moon.ordering.sources import Sources
-from moon.properties.property import Port, Property
+from moon.properties.property import REQUESTS, Port, Property
 from moon.properties.syntax import parse_formula
 from moon.verdict import Outcome
 from transports.interface import Observation, ObservationKind
@@ -259,3 +259,19 @@ def test_who_has_started_since_was_not_there_before_the_beginning(
         watched.answer(node, 30)
     watched.pass_to(100, 32)
     assert (Outcome.VIOLATED in watched.said) == is_known
+
+
+@pytest.mark.parametrize(("at_ms", "expected"), [(2_000, False), (8_000, True)])
+def test_calls_before_a_node_is_linked_for_sure_are_not_known(at_ms: int, expected: bool) -> None:
+    """What happened within 1 s before is asked: soon after the start nobody knows, later it is certain."""
+    watched = OnTopics(RESPONSE)
+    ports = (Port("asked", "/ask", REQUESTS, event=True), PORTS[1])
+    formula = parse_formula("historically ({done} -> once[0:1s] {asked})")
+    watched.watch = PropertyWatch([Property("p", formula, ports)], LATENCY_NS)
+    watched.watch.rely_on(watched.sources, {"/ask": ["Client", "Server"], "/done": ["Server"]})
+    watched.watch.start(START, LINKED_NS)
+    for node in ("Client", "Server"):
+        watched.come_up(node, 0)
+    watched.hear("Server", "/done", at_ms, at_ms + 1)
+    watched.pass_to(at_ms + 300, at_ms + 20)
+    assert (Outcome.VIOLATED in watched.said) == expected
