@@ -443,9 +443,9 @@ class Confirmation:
         return waiting
 
     def may_have_missed(self, expected: list[Place], by_ns: int) -> bool:
-        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent so far."""
-        channels = [channel.partition("/_action/")[0] for _, channel, _ in expected]
-        return self._streams.may_have_missed(channels, by_ns - self._silent_ns)
+        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent by then."""
+        channels = [channel for _, channel, _ in expected]
+        return self._streams.may_have_missed(channels, by_ns, self._silent_ns)
 
     def _wait_for_others(self, places: dict[Place, int], after: int, since: int) -> bool:
         """Add the topics of others whose numbers alone show what the machine took of them.
@@ -590,7 +590,7 @@ class Conclusion:
         self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
 
     def may_have_missed(self, expected: list[Place], by_ns: int) -> bool:
-        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent so far."""
+        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent by then."""
         return self._confirmation.may_have_missed(expected, by_ns)
 
     # --- what is received, and may confirm a violation -----------------------------------------------

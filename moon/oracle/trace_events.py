@@ -20,6 +20,7 @@ from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.walk import failure_of_goals
+from moon.oracle.bounds import FOREVER
 from moon.oracle.calls import Call, is_nameless
 from moon.ordering.numbers import Count, Numbers, Place
 from transports.actions.rules import Stamp
@@ -672,6 +673,8 @@ class SourceStreams:
         self.opened: dict[tuple[str, str, ObservationKind], SourceStream] = {}
         """By source, channel and kind."""
         self.counts: dict[Place, Count] = {}
+        self._first_ns: dict[str, int] = {}
+        """Of each channel, when the first that was received from the machine's node happened (ns)."""
         self.received_since: int | None = None
         """From when on (ns) silence means that the machine did nothing, once something is received from it;
         FOREVER: its node is not known to be there."""
@@ -679,7 +682,13 @@ class SourceStreams:
     def of(self, observation: Observation) -> SourceStream:
         """The stream that ``observation`` is in."""
         key = (observation.source, observation.channel, observation.kind)
-        return self.opened.get(key) or self._open(*key)
+        found = self.opened.get(key)
+        if found is None:
+            found = self._open(*key)
+            if found.own:
+                first_ns = self._first_ns.get(observation.channel, FOREVER)
+                self._first_ns[observation.channel] = min(first_ns, observation.stamp_ns)
+        return found
 
     def _open(self, source: str, channel: str, kind: ObservationKind) -> SourceStream:
         if len(self.opened) >= KEPT_STREAMS:
@@ -702,23 +711,27 @@ class SourceStreams:
         )
         return stream
 
-    def has_received(self, channel: str) -> bool:
-        """Whether something was received from the machine's node on ``channel``, or a part of that action."""
+    def was_received(self, channel: str, by_ns: int) -> bool:
+        """Whether the machine's node was heard on ``channel``, or on a part of that action, by then (ns)."""
         part = f"{channel}/_action/"
         return any(
-            source == self.node and (received == channel or received.startswith(part))
-            for source, received, _ in self.opened
+            first_ns <= by_ns and (received == channel or received.startswith(part))
+            for received, first_ns in self._first_ns.items()
         )
 
-    def may_have_missed(self, channels: Iterable[str], by_ns: int) -> bool:
-        """Whether the node was found after ``by_ns``, and one of ``channels`` was silent until now."""
-        if self.received_since is None or by_ns >= self.received_since:
+    def may_have_missed(self, channels: Iterable[str], by_ns: int, silent_ns: int) -> bool:
+        """Whether the node may have done something by then (ns) on one of ``channels`` that was missed.
+
+        It may if nothing of before was received there and the node was found later than ``silent_ns`` before.
+        """
+        if self.received_since is None or by_ns - silent_ns >= self.received_since:
             return False
-        return not all(self.has_received(channel) for channel in channels)
+        return not all(self.was_received(channel, by_ns) for channel in channels)
 
     def restart(self) -> None:
         """The machine's node numbers anew, and nothing was received from it yet."""
         self.received_since = None
+        self._first_ns.clear()
         for key in [key for key in self.opened if key[0] == self.node]:
             del self.opened[key]
         if not self._are_followed:

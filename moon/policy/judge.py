@@ -122,8 +122,8 @@ class PolicyJudge:
         self.unconfirmed = Unconfirmed()
         self.received_since = 0
         """From then on (ns) all that the policy does is received; FOREVER: its node is not known to be up."""
-        self._unheard = set(self.leaves)
-        """Channels of leaves on which nothing was received from the policy yet."""
+        self._first_ns: dict[str, int] = {}
+        """Of each channel of a leaf, when the first that was received from the policy happened (ns)."""
         self._unanswered: dict[Call, Observation] = {}
         """Calls that were followed by another before their answer was received."""
         self._life = Life(self._follower.close)  # its runs' threads end with it
@@ -143,7 +143,7 @@ class PolicyJudge:
         self._synchronised = self.is_fresh = True
         self._since = stamp_ns
         self.received_since = 0
-        self._unheard.update(self.leaves)
+        self._first_ns.clear()
         self.unconfirmed.restart()
         self._seen_by_server.clear()
         self._unanswered.clear()
@@ -194,9 +194,10 @@ class PolicyJudge:
             return self._defer(event)
         return self._judge(event)
 
-    def note_heard(self, channel: str) -> None:
-        """Something of the policy was received on ``channel``."""
-        self._unheard.discard(channel)
+    def note_heard(self, channel: str, stamp_ns: int) -> None:
+        """Something of the policy was received on ``channel``, and happened at ``stamp_ns``."""
+        if channel in self.leaves and stamp_ns < self._first_ns.get(channel, FOREVER):
+            self._first_ns[channel] = stamp_ns
 
     def note_elsewhere(self, event: Observation) -> None:
         """The other end of a call of the policy reported it: the policy's own end must, too."""
@@ -479,7 +480,10 @@ class PolicyJudge:
         silent_ns = self.bounds.deadline + self.bounds.latency
         if self._progress.reported_ns or by_ns - silent_ns >= self.received_since:
             return False
-        return any(ask.channel in self._unheard for ask in wanted)
+        return any(
+            ask.channel in self.leaves and self._first_ns.get(ask.channel, FOREVER) > by_ns
+            for ask in wanted
+        )
 
     def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
         """Report ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""

@@ -170,7 +170,7 @@ class PolicyOracle:
         verdicts: list[Verdict] = []
         watermark = observation.received_ns - self.bounds.latency
         if observation.source == self.node:
-            judge.note_heard(channel)
+            judge.note_heard(channel, observation.stamp_ns)
             if observation.life != self._lives.present:
                 which = self._lives.see(observation.life, observation.stamp_ns)
                 if which == PAST:

@@ -94,6 +94,32 @@ def test_what_is_expected_where_nothing_was_received_yet_may_have_been_missed(
     assert (Outcome.VIOLATED in [verdict.outcome for verdict in said]) == is_linked
 
 
+@pytest.mark.parametrize("after_ms", [-1, 2])
+def test_what_is_received_of_a_channel_says_nothing_of_what_was_there_before(after_ms: int) -> None:
+    """The tap is linked to the channel of the node's call after that call, and before what is said of it."""
+    oracle = Oracle(read(CALLS_FIRST), library(), bounds=Bounds(), synchronised=False)
+    oracle.start(BEGAN)
+    oracle.listen(BEGAN + 5_000 * MS)
+    first_ns = BEGAN + 3_000 * MS
+    said = []
+    for at_ms, channel, kind, number in sorted(
+        [
+            (0, "/Probe/ask", ObservationKind.REQUEST_RECEIVED, 0),
+            (1, "/Probe/ask", ObservationKind.RESPONSE_SENT, 1),
+            (after_ms, "/Other/ask", ObservationKind.RESPONSE_RECEIVED, 0),
+        ]
+    ):
+        stamp_ns = first_ns + at_ms * MS
+        seen = Observation(
+            stamp_ns=stamp_ns, received_ns=stamp_ns, channel=channel, kind=kind, type_name="",
+            data={"value": 0}, source="Probe", client="Probe" if channel == "/Other/ask" else "policy",
+            call=1, sequence=number,
+        )  # fmt: skip
+        said += oracle.feed(seen)
+    said += oracle.advance(first_ns + 300 * MS)
+    assert (Outcome.VIOLATED in [verdict.outcome for verdict in said]) == (after_ms < 0)
+
+
 ANSWERS_LATER = """
 <scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
   <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
