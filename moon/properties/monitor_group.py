@@ -200,7 +200,9 @@ class MonitorGroup:
         for port in group.ports:
             if not port.event:
                 self._known.take(port, seen.data)
-        if self._three_valued is not None and unseen != self._known.unseen:
+        # a state that counts since the start may have had its first value since then
+        has_no_past = not self._counts_time and unseen != self._known.unseen
+        if self._three_valued is not None and has_no_past:
             self._three_valued.not_yet(self._known.settled(), stamp - 1)
         if self.started < 0 and self._known.waiting:
             if self._three_valued is None:

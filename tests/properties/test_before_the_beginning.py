@@ -146,3 +146,11 @@ def test_a_bound_of_the_start_counts_from_when_time_began(at: int, expected: Sta
     monitors.observe(seen(500, "/battery", data=80))
     monitors.observe(seen(at, "/ask"))
     assert monitors.verdicts()["f"].status is expected
+
+
+def test_a_state_may_have_had_its_first_value_since_the_start() -> None:
+    monitors = _monitors("historically (once {battery > 50} or not once[300:] true)")
+    monitors.advance(0)
+    monitors.observe(seen(500, "/battery", data=80))
+    monitors.advance(600)
+    assert monitors.verdicts()["f"].status is not Status.FALSE
