@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from transports.interface import TransportError
-
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where the nodes of a system meet on Zenoh unless somebody says otherwise: of ``m2c run`` and what watches
 the system, whoever comes first listens there.
@@ -57,6 +55,8 @@ def plain_namespace(text: str) -> str:
 
 def refuse_unknown(transport: str, options: Iterable[str], known: Iterable[str]) -> None:
     """Raise TransportError if ``options`` has a name that is not among ``known``, those of ``transport``."""
+    from transports.interface import TransportError  # a command's --help needs no messages
+
     unknown = sorted(set(options) - set(known))
     if unknown:
         raise TransportError(
