@@ -149,7 +149,9 @@ def test_a_bound_of_the_start_counts_from_when_time_began(at: int, expected: Sta
 
 
 def test_a_state_may_have_had_its_first_value_since_the_start() -> None:
-    monitors = _monitors("historically (once {battery > 50} or not once[300:] true)")
+    monitors = _monitors(
+        "historically (once ({battery > 50} and not once[301:] true) or not once[300:] true)"
+    )
     monitors.advance(0)
     monitors.observe(seen(500, "/battery", data=80))
     monitors.advance(600)
