@@ -9,14 +9,17 @@ import pytest
 
 from tests.campaign.__main__ import Summary, cases
 
-SEEDS = (0, 5, 7, 9)
+SEEDS = (*range(11), 12)
+"""11 is still open (``docs/campaign.md``)."""
+BLOCK = 4
 EACH = 3
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_nothing_that_is_said_is_wrong(seed: int) -> None:
+@pytest.mark.parametrize("first", range(0, len(SEEDS), BLOCK))
+def test_nothing_that_is_said_is_wrong_and_enough_is_said(first: int) -> None:
     summary, wrong = Summary(), []
-    for tried in cases(seed, EACH):
+    seeds = SEEDS[first : first + BLOCK]
+    for tried in (tried for seed in seeds for tried in cases(seed, EACH)):
         summary.take(tried.result)
         wrong += [
             f"{failure.fault}: {failure.about}: {failure.text}\n  again: {tried.case.command()}"
@@ -24,3 +27,4 @@ def test_nothing_that_is_said_is_wrong(seed: int) -> None:
         ]
     assert not wrong, "\n".join(wrong)
     assert summary.judged > summary.trials
+    assert not summary.is_too_silent, summary.table()
