@@ -294,7 +294,9 @@ class TakenMessages:
 
     def unlink(self, stamp_ns: int) -> None:
         """The node came or went at ``stamp_ns``: publishers have to be linked to it once more."""
-        self._links.clear()
+        for link in self._links.values():
+            link.taken = -1
+            link.missed.clear()
         self.started_ns = stamp_ns
 
     def sender_changed(self, name: str, stamp_ns: int) -> None:
@@ -318,7 +320,7 @@ class TakenMessages:
         What was published may be received before it is known that the node is there: it is kept.
         """
         self.forget()
-        self._links.clear()
+        self.unlink(self.started_ns)
         self.reported = False
 
 

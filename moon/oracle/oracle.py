@@ -339,6 +339,7 @@ class Oracle:
         self._other_ends.clear()
         self._unconfirmed.restart()
         self._topics.restart()
+        self._takes.started_ns = stamp_ns
         verdicts += self._delivery.lose(stamp_ns, f"{self.node} was restarted")
 
     def _is_shown_by_node(self, stream: SourceStream) -> bool:

@@ -19,10 +19,12 @@ def hand(tmp_path) -> HandDriven:
 
 @pytest.fixture
 def started(hand) -> HandDriven:
-    """A node that came up while the monitor listened, and works."""
+    """A node that came up while the monitor listened, and works; its publisher is linked to it."""
     hand.pass_time(100)
     hand.node("Level", True)
     hand.pass_time(500)
+    hand.message(90)
+    hand.pass_time(6000)
     hand.message(90)
     hand.pass_time(500)
     assert hand.outcomes == ["conforming"]
@@ -51,6 +53,10 @@ def test_a_node_that_was_there_before_is_found_in_the_middle(hand) -> None:
     hand.pass_time(100)
     hand.node("Level", True, since=START - S)
     hand.tick(1, status=1)  # its level may be anything
+    hand.pass_time(1000)
+    hand.message(20)
+    hand.pass_time(6000)  # its publisher is linked to it
+    hand.message(20)
     hand.pass_time(1000)
     hand.tick(2, status=1)
     hand.pass_time(1000)
@@ -560,7 +566,7 @@ def test_a_node_that_is_not_there_yet_owes_nothing_though_others_talk_to_it(rela
         relay.pass_time(500)
     assert relay.verdicts == []
     relay.node("Level", True)
-    relay.pass_time(500)
+    relay.pass_time(5500)  # it is linked to who talks to it
     relay.message(70)
     relay.pass_time(2000)
     assert relay.outcomes == ["conforming", "inconclusive"]
