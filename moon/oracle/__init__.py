@@ -12,13 +12,13 @@ makes one up. ``docs/oracle.md`` says the same at length.
 
 The search, by composition; a module uses only those above it:
 
+* ``bounds``: what is assumed of the middleware, and how many hypotheses are followed;
 * ``calls``: calls, as their two ends know them;
 * ``trace_events``: what an observation is to the machine, an input or an output; source streams;
 * ``evidence``: who shows that something is missing of what the machine takes, for every kind of input;
 * ``unknowns``: values of which only a range is known, and when a value is what was expected;
 * ``expressions``, ``compiling``, ``program``: the machine ready to be stepped, and one step;
 * ``state``: hypotheses, which are values, and the goals in them;
-* ``bounds``: what is assumed of the middleware, and how many hypotheses are followed;
 * ``successors``: the first hypotheses, and a hypothesis after one step, whether it is seen or not;
 * ``merging``: one hypothesis for several, where there are too many;
 * ``search``: the set of hypotheses, from one fixed point to the next; which of them an output leaves; the
