@@ -43,6 +43,7 @@ _LONG_PAUSES = 0.03
 _ANSWERS_AFTER_S = (0.0, 0.0, 0.001, 0.01, 0.08, 0.3, 1.0)
 _NO_ANSWER = 0.01
 _FAILED = 0.12
+_UNANSWERED = 0.08
 _LIVES_S = (2.0, 6.0, 15.0)
 _DOWN_NS = 200_000_000
 
@@ -316,7 +317,10 @@ class _Drives:
 
     def goal(self, handle: GoalHandle) -> None:
         """A goal has come."""
-        accepted = self._draw.random() < 0.75
+        chance = self._draw.random()
+        if chance < _UNANSWERED:
+            return
+        accepted = chance < 0.75
         answer = functools.partial(self._accept, handle) if accepted else handle.reject
         self._node.after(self._draw.choice(_ANSWERS_AFTER_S), answer)
 
