@@ -149,9 +149,8 @@ class SystemWatch:
                 if not node.received_ns:
                     self._models.node_found(seen.source, now_ns + LINKED_NS)
                 node.received_ns = max(node.received_ns, judged.stamp_ns)
-        gap = self._order.gap
-        if gap is not None:
-            self._properties.lose(gap.channel, gap.from_ns, gap.until_ns)
+        for gap in self._order.gaps:
+            self._lose_of_properties(gap)
         self._properties.observe(seen)
         self._take(self._models.feed(judged, self._order.sequel))
 
@@ -160,14 +159,17 @@ class SystemWatch:
         if not gap.channel:
             self._properties.gap(gap)  # the oracles follow their nodes' numbers themselves
             return
-        if gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
-            self._properties.lose(gap.channel, gap.from_ns, gap.until_ns)
+        self._lose_of_properties(gap)
         kinds = ObservationKind if gap.kind is None else (gap.kind,)
         for name, oracle in self._models.watched.items():
             if gap.kind is None and not self._nodes[name].is_seen:
                 continue
             if any(oracle.concerns(gap.channel, gap.source, kind) for kind in kinds):
                 self._lose(oracle, gap.why)
+
+    def _lose_of_properties(self, gap: Gap) -> None:
+        if gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
+            self._properties.lose(gap.channel, gap.from_ns, gap.until_ns)
 
     # --- time --------------------------------------------------------------------------------------
 

@@ -76,7 +76,7 @@ class EventOrder:
         clock: of the judges.
         numbers: the last one of each source and channel.
         sequel: how the number of what was taken last follows.
-        gap: what is missing before it, by that; None: nothing.
+        gaps: what is missing before it, by that: in which stretches it may have happened; empty: nothing.
         since_ns: what is stamped before is not judged.
         listener: the tap, once there is one.
     """
@@ -109,7 +109,7 @@ class EventOrder:
         self._monotonic_ns = monotonic_ns()
         self.numbers = Numbers(known)
         self.sequel = _NEXT
-        self.gap: Gap | None = None
+        self.gaps: tuple[Gap, ...] = ()
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
@@ -214,7 +214,7 @@ class EventOrder:
     def _is_new(self, seen: Observation) -> bool:
         """Look at its number: whether it was not received before, and what is missing before it."""
         number, stamp = seen.sequence, seen.stamp_ns
-        self.sequel, self.gap = _NEXT, None
+        self.sequel, self.gaps = _NEXT, ()
         if number < 0:
             return True
         count = self.numbers.of(seen)
@@ -237,8 +237,10 @@ class EventOrder:
             case Sequel.FIRST if seen.call > 1 and seen.order < 0 and seen.kind is not _TAKEN:
                 self._look_at_first_call(seen, count)
             case Sequel.AFTER_A_GAP:
-                from_ns, until_ns = self.sources.missing_between(seen.source, before_ns, stamp)
-                self._note_gap(seen, from_ns + 1, until_ns)
+                for from_ns, until_ns in self.sources.missing_between(
+                    seen.source, before_ns, stamp
+                ):
+                    self._note_gap(seen, from_ns + 1, until_ns)
             case Sequel.ANEW if number:  # a node that has started again sends 0 first
                 self._note_gap(seen, before_ns + 1, stamp)
             case _:
@@ -257,7 +259,8 @@ class EventOrder:
         if from_ns >= until_ns:  # stamps that do not increase: it was sent at one of them
             from_ns, until_ns = min(from_ns - 1, until_ns), max(from_ns - 1, until_ns) + 1
         why = f"observations on {seen.channel} from {seen.source} were lost"
-        self.gap = Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind)
+        gap = Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind)
+        self.gaps = (*self.gaps, gap)
 
     def _look_at_first(self, seen: Observation) -> None:
         """The first message of a node that came up while the monitor listened has number 0."""

@@ -85,22 +85,22 @@ class Progress:
             self.is_whole = False
             self._go_on(self.gap)
 
-    def missing_after(self, since_ns: int) -> int:
-        """Something that happened after ``since_ns`` is missing: after when it did at the earliest (ns)."""
-        holes = self.holes
-        if len(holes) == KEPT_HOLES and holes[0][0] > since_ns:
-            return since_ns  # there may have been others before
-        for after_ns, before_ns in holes:
-            if before_ns > since_ns:
-                return max(since_ns, after_ns)
-        return max(since_ns, self.reported_ns) if self.ahead else since_ns
+    def missing(self, since_ns: int, until_ns: int) -> list[tuple[int, int]]:
+        """Something that happened after ``since_ns`` and before ``until_ns`` is missing.
 
-    def missing_before(self, until_ns: int, since_ns: int) -> int:
-        """Something between ``since_ns`` and ``until_ns`` is missing: before when it happened (ns)."""
-        for after_ns, before_ns in () if self.ahead else reversed(self.holes):
-            if after_ns < until_ns:
-                return min(until_ns, before_ns) if before_ns > since_ns else until_ns
-        return until_ns
+        Returns:
+            After when and before when it happened (ns), for each stretch in which it may have.
+        """
+        holes = list(self.holes)
+        if len(holes) == KEPT_HOLES and holes[0][0] > since_ns:
+            holes.insert(0, (since_ns, holes[0][0]))  # there may have been others before
+        if self.ahead and self.reported_ns < until_ns:
+            holes.append((self.reported_ns, until_ns))
+        return [
+            (max(after_ns, since_ns), min(before_ns, until_ns))
+            for after_ns, before_ns in holes
+            if before_ns > since_ns and after_ns < until_ns
+        ] or [(since_ns, until_ns)]
 
     def _go_on(self, stamp: int) -> None:
         ahead = self.ahead

@@ -172,13 +172,14 @@ class Sources:
         """Whether it numbers all that it reports, and says how far it is when it is asked."""
         return source.answers and source.is_numbered
 
-    def missing_between(self, name: str, since_ns: int, until_ns: int) -> tuple[int, int]:
-        """Something that ``name`` did between these stamps is missing: between which, as is known (ns)."""
+    def missing_between(self, name: str, since_ns: int, until_ns: int) -> list[tuple[int, int]]:
+        """Something that ``name`` did between these stamps is missing: after when and before when it may have
+        happened (ns).
+        """
         source = self.known.get(name)
         if source is None or not source.is_numbered or source.anew_ns > since_ns:
-            return since_ns, until_ns
-        progress = source.progress
-        return progress.missing_after(since_ns), progress.missing_before(until_ns, since_ns)
+            return [(since_ns, until_ns)]
+        return source.progress.missing(since_ns, until_ns)
 
     def is_whole(self, name: str, since_ns: int, until_ns: int) -> bool:
         """Whether all that ``name`` did from ``since_ns`` to ``until_ns`` was received, by its numbers."""

@@ -526,6 +526,39 @@ def test_a_gap_in_the_numbers_is_a_loss_however_close_the_stamps_are(tmp_path, l
     assert watched.of("high")[-1] == "inconclusive"
 
 
+TAKEN = ("/Level/tick", ObservationKind.MESSAGE_TAKEN, "t/srv/Tick_Response", None, "Level")
+ANSWER = (
+    "/Level/tick",
+    ObservationKind.RESPONSE_SENT,
+    "t/srv/Tick_Response",
+    {"status": 0},
+    "Level",
+)
+ASKED = ("/Level/tick", ObservationKind.REQUEST_SENT, "t/srv/Tick_Request", {}, "policy")
+ELSEWHERE = ("/other", ObservationKind.MESSAGE, "t/srv/Tick_Response", {"status": 0}, "Level")
+
+
+@pytest.mark.parametrize("kind", [TAKEN, ANSWER])
+def test_a_violation_between_two_losses_stands(tmp_path, kind) -> None:
+    """The numbers of one channel show that something was lost, those of its node when."""
+    watched = Watched(tmp_path, monitored=False)
+    watched.message(90)
+    watched.hear(*kind, sequence=0, order=0)
+    watched.pass_time(300)
+    watched.hear(*ELSEWHERE, order=2)  # something is missing before it
+    watched.pass_time(300)
+    watched.hear(*ASKED, call=1, client="policy")
+    watched.pass_time(1100)
+    watched.hear(*ELSEWHERE, order=3)
+    watched.pass_time(300)
+    assert watched.of("answers")[-1] == "violated"
+    watched.hear(*ELSEWHERE, order=5)
+    watched.hear(*kind, sequence=3, order=6)
+    watched.pass_time(1000)
+    assert watched.properties.violations == 1
+    assert not any("withdrawn" in verdict.reason for verdict in watched.verdicts)
+
+
 def test_a_violation_from_before_the_clock_was_set_back_is_not_withdrawn_by_what_is_lost_later(
     watched,
 ):

@@ -8,7 +8,7 @@ import pytest
 
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
-from moon.ordering.progress import KEPT_AHEAD, Progress
+from moon.ordering.progress import KEPT_AHEAD, KEPT_HOLES, Progress
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
 from transports.interface import Observation, ObservationKind
@@ -247,30 +247,41 @@ def test_a_stamp_from_the_future_does_not_make_what_follows_late():
     assert asked.oracle.late == 0
 
 
-def test_what_is_missing_happened_after_all_that_was_received_without_a_gap() -> None:
+def test_what_is_missing_happened_where_numbers_are() -> None:
     progress = Progress()
     progress.take(0, 100, 0)
     progress.take(1, 200, 0)
     progress.answered(2, 250)
     progress.take(3, 400, 0)
-    assert progress.missing_after(100) == 250
+    assert progress.missing(100, 400) == [(250, 400)]
     progress.advance(400)
     progress.take(4, 500, 400)
-    assert progress.missing_after(100) == 250
-    assert progress.missing_after(300) == 300
-    assert progress.missing_after(450) == 450
-    assert progress.missing_before(600, since_ns=100) == 400
-    assert progress.missing_before(350, since_ns=100) == 350
-    assert progress.missing_before(600, since_ns=450) == 600
+    assert progress.missing(100, 600) == [(250, 400)]
+    assert progress.missing(300, 600) == [(300, 400)]
+    assert progress.missing(100, 350) == [(250, 350)]
+    assert progress.missing(450, 600) == [(450, 600)]  # numbers do not show it
+    progress.take(6, 700, 700)
+    assert progress.missing(100, 800) == [(250, 400), (500, 700)]
 
 
 def test_what_is_not_known_to_be_lost_yet_may_have_happened_until_now() -> None:
     progress = Progress()
     progress.take(0, 100, 0)
     progress.take(2, 300, 0)
-    assert progress.missing_before(300, since_ns=100) == 300
+    assert progress.missing(50, 300) == [(100, 300)]
     progress.advance(300)
     progress.take(4, 500, 300)
-    assert progress.missing_before(600, since_ns=100) == 600
+    assert progress.missing(50, 600) == [(100, 300), (300, 600)]
+    assert progress.missing(50, 300) == [(100, 300)]  # all before is known
     progress.take(3, 400, 300)
-    assert progress.missing_before(600, since_ns=100) == 300
+    assert progress.missing(50, 600) == [(100, 300)]
+
+
+def test_what_was_missing_before_all_that_is_remembered_may_have_been_anywhere() -> None:
+    progress = Progress()
+    progress.take(0, 100, 0)
+    for number in range(KEPT_HOLES + 1):
+        stamp = 200 + 100 * number
+        progress.take(2 + 2 * number, stamp, stamp)
+    assert progress.missing(50, 10_000)[:2] == [(50, 200), (200, 300)]
+    assert progress.missing(250, 350) == [(250, 300), (300, 350)]
