@@ -15,6 +15,14 @@ KEPT_SOURCES = 10_000
 """Sources that are remembered; their names come from the wire, and never end."""
 
 
+UNHEARD_NS = 1_000_000_000
+"""A node that has gone, and of which nothing is known for so long before that, may only be out of reach.
+
+A node that ends is missed at once. One that is cut off is missed after the middleware's lease, and was not
+heard meanwhile; leases are longer than this (Zenoh's is 10 s, DDS's 20 s).
+"""
+
+
 class Source:
     """One node, as far as it was received.
 
@@ -26,9 +34,13 @@ class Source:
         since_ns: since when it is there (ns), or when it went away; 0: that is not known.
         answers: whether it has answered how far it has reported.
         anew_ns: it numbers anew since then (ns); what it did last before that may be missing.
+        is_out_of_reach: whether it has gone, and may do something all the same.
     """
 
-    __slots__ = ("anew_ns", "answers", "is_numbered", "is_up", "lives", "progress", "since_ns")
+    __slots__ = (
+        *("anew_ns", "answers", "is_numbered", "is_out_of_reach", "is_up", "lives", "progress"),
+        "since_ns",
+    )
 
     def __init__(self) -> None:
         self.progress = Progress()
@@ -38,6 +50,7 @@ class Source:
         self.since_ns = 0
         self.answers = False
         self.anew_ns = 0
+        self.is_out_of_reach = False
 
 
 class Sources:
@@ -124,6 +137,8 @@ class Sources:
             source.anew_ns = when_ns if source.progress.reported_ns else 0
             source.progress.restart()  # it numbers anew
         source.is_up, source.since_ns = is_up, when_ns
+        is_unheard = source.progress.reported_ns < when_ns - UNHEARD_NS
+        source.is_out_of_reach = not is_up and is_unheard and self.is_answering(source)
 
     def up_since(self, name: str) -> int:
         """When ``name`` began to connect (ns); 0: that is not known, or it is not there."""
@@ -151,7 +166,7 @@ class Sources:
     def known_ns(self, names: Iterable[str], now_ns: int) -> int:
         """All that ``names`` did until then (ns) was received, by their numbers; 0: numbers do not show it.
 
-        A node that was never there does nothing; one that has gone has done nothing since, which is certain
+        A node that was never there does nothing; one that has ended has done nothing since, which is certain
         when the latency bound is over.
         """
         known_ns = now_ns
@@ -192,14 +207,15 @@ class Sources:
     def behind(self, names: Iterable[str], until_ns: int, now_ns: int) -> list[str]:
         """Those of ``names`` of which it is not known what they did until ``until_ns``, and who can say so.
 
-        Empty, too, where one of them does not number what it reports: then it does not help to ask others.
+        Empty, too, where one of them does not number what it reports, or cannot be reached: then it does not
+        help to ask others.
         """
         found = []
         for name in names:
             source = self.known.get(name)
             if source is None or self.is_over(source, now_ns):
                 continue
-            if not source.is_numbered:
+            if not source.is_numbered or source.is_out_of_reach:
                 return []
             if source.progress.reported_ns < until_ns:
                 found.append(name)
@@ -222,5 +238,6 @@ class Sources:
         return Gap("", name, from_ns, progress.gap + 1, f"observations of {name} were lost")
 
     def is_over(self, source: Source, now_ns: int) -> bool:
-        """Whether it has gone, and all that it did was received, or is lost."""
-        return source.is_up is False and source.since_ns < now_ns - self._latency_ns
+        """Whether it has ended, and all that it did was received, or is lost."""
+        is_gone = source.is_up is False and source.since_ns < now_ns - self._latency_ns
+        return is_gone and not source.is_out_of_reach

@@ -31,6 +31,18 @@ properties:
 """
 
 
+TAKEN = ("/Level/tick", ObservationKind.MESSAGE_TAKEN, "t/srv/Tick_Response", None, "Level")
+ANSWER = (
+    "/Level/tick",
+    ObservationKind.RESPONSE_SENT,
+    "t/srv/Tick_Response",
+    {"status": 0},
+    "Level",
+)
+ASKED = ("/Level/tick", ObservationKind.REQUEST_SENT, "t/srv/Tick_Request", {}, "policy")
+ELSEWHERE = ("/other", ObservationKind.MESSAGE, "t/srv/Tick_Response", {"status": 0}, "Level")
+
+
 class Watched(HandDriven):
     """The hand-driven watch, with properties."""
 
@@ -214,6 +226,28 @@ def test_who_does_not_answer_is_judged_by_the_latency_bound(watched) -> None:
     assert watched.of("answers") == ["conforming"]
     watched.pass_time(30)
     assert watched.of("answers") == ["conforming", "violated"]
+
+
+@pytest.mark.parametrize("unheard_ms", [100, 1200])
+def test_who_is_gone_after_it_was_not_heard_for_long_may_be_out_of_reach(watched, unheard_ms):
+    watched.numbers = True
+    began_ns = watched.now
+    watched.node("Level", True)
+    watched.node("policy", True)
+    watched.reply("Level")
+    watched.message(90)
+    watched.pass_time(unheard_ms)
+    watched.node("Level", False)
+    watched.hear(*ASKED, call=1, client="policy")
+    watched.pass_time(2000)
+    is_out_of_reach = unheard_ms > 1000
+    assert (watched.of("answers")[-1] == "violated") is not is_out_of_reach
+    if is_out_of_reach:
+        watched.orders["Level"] = 3  # it has answered meanwhile
+        watched.node("Level", True, since=began_ns)
+        watched.hear(*ELSEWHERE)
+        watched.pass_time(1000)
+        assert "violated" not in watched.of("answers")
 
 
 def test_what_was_lost_is_known_before_what_comes_later_counts(watched) -> None:
@@ -524,18 +558,6 @@ def test_a_gap_in_the_numbers_is_a_loss_however_close_the_stamps_are(tmp_path, l
         )
     watched.pass_time(1000)
     assert watched.of("high")[-1] == "inconclusive"
-
-
-TAKEN = ("/Level/tick", ObservationKind.MESSAGE_TAKEN, "t/srv/Tick_Response", None, "Level")
-ANSWER = (
-    "/Level/tick",
-    ObservationKind.RESPONSE_SENT,
-    "t/srv/Tick_Response",
-    {"status": 0},
-    "Level",
-)
-ASKED = ("/Level/tick", ObservationKind.REQUEST_SENT, "t/srv/Tick_Request", {}, "policy")
-ELSEWHERE = ("/other", ObservationKind.MESSAGE, "t/srv/Tick_Response", {"status": 0}, "Level")
 
 
 @pytest.mark.parametrize("kind", [TAKEN, ANSWER])
