@@ -60,11 +60,14 @@ def test_nobody_is_blamed_while_something_may_still_be_sent_again(held_up: Repai
 def test_what_happens_after_that_is_judged_again(held_up: Repairing) -> None:
     held_up.pass_time(3500)
     held_up.message(90)
-    held_up.pass_time(1000)
+    held_up.pass_time(5000)  # the battery, which announces nothing, is linked for sure
     held_up.tick(2, status=1)  # a level before the first one may have been lost
     held_up.confirm()
     held_up.confirm()
-    held_up.tick(3, status=1)
+    held_up.tick(3, status=1)  # one message may have been lost on its way
+    held_up.confirm()
+    held_up.confirm()
+    held_up.tick(4, status=1)
     held_up.confirm()
     assert held_up.watch.violations == 1
 
