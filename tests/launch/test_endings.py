@@ -104,14 +104,14 @@ def test_a_second_signal_kills_who_has_not_ended(system: System) -> None:
 
 HELD_AS_IT_CLOSES = """
 import ctypes, runpy, sys
-from m2c.launch import command
+from m2c.launch import deployed
 from transports.zenoh.transport import ZenohTransport
 close = ZenohTransport.close
 def close_and_hold(transport):
     close(transport)
     ctypes.PyDLL(None).pause()  # called with the interpreter's lock in hand, and never returns
 ZenohTransport.close = close_and_hold
-command.CLOSE_TIMEOUT_S = 0.5
+deployed.CLOSE_TIMEOUT_S = 0.5
 del sys.argv[0]
 runpy.run_path(sys.argv[0], run_name="__main__")
 """

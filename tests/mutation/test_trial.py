@@ -61,7 +61,7 @@ def test_a_mutant_is_killed(name: str, what: str, scene: Scene) -> None:
     known = [item for item in mutants(machine) if item.description.endswith(what)]
     assert known, "no such mutant"
     node = compile_node(known[0].machine, system)
-    found = trial(system, program, machine, node, scene, 60.0, 1)
+    found = trial(system, program, machine, node, scene, 60.0, 2)
     assert found.verdict is not None
     assert found.verdict.machine == name
     assert found.after_s < 60.0

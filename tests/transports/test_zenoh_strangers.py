@@ -293,7 +293,8 @@ def test_a_channel_with_a_name_of_60_kb_is_refused_and_not_remembered(network: N
     stranger = network.bare()
     linked(stranger, "short")
     for number in range(20):
-        stranger.put(f"{number}/" + "x" * 60_000, b"\x01")
+        block = zenoh.CongestionControl.BLOCK  # none is lost on the way
+        stranger.put(f"{number}/" + "x" * 60_000, b"\x01", congestion_control=block)
     stranger.put("short", b"\x02")
     eventually(lambda: heard and heard[-1].data == 2)
     assert [seen.channel for seen in heard] == ["/short"]
