@@ -542,7 +542,7 @@ class Outputs:
             return [hypothesis] if goal.result is None or goal.result[0] is kind else []
         end = TraceEvent(fact.observation, fact.role, fact.interface, None, kind, None, goal_id)
         paid = self.take([hypothesis], end)
-        return paid or ([hypothesis] if goal is None else [])
+        return [*paid, hypothesis] if goal is None else paid
 
     def take_result(self, candidates: Iterable[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
         """A goal's result leaves: as the end itself, or long after it."""
@@ -551,7 +551,7 @@ class Outputs:
         for hypothesis in candidates:
             goal = goal_called(hypothesis, fact.interface, fact.goal, served=True)
             if goal is None and hypothesis.free:
-                found += self.take([hypothesis], fact) or [hypothesis]
+                found += [*self.take([hypothesis], fact), hypothesis]
             elif goal is not None and goal.seen and goal.result is not None:
                 if goal.result[0] is fact.output and agree(goal.result[1], fact.data, kind):
                     found.append(hypothesis)

@@ -204,6 +204,24 @@ def test_a_monitor_that_joins_while_goals_run_accuses_nobody(
         assert violations == [], seed
 
 
+def test_who_joins_takes_the_end_of_an_earlier_goal_for_no_end_of_a_later_one(
+    served: tuple[System, Program],
+) -> None:
+    """Each status message lists the goals that have ended, those of before included."""
+    asking = Asking(served, 1, joins_s=1.0)
+    later = asking.node.after
+    later(0.1, lambda: asking.command(0, 1))
+    later(0.2, lambda: asking.goal(1, ACCEPTED))
+    later(0.4, lambda: asking.cancel(1, Time()))
+    later(0.6, lambda: asking.goal(2, ACCEPTED))
+    later(1.5, lambda: asking.cancel(2, Time()))
+    later(1.6, lambda: asking.goal(3, ACCEPTED))
+    later(2.0, lambda: asking.cancel(3, Time()))
+    asking.run.run(3.0)
+    asking.world.close()
+    assert [item.reason for item in asking.said if item.outcome is Outcome.VIOLATED] == []
+
+
 def asked_at_random(served: tuple[System, Program], seed: int, joins_s: float = 0.0) -> Asking:
     """A run of sixty requests and commands."""
     asking, draw = Asking(served, seed, joins_s), Random(seed)

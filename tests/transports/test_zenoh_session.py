@@ -179,3 +179,20 @@ def test_a_file_that_a_configuration_names_and_that_is_not_there_is_named(tmp_pa
 def test_a_node_listens_where_its_endpoint_says_that_others_may_reach_it(endpoint, listening):
     config = session.configuration({"endpoint": endpoint})
     assert json.loads(config.get_json("listen/endpoints")) == {"peer": listening}
+
+
+def test_who_publishes_while_another_thread_closes_its_node_is_told_so(network):
+    """Zenoh raises RuntimeError then: the publisher is being undeclared."""
+    node = network.node("node")
+    publisher = node.publisher(peer.COUNT)
+
+    class Undeclared:
+        def put(self, *_, **__):
+            raise RuntimeError("Already mutably borrowed")
+
+        def undeclare(self):
+            pass
+
+    publisher.declared = Undeclared()
+    with pytest.raises(TransportError, match="cannot publish on /adder/count"):
+        publisher.publish(peer.Number(7))

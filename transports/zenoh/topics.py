@@ -61,7 +61,11 @@ class Publisher:
         self.declared = _declare_publisher(session, topic, self._codec)
 
     def publish(self, message: Message) -> None:
-        """Send ``message``; nobody is waited for."""
+        """Send ``message``; nobody is waited for.
+
+        Raises:
+            TransportError: it cannot be sent, as where another thread closes the node just now.
+        """
         payload = self._codec.encode(message)
         sequence = self._sequence
         try:
@@ -73,7 +77,7 @@ class Publisher:
                     self.declared.put(payload, attachment=attachment(number, order, self._node))
                 finally:
                     self._orders.end(order)
-        except zenoh.ZError as error:
+        except (zenoh.ZError, RuntimeError) as error:  # RuntimeError: it is being undeclared
             raise TransportError(f"cannot publish on {self._topic.name}: {error}") from error
 
 
