@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +15,6 @@ from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
-from moon.ordering.event_time_clock import SET_NS
 from moon.ordering.judge import Gap
 from moon.ordering.on_time import received_on_time
 from moon.ordering.time_base import in_time
@@ -218,16 +218,13 @@ class _Played:
         """Play all of it, to its end."""
         count = 0
         play, attribution = self._player.play, self._surveyed.attribution
-        for entry in self.part.of(self._entries()):
+        for entry in self.part.of(self._entries(latency_ns)):
             if isinstance(entry, Gap):
                 self._watch.gap(entry)
                 continue
             if self.first is None:
                 self.first = entry
                 self._player.start(entry, self._watch.start)
-            if self._is_set_back(entry):
-                self._was_set_back = True
-                self._end(latency_ns)
             self.last = entry
             if type(entry) is Observation:
                 self._late_ns = max(self._late_ns, entry.received_ns - entry.stamp_ns)
@@ -252,16 +249,16 @@ class _Played:
         """How long it is (ns), where its clock was set back; else 0."""
         return self._player.steady_ns() if self._was_set_back else 0
 
-    def _entries(self) -> Iterator[Entry | Gap]:
+    def _entries(self, latency_ns: int) -> Iterator[Entry | Gap]:
         base, entries = self._surveyed.base, self._recording.entries()
-        return received_on_time(entries) if base is None else in_time(entries, base)
+        if base is None:
+            return received_on_time(entries)
+        return in_time(entries, base, functools.partial(self._set_back, latency_ns))
 
-    def _is_set_back(self, entry: Entry) -> bool:
-        """Whether the clock was set back before ``entry``: a run is over, and another begins."""
-        base, last = self._surveyed.base, self.last
-        return (
-            base is not None and last is not None and entry.received_ns < last.received_ns - SET_NS
-        )
+    def _set_back(self, latency_ns: int) -> None:
+        """The clock was set back: a run is over, and another begins."""
+        self._was_set_back = True
+        self._end(latency_ns)
 
     def _end(self, latency_ns: int) -> None:
         """All is played, of this clock: nothing comes later.

@@ -13,7 +13,7 @@ what is later than usual in it is not late, it is put where it belongs.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import msgspec
@@ -422,7 +422,9 @@ class _Times:
         return self._told_ns + seen.received_ns - self._told_at_ns
 
 
-def in_time(entries: Iterable[Any], base: TimeBase) -> Iterator[Observation | Gap]:
+def in_time(
+    entries: Iterable[Any], base: TimeBase, set_back: Callable[[], None] = lambda: None
+) -> Iterator[Observation | Gap]:
     """The observations of ``entries``, each when it happened by ``base``, in that order.
 
     What has a time that makes no sense is left out, and reported as missing between what was recorded before
@@ -431,6 +433,7 @@ def in_time(entries: Iterable[Any], base: TimeBase) -> Iterator[Observation | Ga
     Args:
         entries: a recording, in the order in which it was received.
         base: by which time.
+        set_back: called where a clock was set back, after all of before it and before what comes after it.
     """
     times = _Times(base)
     held: list[tuple[int, int, Observation]] = []
@@ -446,6 +449,7 @@ def in_time(entries: Iterable[Any], base: TimeBase) -> Iterator[Observation | Ga
         if _is_set_back(seen, now_ns, base, last_received_ns, newest_ns):
             while held:
                 yield heapq.heappop(held)[2]
+            set_back()
             newest_ns = 0
         if makes_sense(seen.received_ns):
             last_received_ns = seen.received_ns
