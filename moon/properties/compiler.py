@@ -115,9 +115,9 @@ def compile_network(
     return made
 
 
-@functools.lru_cache(maxsize=1)
+@functools.lru_cache(maxsize=64)
 def _code(source: str) -> CodeType:
-    """The two runs of a network (:mod:`moon.properties.three_valued`) have one text, one after the other."""
+    """The two runs of a network (:mod:`moon.properties.three_valued`) have one text; robots share it."""
     return compile(source, "<monitor>", "exec")
 
 
