@@ -20,7 +20,7 @@ def naming_of(transport: str | None) -> Naming:
     rules = name_rules()
     if transport is None:
         return Naming(rules)
-    return Naming({name: rules[name] for name in rules if name == transport}, chosen=True)
+    return Naming({name: rules[name] for name in {transport} & rules.keys()}, chosen=True)
 
 
 def naming_for(transport: str | None) -> Naming:

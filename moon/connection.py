@@ -22,6 +22,7 @@ import click
 from m2c.inputs import ExistingPath
 from m2c.terminal import fail, say, write_to_nobody
 from moon.beside import system_beside
+from transports.descriptions import described
 from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at, transport_options
 from transports.stop_signals import StopSignals, end_by
 
@@ -93,7 +94,9 @@ def network_options(command: Callable[..., None]) -> Callable[..., None]:
         namespace: str,
         **others: object,
     ) -> None:
-        if secure is not None and (zenoh_config is not None or transport != "zenoh"):
+        if secure is not None and (
+            zenoh_config is not None or not described(transport).has_endpoints
+        ):
             raise click.UsageError("--secure is for zenoh, and excludes --zenoh-config")
         network = Network(transport, endpoint, zenoh_config, namespace, secure)
         command(network=network, **others)
@@ -130,24 +133,24 @@ def say_ready(descriptor: int | None) -> None:
 def options_of(network: Network) -> dict[str, str]:
     """The options of the transport by which ``network`` is met.
 
-    On Zenoh whoever comes first, this process or the system, is where the others meet.
+    Where nodes meet at an endpoint, whoever comes first, this process or the system, listens there.
     """
-    endpoints = network.endpoints
-    if not endpoints and network.zenoh_config is None and network.transport == "zenoh":
+    endpoints, has_endpoints = network.endpoints, described(network.transport).has_endpoints
+    if not endpoints and network.zenoh_config is None and has_endpoints:
         endpoints = (DEFAULT_ENDPOINT if network.secure is None else SECURE_ENDPOINT,)
     config = str(network.zenoh_config) if network.zenoh_config is not None else ""
     secure = str(network.secure) if network.secure is not None else ""
     options = transport_options(endpoints, config, network.namespace, secure)
-    return meeting_at(options) if network.transport == "zenoh" else options
+    return meeting_at(options) if has_endpoints else options
 
 
 def library_in(folders: Sequence[Path], transport: str) -> InterfaceLibrary:
-    """The types in ``folders`` of interface packages, and on ROS 2 those of a sourced one."""
+    """The types in ``folders`` of interface packages, and those that are built and sourced."""
     from m2c.diagnostics import DiagnosticLog
     from m2c.model.interfaces import InterfaceLibrary
 
     known = list(folders)
-    if transport == "ros2":
+    if described(transport).needs_packages:
         prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
         known += [Path(prefix, "share") for prefix in prefixes if prefix]
     return InterfaceLibrary.load([folder for folder in known if folder.is_dir()], DiagnosticLog())
@@ -193,9 +196,9 @@ def _connection(network: Network, name: str) -> Connection:
     beside = system_beside()
     if beside is not None:
         return beside.connection
-    if network.transport == "simulated":
+    if described(network.transport).is_one_process:
         fail(
-            "--transport simulated: that world is in one process; `m2c run --transport simulated` "
+            f"--transport {network.transport}: that world is in one process; `m2c run --transport simulated` "
             "has --monitor and --record"
         )
     StopSignals()  # from here on, what ends this process waits until it can be ended in good order

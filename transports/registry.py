@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from transports import ros_names
+from transports.descriptions import OWN, NameRule, described
 from transports.interface import Connection, TransportError, TransportFactory
 from transports.open_files import FOR_A_CONNECTION, allow_open_files
 
 GROUP = "m2c.transports"
 NAMES_GROUP = "m2c.transport_names"
 """Entry points of what a transport refuses; each is called as its transport is."""
-NameRule = Callable[[str, str], tuple[str, str] | None]
-"""See :func:`transports.ros_names.refusal`."""
-_OWN_NAMES: Mapping[str, NameRule] = {"ros2": ros_names.refusal}
-"""Zenoh and the simulated world take every name that is a channel (``transports.interface``)."""
-_NEEDS = {
-    "ros2": "it needs rclpy: pip install 'm2c-moon[ros2]', or source a ROS 2 Jazzy "
-    "(. /opt/ros/jazzy/setup.bash) for a Python that it supports",
-}
-"""What a transport of this repository needs that is not always installed."""
 
 
 def available() -> list[str]:
@@ -36,7 +27,8 @@ def name_rules() -> dict[str, NameRule]:
         TransportError: an installed rule cannot be loaded.
     """
     theirs = {point.name: _load(point) for point in entry_points(group=NAMES_GROUP)}
-    return {**_OWN_NAMES, **theirs}
+    own = {name: known.refused for name, known in OWN.items() if known.refused is not None}
+    return {**own, **theirs}
 
 
 def connect(transport: str, node: str, options: Mapping[str, str]) -> Connection:
@@ -64,7 +56,7 @@ def _load(point: EntryPoint) -> Any:
     try:
         return point.load()
     except (ImportError, AttributeError) as error:
-        needs = _NEEDS.get(point.name, "")
+        needs = described(point.name).needs
         raise TransportError(
             f"the transport `{point.name}` of {distribution} cannot be loaded: {error}"
             + (f"; {needs}" if needs else "")

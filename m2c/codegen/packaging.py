@@ -13,6 +13,7 @@ from enum import StrEnum
 from m2c.codegen.program import PackageProgram
 from m2c.codegen.source import Source, name
 from m2c.model.machine import Machine
+from transports.descriptions import described
 
 _TRANSPORT_PACKAGES = ("rclpy", "std_msgs")
 """What every node needs on ROS 2: what the tools tell each other travels in std_msgs/String."""
@@ -40,7 +41,7 @@ FILES = {
 
 def packaging_of(transport: str) -> Packaging:
     """How nodes for ``transport`` are packed."""
-    return Packaging.AMENT if transport == "ros2" else Packaging.WHEEL
+    return Packaging.AMENT if described(transport).needs_packages else Packaging.WHEEL
 
 
 def code_package(

@@ -119,13 +119,14 @@ def deploy(**given: Any) -> None:
     from m2c.model import DiagnosticLog, ModelError
     from m2c.model.deployment import hosts_of, names_in_deployment, read_deployment_file
     from m2c.naming import naming_for
+    from transports.descriptions import described
     from transports.interface import TransportError
     from transports.options import NamespaceError, plain_namespace
 
     options = DeployOptions(**given)
     output, transport, namespace = options.output, options.transport, options.namespace
     wheel, secure = options.wheel, options.secure
-    if secure is not None and transport != "zenoh":
+    if secure is not None and not described(transport).has_endpoints:
         raise click.UsageError("--secure is for zenoh")
     if secure is not None and namespace:
         raise click.UsageError("--namespace: the certificates say it; give it to `moon keys init`")

@@ -18,6 +18,7 @@ from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from m2c.codegen.names import snake
 from m2c.model.deployment import POLICY, Process, hosts_of
+from transports.descriptions import described
 
 SYSTEM_FOLDER = "system"
 """Where the generated packages are, in the folder of the deployment."""
@@ -87,8 +88,8 @@ def deployment_files(
     protocol = "tls" if secure else "tcp"
     _check(folder, endpoint, hosting.user, wheel, protocol if secure else "")
     hosts = hosts_of(processes) or [""]
-    is_zenoh = hosting.transport == "zenoh"
-    if len(hosts) > 1 and is_zenoh and not endpoint:
+    has_endpoints = described(hosting.transport).has_endpoints
+    if len(hosts) > 1 and has_endpoints and not endpoint:
         raise DeployError(
             f"the nodes of {len(hosts)} hosts meet at an address that all of them reach: give --endpoint, "
             f"e.g. {protocol}/192.168.1.10:{PORT}, of {_meeting(processes, hosts)}"
@@ -120,7 +121,7 @@ def deployment_files(
             facts, command=[*words, *here]
         )
         inside = ["--secure", _IN_CONTAINERS] if secure else []
-        inside += ["--endpoint", f"{protocol}/{meeting}:{PORT}"] if is_zenoh and host else []
+        inside += ["--endpoint", f"{protocol}/{meeting}:{PORT}"] if has_endpoints and host else []
         services[containers[host]] = _service(
             containers[host],
             [*words, *inside],

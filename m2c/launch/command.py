@@ -15,6 +15,7 @@ from m2c.launch.restarts import MOST_RESTARTS
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
 from m2c.launch.simulation_options import simulation_options
 from m2c.terminal import fail
+from transports.descriptions import described
 from transports.options import DEFAULT_ENDPOINT
 
 _MONITOR_OPTIONS = "--monitor-options"
@@ -161,7 +162,7 @@ def run(**given: Any) -> None:
     of_monitor = watch_options(system, "" if is_plain else options.monitor)
     if options.lenient and of_monitor is not None:
         of_monitor.append("--lenient")
-    if options.transport == SIMULATED:
+    if described(options.transport).is_one_process:
         _refuse(options.transport, options.of_a_middleware(), "a middleware")
         from m2c.launch.simulated import run_simulated
 

@@ -25,7 +25,6 @@ from m2c.launch.description import (
 from m2c.launch.grouping import Group, deployed, grouped
 from m2c.launch.options import RunOptions
 from m2c.launch.reading import planned, read_to_run
-from m2c.launch.refusals import ask_for_refusals, ask_nodes_for_refusals
 from m2c.launch.router import Router, met_at_router
 from m2c.launch.screen import screen_for
 from m2c.launch.system import RunningSystem, RunSettings
@@ -35,12 +34,14 @@ from m2c.model.event_types import PACKAGE as EVENTS
 from m2c.naming import naming_for
 from m2c.policy.program import Policy
 from m2c.terminal import fail, say
+from transports.descriptions import described
 from transports.interface import Connection, TransportError, UnreachableError
 from transports.open_files import FOR_A_CONNECTION, allow_open_files
 from transports.options import DEFAULT_ENDPOINT, LAUNCHER, SECURE_ENDPOINT, meeting_at
 from transports.registry import connect
 from transports.stop_signals import StopSignals
 from transports.watchdog import ended_after
+from transports.zenoh_link.refusals import ask_for_refusals, ask_nodes_for_refusals
 
 FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
@@ -110,11 +111,12 @@ def _prepare(options: RunOptions, changed: dict[str, Path], generated: Path) -> 
     policy = read_policy_of(description, folder)
     if options.ticks and policy is None:
         fail(f"--ticks {options.ticks}: the policy is not run, so nothing is ticked")
-    if transport == "ros2" and policy is not None:
+    needs_packages = described(transport).needs_packages
+    if needs_packages and policy is not None:
         _provide_ticks(policy)
     if os.path.isdir(events := folder / EVENTS):
         interfaces = (*interfaces, events)
-        if transport == "ros2":
+        if needs_packages:
             _provide_events(events)
     if plan:
         groups = deployed(description, plan, options.host or "", packages)
@@ -143,7 +145,9 @@ def _run(
 
     def meet() -> tuple[Connection, Router | None]:
         if options.routed:
-            return at_router.enter_context(met_at_router(prepared.folder, of_transport))
+            return at_router.enter_context(
+                met_at_router(options.transport, prepared.folder, of_transport)
+            )
         return connect(options.transport, LAUNCHER, meeting_at(of_transport)), None
 
     connection, router = meet() if options.host is None else _when_reachable(meet, signals)
@@ -169,7 +173,7 @@ def _settings(
 ) -> RunSettings:
     """How the processes are started, and what is said of them."""
     where = f"on {options.transport}"
-    if options.transport == "zenoh":
+    if described(options.transport).has_endpoints:
         the_router = "the router " if options.routed else ""
         files = f"the endpoints of {options.zenoh_config}"
         where = f"at {the_router}{of_transport.get('endpoint') or files}"
@@ -210,13 +214,13 @@ def _when_reachable(
 
 def _count(processes: int | None, secure: Path | None, transport: str) -> int | None:
     """How many processes there are to be; None: one for each node, as there is a certificate for each, and
-    as it is on ROS 2 unless a number is given.
+    where nodes do not share processes unless a number is given.
     """
     if secure is not None:
         if processes:
             fail("--processes: each node has a certificate of its own; --secure takes only `each`")
         return None
-    if processes is None and transport == "ros2":
+    if processes is None and not described(transport).shares_processes:
         return None
     return (os.cpu_count() or 1) if processes is None else processes or None
 
@@ -237,9 +241,9 @@ _NODE_OPTIONS = {
 
 
 def _transport_options(run: RunOptions) -> dict[str, str]:
-    """The options of every process's transport; only Zenoh has a meeting point."""
+    """The options of every process's transport; not every one has a meeting point."""
     options = {"namespace": run.namespace} if run.namespace else {}
-    if run.transport == "zenoh":
+    if described(run.transport).has_endpoints:
         if run.zenoh_config is not None:
             options["config"] = str(run.zenoh_config)
         if run.secure is not None:

@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from m2c.launch.process import STOP_TIMEOUT_S, Module, NodeProcess
-from m2c.launch.refusals import asked_as_nodes_are
 from m2c.terminal import say
 from transports.interface import Connection, TransportError
 from transports.options import LAUNCHER
 from transports.registry import connect
+from transports.zenoh_link.refusals import asked_as_nodes_are
 
 NAME = "router"
 """The prefix of its output."""
@@ -98,13 +98,14 @@ class Router:
 
 @contextlib.contextmanager
 def met_at_router(
-    folder: Path, options: dict[str, str]
+    transport: str, folder: Path, options: dict[str, str]
 ) -> Iterator[tuple[Connection, Router | None]]:
     """The launcher's connection to the router at the endpoint; and the router, if it was started for that.
 
     The router ends when everybody else has; the connection, whose closing is awaited, before.
 
     Args:
+        transport: which of those that can meet at a router.
         folder: put on the router's module path, as of nodes.
         options: of the transport, with the ``endpoint``.
 
@@ -117,7 +118,7 @@ def met_at_router(
         router = Router(folder, options)
     try:
         try:
-            connection = connect("zenoh", LAUNCHER, {**options, "mode": "client"})
+            connection = connect(transport, LAUNCHER, {**options, "mode": "client"})
         except TransportError as error:
             if router.listens or isinstance(error, NotARouterError):
                 raise

@@ -12,6 +12,7 @@ import click
 from m2c.inputs import finite
 
 TRANSPORT = "simulated"
+"""The transport that these options are for."""
 _LONGEST_MS = 3_600_000.0
 
 

@@ -22,7 +22,6 @@ from m2c.launch.process import (
     describe_end,
     ended_well,
 )
-from m2c.launch.refusals import Refusals
 from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.router import NAME as ROUTER
 from m2c.launch.router import Router
@@ -31,6 +30,7 @@ from m2c.policy.runner import TreeTick
 from m2c.suggestions import first_of
 from transports.interface import Connection, Timer
 from transports.stop_signals import StopSignals
+from transports.zenoh_link.refusals import Refusals
 
 _RUN = "m2c run"
 START_TIMEOUT_S = 30.0

@@ -10,6 +10,7 @@ import click
 
 from moon.connection import Network
 from moon.fleet.choice import WHOLE, ChoiceError, Shard, fleet_pattern, read_shard
+from transports.descriptions import described
 
 
 def _pattern(_: click.Context, __: click.Parameter, text: str | None) -> str | None:
@@ -69,9 +70,10 @@ def fleet_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _refuse_what_is_of_one_robot(network: Network, record_file: Path | None) -> None:
-    if network.transport == "ros2":
+    if not described(network.transport).has_namespaces:
         raise click.UsageError(
-            "--fleet: on ROS 2 a monitor listens to one namespace; start one for each robot, with --namespace"
+            f"--fleet: on {network.transport} a monitor listens to one namespace; start one for each robot, "
+            "with --namespace"
         )
     if network.namespace:
         raise click.UsageError(

@@ -165,13 +165,14 @@ def _monitor(
     from moon.sinks.file import VerdictFile
     from moon.sinks.topic import VerdictTopic
     from moon.tap.notices import Notices
+    from transports.descriptions import described
 
     file = VerdictFile(log_file) if log_file is not None else None
     screen = screen_for(as_json, is_alone=system_beside() is None)
     sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection)]
     if as_json:
         sinks.append(screen)
-    if transport == "ros2":
+    if described(transport).has_diagnostics:
         sinks += _diagnostics(connection)
     joining = Joining(connection)
     source: Source = joining

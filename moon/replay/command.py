@@ -84,15 +84,17 @@ def replay(
     from m2c.suggestions import nearest
     from moon.recording.reader import RecordingError
     from moon.replay.script import Selected, read_script
+    from transports.descriptions import described
 
     for glob in only:
         try:
             check(glob)
         except GlobError as error:
             raise click.BadParameter(str(error), param_hint="--only") from error
-    if network.transport == "simulated":
+    if described(network.transport).is_one_process:
         fail(
-            "--transport simulated: that world is in one process; replay there (moon.replay.Replay)"
+            f"--transport {network.transport}: that world is in one process; replay there "
+            "(moon.replay.Replay)"
         )
     library = InterfaceLibrary.load(interfaces, DiagnosticLog())
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from m2c.launch import refusals
+from transports.zenoh_link import refusals
 
 _LINE = (
     "2026-11-25T12:30:22.955788Z TRACE {}ThreadId(01) zenoh::net::routing::interceptor: "
