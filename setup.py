@@ -14,14 +14,15 @@ from pathlib import Path
 from setuptools import Extension, setup
 
 MODULES = {
+    "moon": "judge",
+    "moon/feed": "clock held host_clocks intake lives nodes numbers progress reachability reception senders",
     "moon/monitor": "models nodes properties turns watch",
-    "moon/offline": "engine playing",
+    "moon/offline": "engine",
     "moon/oracle": "*",
-    "moon/ordering": "event_order event_time_clock held host_clocks judge lives numbers progress reachability"
-    " reception senders sources",
     "moon/policy": "calls follow judge oracle remembered reported",
     "moon/properties": "monitor_group three_valued monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
+    "moon/sources": "played",
     "transports": "cdr sequences",
 }
 """What runs for every observation, by package."""

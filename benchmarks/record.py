@@ -23,8 +23,8 @@ from moon.offline.engine import check_recording
 from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Ended
-from moon.recording.recorded import RecordedConnection
 from moon.recording.writer import RecordingWriter
+from moon.sources.recorded import RecordedConnection
 from transports.simulated import SimulatedTransport, SimulatedWorld
 
 EXAMPLE = ROOT / "examples" / "lab_tour"

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import m2c
 from m2c.model.system import System
-from moon.monitor.joining import Joining
 from moon.monitor.reading import no_system
 from moon.monitor.status import MachineStatus
 from moon.monitor.subject import Monitored, Subject, monitored_of
@@ -15,6 +14,7 @@ from moon.offline import engine
 from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
 from moon.properties.monitor import PropertySet
+from moon.sources.live import Joining
 from moon.verdict import Verdict
 from transports.interface import Closes, Listener
 

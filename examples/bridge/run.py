@@ -45,7 +45,7 @@ STOP_S = 60.0
 
 
 class Monitor:
-    """One monitor of both sides; see ``moon.monitor.sides`` for how it is cut.
+    """One monitor of both sides; see ``sides`` for how it is cut.
 
     Args:
         sides: the monitor's own connections by the transport's name; on the first one everything runs.
@@ -60,9 +60,10 @@ class Monitor:
         placement: Placement,
         properties: Sequence[Property] = (),
     ) -> None:
+        from sides import AllSides, Side
+
         from moon.monitor.properties import PropertyWatch
         from moon.monitor.reading import no_system
-        from moon.monitor.sides import AllSides, Side
         from moon.monitor.watch import SystemWatch
         from moon.oracle.bounds import Bounds
 

@@ -14,7 +14,7 @@ from moon.offline.view_options import time_option
 
 if TYPE_CHECKING:
     from m2c.model import System
-    from moon.ordering.time_base import TimeChoice
+    from moon.sources.time_base import TimeChoice
 
 
 @click.command()

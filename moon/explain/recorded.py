@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 import msgspec
 
 from m2c.model.machine import Interface, InterfaceKind, Machine
-from moon.ordering.time_base import TimeBase
 from moon.recording.contents import ChannelContents, Contents, is_made_up
 from moon.recording.reader import Recording
 from moon.recording.stored import plural
+from moon.sources.time_base import TimeBase
 from transports.actions.parts import SERVICES, TOPICS, channel_of_part
 from transports.interface import ObservationKind as Kind
 

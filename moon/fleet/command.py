@@ -11,8 +11,8 @@ from moon.connection import SETTLING_BOUNDS, Watching, say_ready
 
 if TYPE_CHECKING:
     from moon.fleet.choice import Shard
-    from moon.monitor.source import Sink
     from moon.monitor.subject import Monitored
+    from moon.sources.source import Sink
     from transports.interface import Connection
 
 
@@ -29,10 +29,10 @@ def monitor_fleet(
     seconds: float | None,
 ) -> int:
     """Monitor until it is to end; the exit code of the process."""
+    from moon.feed.clock import NS
     from moon.fleet.fleet import Fleet
     from moon.fleet.robot import FleetModels
     from moon.fleet.screen import fleet_screen
-    from moon.ordering.event_time_clock import NS
     from moon.sinks.file import VerdictFile
     from transports.interface import Namespaces
 

@@ -13,7 +13,7 @@ from moon.fleet.notices import RobotNotices
 from moon.fleet.report import standing
 from moon.fleet.robot import FleetModels, Robot
 from moon.fleet.status import FleetSummary, RobotStatus
-from moon.monitor.source import Sink
+from moon.sources.source import Sink
 from moon.verdict import Outcome, Verdict
 from transports.interface import Namespaces
 

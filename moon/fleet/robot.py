@@ -10,12 +10,12 @@ import msgspec
 
 from moon.fleet.status import RobotStatus
 from moon.monitor.compiled import CompiledSystem
-from moon.monitor.joining import Joining
-from moon.monitor.source import Sink
 from moon.monitor.status import UNSEEN, MachineStatus
 from moon.monitor.subject import Monitored
 from moon.monitor.watch import SystemWatch
 from moon.sinks.topic import VerdictTopic
+from moon.sources.live import Joining
+from moon.sources.source import Sink
 from moon.tap.notices import Notices
 from moon.verdict import Outcome, Verdict
 from transports.interface import Listener, Timer

@@ -30,9 +30,9 @@ from moon.monitor.verdict_options import json_option, log_option
 
 if TYPE_CHECKING:
     from moon.fleet.choice import Shard
-    from moon.monitor.source import Sink, Source
     from moon.monitor.subject import Monitored
     from moon.recording.writer import RecordingWriter
+    from moon.sources.source import Sink, Source
     from transports.interface import Connection
 
 FLUSH_S = 0.5
@@ -158,12 +158,12 @@ def _monitor(
     """Monitor until it is to end; how many violations there were."""
     import msgspec
 
-    from moon.monitor.joining import Joining
+    from moon.feed.clock import NS, clock_nobody_sets
     from moon.monitor.screen import screen_for
-    from moon.ordering.event_time_clock import NS, clock_nobody_sets
-    from moon.recording.recorded import RecordedConnection, RecordedRun
     from moon.sinks.file import VerdictFile
     from moon.sinks.topic import VerdictTopic
+    from moon.sources.live import Joining
+    from moon.sources.recorded import RecordedConnection, RecordedRun
     from moon.tap.notices import Notices
     from transports.descriptions import described
 

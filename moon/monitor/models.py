@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
+from moon.feed.nodes import Nodes
+from moon.feed.numbers import Numbers
 from moon.monitor.status import POLICY
 from moon.monitor.turns import BEHIND_NS, MACHINES_NS
 from moon.oracle.bounds import FOREVER, Bounds
@@ -13,8 +15,6 @@ from moon.oracle.confirmation import Losses, Publishers
 from moon.oracle.delivery import Clock
 from moon.oracle.oracle import Oracle
 from moon.oracle.program import Program
-from moon.ordering.numbers import Numbers
-from moon.ordering.sources import Sources
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
@@ -49,7 +49,7 @@ class ModelMonitor:
         others: Iterable[Machine] = (),
         numbers: Numbers | None = None,
         programs: Mapping[str, Program] | None = None,
-        sources: Sources | None = None,
+        sources: Nodes | None = None,
     ) -> None:
         machines = tuple(machines)
         programs = programs or {}

@@ -8,7 +8,7 @@ reported.
 What was missed (gaps in the numbers of a source, what came too late) makes whatever depends on it
 inconclusive, from the instant at which it was missed (:meth:`moon.properties.monitor.PropertySet.lose`).
 A violation is reported once it holds whatever was not received until then, or nothing is missing
-(:mod:`moon.ordering.unreceived`). Until then the property is inconclusive.
+(:mod:`moon.feed.unreceived`). Until then the property is inconclusive.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import msgspec
 
 from m2c.model.walk import variables_of
+from moon.feed.nodes import Nodes
+from moon.feed.unreceived import Place, Unreceived, Window
+from moon.judge import Gap
 from moon.monitor.careful import CarefulProperties
 from moon.monitor.departures import PREFIX, Departures
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
 from moon.oracle.confirmation import KEPT_VIOLATIONS, UNCONFIRMED
-from moon.ordering.judge import Gap
-from moon.ordering.sources import Sources
-from moon.ordering.unreceived import Place, Unreceived, Window
 from moon.properties.describe import duration
 from moon.properties.formula import predicates, rests_on_past
 from moon.properties.monitor import TimeOrderError
@@ -139,7 +139,7 @@ class PropertyWatch:
             name: _Tally(frozenset(port.channel for port in item.ports))
             for name, item in self.properties.items()
         }
-        self._sources = Sources(latency_ns)
+        self._sources = Nodes(latency_ns)
         self._unreceived = Unreceived(self._sources)
         """Who may send on the channels of the properties, and what of that may be missing."""
         self._topics = {
@@ -174,7 +174,7 @@ class PropertyWatch:
         self._wait_ns = LOOK_NS
         self._now_ns = 0
 
-    def rely_on(self, sources: Sources, senders: Mapping[str, Iterable[str]]) -> None:
+    def rely_on(self, sources: Nodes, senders: Mapping[str, Iterable[str]]) -> None:
         """Nodes number what they report, and can be asked.
 
         Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from moon.ordering.counts import Counts
+from moon.feed.counts import Counts
 
 AWAY = "(gone)"
 """In place of the states of a machine whose node went away."""

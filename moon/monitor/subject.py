@@ -23,11 +23,11 @@ from moon.monitor.reading import (
     read_checked,
     select,
 )
-from moon.monitor.source import Sink, Source
 from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.properties.property import Property
+from moon.sources.source import Sink, Source
 from moon.verdict import Verdict
 from moon.wording import Wording
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from moon.monitor.source import Source
-from moon.ordering.event_time_clock import NS, PERIOD_NS, USUAL_GAP_NS
+from moon.feed.clock import NS, PERIOD_NS, USUAL_GAP_NS
+from moon.sources.source import Source
 from transports.interface import Timer
 
 _SOON_NS = 20_000_000

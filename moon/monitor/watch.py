@@ -9,23 +9,23 @@ import msgspec
 
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from moon.feed.asking import Silence
+from moon.feed.clock import NS, clock_nobody_sets
+from moon.feed.counts import Counts
+from moon.feed.intake import EventOrder
+from moon.feed.reception import Reception
+from moon.feed.senders import Senders, places
+from moon.judge import Gap
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.properties import PropertyWatch
-from moon.monitor.source import Sink, Source
 from moon.monitor.status import POLICY, PROPERTY, UNSEEN, MachineStatus, Summary
 from moon.monitor.turns import Turns
 from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.oracle import Oracle
-from moon.ordering.counts import Counts
-from moon.ordering.event_order import EventOrder
-from moon.ordering.event_time_clock import NS, clock_nobody_sets
-from moon.ordering.judge import Gap
-from moon.ordering.reception import Reception
-from moon.ordering.senders import Senders, places
-from moon.ordering.silence import Silence
 from moon.policy.oracle import PolicyOracle
+from moon.sources.source import Sink, Source
 from moon.verdict import Outcome, Verdict
 from transports.interface import Answer, Observation, ObservationKind, Tap
 
@@ -155,7 +155,7 @@ class SystemWatch:
         self._take(self._models.feed(judged, self._order.sequel))
 
     def gap(self, gap: Gap) -> None:
-        """Something was not received (``moon.ordering.event_order.Judges``)."""
+        """Something was not received (``moon.feed.intake.Judges``)."""
         if not gap.channel:
             self._properties.gap(gap)  # the oracles follow their nodes' numbers themselves
             return
@@ -258,7 +258,7 @@ class SystemWatch:
                 self._silence.ask(self.listener, node)
 
     def host_clock_set(self, node: str, from_ns: int, since_ns: int, why: str) -> None:
-        """Its stamps of before and after are not compared (``moon.ordering.event_order.Judges``)."""
+        """Its stamps of before and after are not compared (``moon.feed.intake.Judges``)."""
         self._properties.clock_set(from_ns, since_ns)
         watched = self._models.watched
         names = [name for name in watched if name in self._models.that_hear(node)]
@@ -269,7 +269,7 @@ class SystemWatch:
         self._say(f"warning: {why}: {concerned}")
 
     def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
-        """Find every machine in the middle of what it does (``moon.ordering.event_order.Judges``)."""
+        """Find every machine in the middle of what it does (``moon.feed.intake.Judges``)."""
         self._silence.clock_set()
         for name, oracle in self._models.watched.items():
             self._nodes[name].resynchronise(oracle, why)

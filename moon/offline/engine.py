@@ -7,19 +7,19 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from moon.judge import Gap
 from moon.monitor.status import PROPERTY
 from moon.monitor.subject import Monitored, Subject
 from moon.monitor.watch import SystemWatch
-from moon.offline.playing import Player
 from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
-from moon.ordering.judge import Gap
-from moon.ordering.on_time import received_on_time
-from moon.ordering.time_base import in_time
 from moon.recording.entries import Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
+from moon.sources.on_time import received_on_time
+from moon.sources.played import Player
+from moon.sources.time_base import in_time
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
 

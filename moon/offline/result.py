@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import msgspec
 
+from moon.feed.counts import Counts
 from moon.monitor.status import UNSEEN, MachineStatus
 from moon.offline.view import Part, View
-from moon.ordering.counts import Counts
-from moon.ordering.time_base import TimeBase, in_time
 from moon.recording.entries import ReportedVerdict
 from moon.recording.reader import Recording
+from moon.sources.time_base import TimeBase, in_time
 from moon.verdict import Outcome
 from transports.interface import Observation
 

@@ -16,7 +16,12 @@ from m2c.suggestions import nearest
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.subject import Monitored
 from moon.offline.view import View
-from moon.ordering.time_base import (
+from moon.properties.predicates import ANY_CHANNEL
+from moon.recording.attribution import Attribution
+from moon.recording.entries import Began
+from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
+from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
+from moon.sources.time_base import (
     PUBLISH,
     Survey,
     TimeBase,
@@ -24,11 +29,6 @@ from moon.ordering.time_base import (
     TimeError,
     time_base,
 )
-from moon.properties.predicates import ANY_CHANNEL
-from moon.recording.attribution import Attribution
-from moon.recording.entries import Began
-from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
-from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
 from moon.tap.selection import is_recorded
 from transports.interface import Observation
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from moon.monitor.watch import SystemWatch
-from moon.offline.playing import Player
 from moon.offline.result import Band, Timeline
 from moon.recording.entries import Entry
+from moon.sources.played import Player
 from transports.interface import Observation
 
 MAX_BANDS = 20_000

@@ -8,9 +8,9 @@ from datetime import datetime
 import msgspec
 from msgspec.structs import replace
 
-from moon.ordering.judge import Gap
-from moon.ordering.time_base import TimeChoice
+from moon.judge import Gap
 from moon.recording.entries import Began, Entry, NodeChange
+from moon.sources.time_base import TimeChoice
 
 NS = 1_000_000_000
 _LONGEST_S = 86_400 * 365

@@ -15,14 +15,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from m2c.model.machine import EventKind
+from moon.feed.nodes import Nodes
+from moon.feed.numbers import Count, Place
+from moon.feed.progress import Progress
 from moon.oracle.bounds import Bounds
 from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import TakenMessages
 from moon.oracle.trace_events import SourceStreams
-from moon.ordering.numbers import Count, Place
-from moon.ordering.progress import Progress
-from moon.ordering.sources import Sources
 from moon.verdict import Cause, Outcome, Verdict
 from transports.interface import ObservationKind
 
@@ -216,7 +216,7 @@ class Unconfirmed:
                 found.update(waiting.clocks)
         return found
 
-    def told(self, sources: Sources, node: str, skew_ns: int) -> list[Verdict]:
+    def told(self, sources: Nodes, node: str, skew_ns: int) -> list[Verdict]:
         """What other nodes than ``node`` did was received up to some time, by the order of their reports."""
         for waiting in self.kept:
             if waiting.clocks:
@@ -388,7 +388,7 @@ class Confirmation:
         publishers: Publishers,
         losses: Losses,
         takes: TakenMessages,
-        sources: Sources,
+        sources: Nodes,
     ) -> None:
         self._node = node
         self._sources = sources
@@ -607,7 +607,7 @@ class Conclusion:
         """The node reported its end of a call, at ``stamp_ns``."""
         return self._confirmed(self.unconfirmed.settled(other_ends, stamp_ns))
 
-    def told(self, sources: Sources, skew_ns: int) -> list[Verdict]:
+    def told(self, sources: Nodes, skew_ns: int) -> list[Verdict]:
         """Other nodes have reported something, by ``sources``."""
         return self._confirmed(self.unconfirmed.told(sources, self._node, skew_ns))
 

@@ -1,6 +1,6 @@
 """Delivery to the judge of one machine, in order, of what is received late.
 
-Up to the *watermark* all that happened was received, or is known to be missing (``moon.ordering``); what
+Up to the *watermark* all that happened was received, or is known to be missing (``moon.feed``); what
 happened later is held. What has nothing older before it any more goes to the judge. Whether the machine's
 node got what others sent to it is shown by what is received, in whatever order: so that is waited for here,
 and the judge is handed what never arrived. ``Topics`` decides whether a message is handed over as of when it
@@ -11,6 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from moon.feed.held import Held
+from moon.feed.progress import Progress
+from moon.feed.reachability import Reachability
+from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.confirmation import Conclusion, Publishers
 from moon.oracle.evidence import Shown, evidence_of
@@ -19,10 +23,6 @@ from moon.oracle.model_oracle import TRIES, ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
-from moon.ordering.held import Held
-from moon.ordering.judge import Gap
-from moon.ordering.progress import Progress
-from moon.ordering.reachability import Reachability
 from moon.verdict import Verdict
 
 

@@ -1,6 +1,6 @@
 """The judge of one machine: what happened goes in, in order; what the model says to that comes out.
 
-It is a ``moon.ordering.judge.Judge`` of what a machine took and did: every event comes when it is its turn,
+It is a ``moon.judge.Judge`` of what a machine took and did: every event comes when it is its turn,
 once. Who puts in order what is received is of no concern here (``delivery``), nor is by which numbers a
 violation becomes certain (``confirmation``). Where the judge does not know what the machine does,
 ``Resynchronisation`` looks for a moment to begin at.
@@ -12,6 +12,8 @@ from collections import deque
 from collections.abc import Sequence
 
 from m2c.model.machine import InterfaceKind, OutputKind
+from moon.feed.numbers import Place
+from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, TooManyError
 from moon.oracle.confirmation import Conclusion, Violation
 from moon.oracle.explain import described, explanation_of, survivors_of
@@ -19,8 +21,6 @@ from moon.oracle.program import TooOpenError
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import Role, TraceEvent
-from moon.ordering.judge import Gap
-from moon.ordering.numbers import Place
 from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violation_of
 
 EVIDENCE = 12

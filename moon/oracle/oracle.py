@@ -15,6 +15,11 @@ from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for
+from moon.feed.held import Held
+from moon.feed.lives import ANOTHER, PAST, Lives
+from moon.feed.nodes import Nodes
+from moon.feed.numbers import Numbers
+from moon.feed.progress import Progress
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.confirmation import Conclusion, Confirmation, Losses, OtherEnds, Publishers
 from moon.oracle.delivery import Clock, Delivery, Topics
@@ -32,11 +37,6 @@ from moon.oracle.trace_events import (
     SourceStreams,
     TraceEvent,
 )
-from moon.ordering.held import Held
-from moon.ordering.lives import ANOTHER, PAST, Lives
-from moon.ordering.numbers import Numbers
-from moon.ordering.progress import Progress
-from moon.ordering.sources import Sources
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel
@@ -82,7 +82,7 @@ class Oracle:
         publishers: Publishers | None = None,
         numbers: Numbers | None = None,
         program: Program | None = None,
-        sources: Sources | None = None,
+        sources: Nodes | None = None,
     ) -> None:
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
@@ -96,7 +96,7 @@ class Oracle:
         search = Search(machine, library, self.channels, bounds, program)
         self._program = program = search.program
         self._latency = bounds.latency
-        self._sources = sources or Sources(bounds.latency)
+        self._sources = sources or Nodes(bounds.latency)
         self._streams = SourceStreams(self.channels, self.node, numbers)
         self._progress = Progress()
         self._lives = Lives()

@@ -20,9 +20,9 @@ from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.walk import failure_of_goals
+from moon.feed.numbers import Count, Numbers, Place
 from moon.oracle.bounds import FOREVER
 from moon.oracle.calls import Call, is_nameless
-from moon.ordering.numbers import Count, Numbers, Place
 from transports.actions.rules import Stamp
 from transports.interface import CallOutcome, Observation, ObservationKind
 

@@ -24,10 +24,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from m2c.policy.ticks import HALTED, TICKS_CHANNEL
+from moon.feed.progress import Progress
+from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.confirmation import UNCONFIRMED, Unconfirmed, Waiting
-from moon.ordering.judge import Gap
-from moon.ordering.progress import Progress
 from moon.policy.calls import Call, SeenByServer, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.reported import ReportedFollower, report_of

@@ -12,12 +12,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from m2c.policy.ticks import TICKS_CHANNEL
+from moon.feed.held import Held
+from moon.feed.lives import ANOTHER, PAST, Lives
+from moon.feed.numbers import Numbers
+from moon.feed.progress import Progress
+from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.ordering.held import Held
-from moon.ordering.judge import Gap
-from moon.ordering.lives import ANOTHER, PAST, Lives
-from moon.ordering.numbers import Numbers
-from moon.ordering.progress import Progress
 from moon.policy.judge import PolicyJudge
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind

@@ -21,7 +21,7 @@ from typing import Any
 
 import msgspec
 
-from moon.ordering.held import Held
+from moon.feed.held import Held
 from moon.properties.monitor import PropertySet, TimeOrderError
 from moon.properties.monitor_group import Snapshot
 from moon.properties.network import NEVER

@@ -95,7 +95,7 @@ def record(
     Example:
       moon record -o run.mcap --interfaces examples/lab_tour/interfaces --for 60
     """
-    from moon.ordering.event_time_clock import NS, clock_nobody_sets
+    from moon.feed.clock import NS, clock_nobody_sets
     from moon.recording.mcap_writing import Compression
     from moon.recording.recorder import Recorder
     from moon.recording.writer import RecordingWriter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from moon.ordering.event_time_clock import SET_NS, clock_nobody_sets, read_together
+from moon.feed.clock import SET_NS, clock_nobody_sets, read_together
 from moon.recording.entries import UNUSUAL_NS, Began, Ended, Missed, NodeChange, Pulse, Turn, Whole
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete

@@ -25,9 +25,9 @@ from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
 from moon.policy.shape import shape_of
 from moon.recording.definitions import Definitions
-from moon.recording.recorded import RecordedConnection, RecordedRun
 from moon.recording.recorder import Recorder
 from moon.recording.writer import RecordingWriter
+from moon.sources.recorded import RecordedConnection, RecordedRun
 from moon.verdict import Outcome, Verdict
 from tests.campaign import truth
 from tests.campaign.circumstances import MONITOR, NS, Circumstances, Faulty, Happened

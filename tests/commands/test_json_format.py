@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from m2c.cli import main as m2c
 from m2c.json_format import VERSION, VERSION_KEY
 from moon.cli import main as moon
+from moon.feed.counts import Counts
 from moon.json_lines import versioned_line
 from moon.monitor.screen import JsonLines
 from moon.monitor.status import MachineStatus, Summary
-from moon.ordering.counts import Counts
 from moon.recording.reader import open_recording
 from moon.tap.output import LastTable, json_of
 from moon.tap.stream import Line

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
+from examples.bridge.sides import AllSides, Side
 from moon.monitor.reading import read_checked
-from moon.monitor.sides import AllSides, Side
 from transports.conformance import COUNTING, DOUBLE, NUMBERS, Answer, Ask, Number, Text
 from transports.interface import (
     CallOutcome,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from moon.feed.nodes import Nodes
 from moon.monitor.properties import PropertyWatch
-from moon.ordering.sources import Sources
 from moon.properties.property import REQUESTS, Port, Property
 from moon.properties.syntax import parse_formula
 from moon.verdict import Outcome
@@ -24,7 +24,7 @@ class Watched:
 
     def __init__(self, formula: str, answers: bool = True) -> None:
         self.watch = PropertyWatch([Property("p", parse_formula(formula), PORTS)], LATENCY_NS)
-        self.sources = Sources(LATENCY_NS)
+        self.sources = Nodes(LATENCY_NS)
         self.watch.rely_on(self.sources, {"/ask": ["Client"], "/done": ["Server"]})
         self.sources.listening_ns = START
         self.orders = {"Client": 0, "Server": 0}
@@ -126,7 +126,7 @@ class OnTopics(Watched):
     def __init__(self, formula: str, up: tuple[str, ...] = ("Client", "Server")) -> None:
         super().__init__(formula, answers=False)
         self.watch = PropertyWatch([Property("p", parse_formula(formula), PORTS)], LATENCY_NS)
-        self.sources = Sources(LATENCY_NS)
+        self.sources = Nodes(LATENCY_NS)
         self.sources.listening_ns = START
         self.watch.rely_on(self.sources, {"/ask": ["Client"], "/done": ["Server"]})
         self.watch.start(START, LINKED_NS)

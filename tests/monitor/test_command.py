@@ -15,11 +15,11 @@ from click.testing import CliRunner
 from m2c.cli import main as m2c
 from moon.cli import main as moon
 from moon.explain.command import explain
+from moon.feed.counts import Counts
 from moon.monitor.command import monitor
 from moon.monitor.report import HEADER
 from moon.monitor.status import MachineStatus, Summary
 from moon.oracle.bounds import Bounds
-from moon.ordering.counts import Counts
 from moon.sinks.topic import VerdictMessage
 from tests.monitor.hand_driven import write_models
 from tests.monitor.processes import free_endpoint

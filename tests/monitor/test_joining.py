@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from moon.monitor.joining import Joining
+from moon.sources.live import Joining
 from moon.tap.completeness import AT_MOST_S
 from tests.monitor.hand_driven import HandDriven, S
 from transports.interface import Observation, ObservationKind

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from moon.ordering.reachability import Reachability
+from moon.feed.reachability import Reachability
 from tests.monitor.hand_driven import MS, HandDriven, S
 
 LATENCY = 200 * MS

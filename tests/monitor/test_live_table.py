@@ -70,7 +70,7 @@ def test_a_low_terminal_shows_first_who_does_not_conform() -> None:
 PROGRAM = f"""
 from moon.monitor.screen import LiveTable
 from moon.monitor.status import MachineStatus, Summary
-from moon.ordering.counts import Counts
+from moon.feed.counts import Counts
 
 statuses = ({BAD!r}, {GOOD!r})
 screen = LiveTable()

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from moon.offline.playing import Player
 from moon.recording.entries import Began, Entry
-from moon.recording.recorded import RecordedConnection
+from moon.sources.played import Player
+from moon.sources.recorded import RecordedConnection
 from tests.monitor import hand_driven
 from tests.monitor.hand_driven import HandDriven, S
 from transports.simulated import SimulatedTransport, SimulatedWorld

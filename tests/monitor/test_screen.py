@@ -14,9 +14,9 @@ import time
 import msgspec
 import pytest
 
+from moon.feed.counts import Counts
 from moon.monitor.report import cells, closing, last_explanations, table, verdict_lines
 from moon.monitor.status import AWAY, MachineStatus, Summary
-from moon.ordering.counts import Counts
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from tests.monitor.hand_driven import write_models
 from tests.monitor.processes import WAIT_S, free_endpoint

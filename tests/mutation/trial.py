@@ -10,8 +10,8 @@ from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.simulation.program import NodeClass, Program
 from m2c.simulation.run import SimulatedRun
+from moon.feed.asking import Silence
 from moon.oracle.oracle import Oracle
-from moon.ordering.silence import Silence
 from moon.verdict import Outcome, Verdict
 from tests.mutation.exercise import answerers, callers
 from transports.interface import Answer, Observation

@@ -15,8 +15,8 @@ from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
-from moon.recording.recorded import RecordedConnection, RecordedRun
 from moon.recording.writer import RecordingWriter
+from moon.sources.recorded import RecordedConnection, RecordedRun
 from moon.verdict import Verdict
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 

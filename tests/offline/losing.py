@@ -17,10 +17,10 @@ from random import Random
 import msgspec
 
 from moon.monitor.watch import SystemWatch
-from moon.offline.playing import Player
-from moon.ordering.on_time import received_on_time
 from moon.recording.entries import Entry
 from moon.recording.reader import open_recording
+from moon.sources.on_time import received_on_time
+from moon.sources.played import Player
 from moon.verdict import Outcome, Verdict
 from tests.offline.live import live_run, monitored, program
 from transports.interface import Observation, ObservationKind

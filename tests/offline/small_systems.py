@@ -16,14 +16,14 @@ from m2c.simulation.program import compile_system
 from m2c.simulation.run import SimulatedRun
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.subject import Monitored, Subject, read_subject
-from moon.offline.playing import Player
 from moon.oracle.bounds import Bounds
-from moon.ordering.on_time import received_on_time
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Answered, Entry
 from moon.recording.reader import open_recording
-from moon.recording.recorded import RecordedConnection, RecordedRun
 from moon.recording.writer import RecordingWriter
+from moon.sources.on_time import received_on_time
+from moon.sources.played import Player
+from moon.sources.recorded import RecordedConnection, RecordedRun
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld

@@ -11,12 +11,12 @@ from msgspec.structs import replace
 
 from m2c.simulation.run import SimulatedRun
 from moon.offline.engine import check_recording
-from moon.offline.playing import WHOLE_NS
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Entry, NodeChange, Pulse, Whole
 from moon.recording.reader import open_recording
 from moon.recording.recorder import Recorder
 from moon.recording.writer import RecordingWriter
+from moon.sources.played import WHOLE_NS
 from moon.tap.completeness import AT_MOST_S
 from tests.offline.live import SUBJECT, faulty_program, monitored, program
 from transports.interface import Observation, ObservationKind, Tap

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from moon.offline.playing import QUIET_AT_FIRST_NS, QUIET_PER_ENTRY_NS, Player
-from moon.ordering.event_time_clock import NS
+from moon.feed.clock import NS
 from moon.recording.entries import Began, Entry
+from moon.sources.played import QUIET_AT_FIRST_NS, QUIET_PER_ENTRY_NS, Player
 from tests.offline.test_same_verdicts import checked
 from transports.interface import Observation, ObservationKind
 

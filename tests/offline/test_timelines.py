@@ -7,11 +7,11 @@ from pathlib import Path
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import no_system
 from moon.monitor.watch import SystemWatch
-from moon.offline.playing import Player
 from moon.offline.timelines import Timelines
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.recording.entries import Began, Pulse, Turn
+from moon.sources.played import Player
 from transports.interface import Observation, ObservationKind
 
 S, MS = 10**9, 10**6

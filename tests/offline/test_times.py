@@ -11,9 +11,9 @@ from moon.monitor.subject import Subject, read_subject
 from moon.offline.engine import check_recording
 from moon.offline.view import View, instant
 from moon.oracle.bounds import Bounds
-from moon.ordering.time_base import TimeChoice
 from moon.recording.reader import open_recording
 from moon.report.page import write_report
+from moon.sources.time_base import TimeChoice
 from tests.offline.logs import (
     FOREIGN,
     LEVEL,

@@ -7,10 +7,10 @@ from random import Random
 import pytest
 from msgspec.structs import replace
 
+from moon.feed.nodes import Nodes
 from moon.oracle.bounds import Bounds
 from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
-from moon.ordering.sources import Sources
 from moon.verdict import Outcome
 from tests.oracle.agreement import CLOCK_ALLOWANCE_NS
 from tests.oracle.machines import NAME, library, read
@@ -124,7 +124,7 @@ def test_a_publisher_that_came_of_late_may_not_be_linked_yet(
         library(),
         bounds=Bounds(),
         losses=Losses(possible=False),
-        sources=Sources(Bounds().latency),
+        sources=Nodes(Bounds().latency),
     )
     oracle.start(0, whole=True)
     oracle.sender_changed("Door", came_ms * MS)

@@ -9,8 +9,8 @@ import pytest
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome
+from tests.feed.test_progress import ASKS, MS, START
 from tests.oracle.machines import library, read
-from tests.ordering.test_progress import ASKS, MS, START
 from transports.interface import NAMELESS, Observation, ObservationKind
 
 SENT, RECEIVED = ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED

@@ -115,8 +115,8 @@ def record(transport: str, case: str, path: Path, scratch: Path) -> Expected | N
     from moon.oracle.bounds import Bounds
     from moon.recording.definitions import Definitions
     from moon.recording.entries import Ended
-    from moon.recording.recorded import RecordedConnection
     from moon.recording.writer import RecordingWriter
+    from moon.sources.recorded import RecordedConnection
     from transports.registry import connect
 
     chosen = next((item for item in FAULTS if item.id == case), None)

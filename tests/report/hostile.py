@@ -8,9 +8,9 @@ from xml.sax.saxutils import quoteattr
 
 from m2c.model import DiagnosticLog, load
 from m2c.printable import printable
+from moon.feed.counts import Counts
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import Band, CheckResult, RecordingFacts, Timeline
-from moon.ordering.counts import Counts
 from moon.recording.entries import ReportedVerdict
 from moon.report import write_report
 from moon.verdict import Evidence, Explanation, Outcome, Verdict

@@ -7,9 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 
 from m2c.model import DiagnosticLog, Machine, load
+from moon.feed.counts import Counts
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import Band, CheckResult, RecordingFacts, Timeline
-from moon.ordering.counts import Counts
 from moon.recording.entries import ReportedVerdict
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 

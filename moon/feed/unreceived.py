@@ -17,8 +17,8 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
+from moon.feed.nodes import Node, Nodes
 from moon.oracle.bounds import FOREVER
-from moon.ordering.sources import Source, Sources
 from transports.interface import Observation, ObservationKind
 
 MOST_PLACES = 10_000
@@ -62,7 +62,7 @@ class Unreceived:
         channels: on which each node may report something; none: on any.
     """
 
-    def __init__(self, sources: Sources) -> None:
+    def __init__(self, sources: Nodes) -> None:
         self.linked_ns = 0
         self.is_lossy = False
         self.channels: dict[str, set[str]] = {}
@@ -161,14 +161,14 @@ class Unreceived:
         has_started = source.since_ns >= self._sources.listening_ns
         return Window(place, source.since_ns) if place.is_message and has_started else None
 
-    def _of_answering(self, node: str, source: Source, until_ns: int, now_ns: int) -> Window | None:
+    def _of_answering(self, node: str, source: Node, until_ns: int, now_ns: int) -> Window | None:
         reported_ns = source.progress.reported_ns
         if self._sources.is_over(source, now_ns) or reported_ns >= until_ns:
             return None
         return Window(Place(node, "", True), reported_ns + 1, can_answer=True)
 
     def _of_unknown(
-        self, place: Place, source: Source | None, until_ns: int, now_ns: int
+        self, place: Place, source: Node | None, until_ns: int, now_ns: int
     ) -> Window | None:
         """Who is not known to be there may be there, and not be found yet."""
         ends_ns = until_ns + self.linked_ns

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from moon.ordering.held import Held
+from moon.feed.held import Held
 from tests.properties.runs import seen
 from transports.interface import Observation
 

@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from moon.ordering.host_clocks import HostClocks
+from moon.feed.host_clocks import HostClocks
 
 MS = 1_000_000
 LATENCY = 200 * MS

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from moon.ordering.event_time_clock import NS, SET_NS
+from moon.feed.clock import NS, SET_NS
 from moon.recording.entries import (
     Answered,
     Began,

@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from moon.ordering.judge import Gap
+from moon.judge import Gap
 from moon.recording.entries import END_OF_TIME_NS, makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural

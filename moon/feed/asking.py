@@ -11,8 +11,8 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from moon.feed.clock import NS
 from moon.oracle.bounds import FOREVER
-from moon.ordering.event_time_clock import NS
 from transports.interface import Answer, Tap
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from moon.ordering.host_clocks import HostClocks
-from moon.ordering.judge import Gap
-from moon.ordering.lives import ANOTHER, PAST, Lives
-from moon.ordering.progress import Progress
-from moon.ordering.reachability import Reachability
+from moon.feed.host_clocks import HostClocks
+from moon.feed.lives import ANOTHER, PAST, Lives
+from moon.feed.progress import Progress
+from moon.feed.reachability import Reachability
+from moon.judge import Gap
 from transports.interface import Observation
 
 KEPT_SOURCES = 10_000
-"""Sources that are remembered; their names come from the wire, and never end."""
+"""Nodes that are remembered; their names come from the wire, and never end."""
 
 
 UNHEARD_NS = 1_000_000_000
@@ -23,7 +23,7 @@ heard meanwhile; leases are longer than this (Zenoh's is 10 s, DDS's 20 s).
 """
 
 
-class Source:
+class Node:
     """One node, as far as it was received.
 
     Attributes:
@@ -53,7 +53,7 @@ class Source:
         self.is_out_of_reach = False
 
 
-class Sources:
+class Nodes:
     """The nodes of one system.
 
     Args:
@@ -65,17 +65,17 @@ class Sources:
         self._latency_ns = latency_ns
         self.clocks = HostClocks(latency_ns, skew_ns)
         self.reachability = Reachability(latency_ns)
-        self.known: dict[str, Source] = {}
+        self.known: dict[str, Node] = {}
         """By name."""
         self.listening_ns = 0
         """Since when all is received that there is (ns); 0: that is not known."""
 
-    def _of(self, name: str) -> Source:
+    def _of(self, name: str) -> Node:
         source = self.known.get(name)
         if source is None:
             if len(self.known) >= KEPT_SOURCES:
                 del self.known[next(iter(self.known))]
-            source = self.known[name] = Source()
+            source = self.known[name] = Node()
         return source
 
     def take(self, seen: Observation, now_ns: int, is_timed: bool = True) -> Gap | None:
@@ -183,7 +183,7 @@ class Sources:
                 known_ns = reported_ns
         return known_ns if is_any else 0
 
-    def is_answering(self, source: Source) -> bool:
+    def is_answering(self, source: Node) -> bool:
         """Whether it numbers all that it reports, and says how far it is when it is asked."""
         return source.answers and source.is_numbered
 
@@ -221,7 +221,7 @@ class Sources:
                 found.append(name)
         return found
 
-    def _gap_of(self, name: str, source: Source, before: tuple[int, int]) -> Gap | None:
+    def _gap_of(self, name: str, source: Node, before: tuple[int, int]) -> Gap | None:
         """What is missing of what ``name`` reported, if that was found since it was as ``before``.
 
         Of one that was there before all was received, the first number tells nothing.
@@ -237,7 +237,7 @@ class Sources:
             from_ns = source.since_ns
         return Gap("", name, from_ns, progress.gap + 1, f"observations of {name} were lost")
 
-    def is_over(self, source: Source, now_ns: int) -> bool:
+    def is_over(self, source: Node, now_ns: int) -> bool:
         """Whether it has ended, and all that it did was received, or is lost."""
         is_gone = source.is_up is False and source.since_ns < now_ns - self._latency_ns
         return is_gone and not source.is_out_of_reach

@@ -14,7 +14,7 @@ from itertools import chain
 
 from msgspec.structs import replace
 
-from moon.ordering.event_time_clock import SET_NS
+from moon.feed.clock import SET_NS
 from moon.recording.entries import Began, Entry, Pulse, set_by_ns
 from transports.interface import Observation
 

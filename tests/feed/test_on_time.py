@@ -10,10 +10,10 @@ from msgspec.structs import replace
 from moon.monitor.subject import Subject, read_subject
 from moon.offline.engine import check_recording
 from moon.oracle.bounds import Bounds
-from moon.ordering.on_time import LATEST_NS, USUAL_NS, received_on_time
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry, NodeChange, Pulse, Turn
 from moon.recording.writer import RecordingWriter
+from moon.sources.on_time import LATEST_NS, USUAL_NS, received_on_time
 from tests.replay.worlds import LAB_TOUR, lab_tour, tour
 from transports.interface import Observation, ObservationKind
 

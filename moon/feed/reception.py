@@ -13,8 +13,8 @@ import msgspec
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.runtime.messages import message_class
+from moon.feed.counts import Counts, Rejected
 from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
-from moon.ordering.counts import Counts, Rejected
 from transports.actions import parts_of
 from transports.interface import Action, Observation, ObservationKind, Service
 

@@ -8,9 +8,9 @@ import pytest
 
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
-from moon.ordering.counts import Counts
-from moon.ordering.event_order import EventOrder
-from moon.ordering.reception import Reception
+from moon.feed.counts import Counts
+from moon.feed.intake import EventOrder
+from moon.feed.reception import Reception
 from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from moon.monitor.joining import Joining
-from moon.monitor.sides import AllSides, Side
-from moon.ordering.event_time_clock import EventTimeClock, clock_nobody_sets, read_together
-from moon.recording.recorded import RecordedConnection
+from examples.bridge.sides import AllSides, Side
+from moon.feed.clock import EventTimeClock, clock_nobody_sets, read_together
+from moon.sources.live import Joining
+from moon.sources.recorded import RecordedConnection
 from transports.simulated import SimulatedTransport, SimulatedWorld
 
 MS = 1_000_000

@@ -12,8 +12,7 @@ from typing import Protocol
 
 from msgspec.structs import replace
 
-from moon.monitor.source import Source
-from moon.ordering.event_time_clock import SET_NS, clock_nobody_sets, read_together
+from moon.feed.clock import SET_NS, clock_nobody_sets, read_together
 from moon.recording.entries import (
     UNUSUAL_NS,
     Answered,
@@ -27,6 +26,7 @@ from moon.recording.entries import (
     Turn,
 )
 from moon.recording.writer import RecordingWriter
+from moon.sources.source import Source
 from moon.tap.notices import Standing
 from moon.verdict import Verdict
 from transports.interface import Answer, Closes, Observation, Publisher, Tap, Timer, Topic

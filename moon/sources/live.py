@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from moon.ordering.event_time_clock import clock_nobody_sets
+from moon.feed.clock import clock_nobody_sets
 from moon.tap.completeness import when_complete
 from transports.interface import Listener, Observation, Publisher, Tap, Timer, Topic
 

@@ -5,20 +5,17 @@ VLDB 2015): all that is stamped up to it has been received, or is known to be mi
 first of these that applies (decisions 13, 29 and 30):
 
 1. *complete by number*: nodes number all that they report, in order (``progress``);
-2. *complete by asking*: a node says up to which number it has reported everything (``silence``);
+2. *complete by asking*: a node says up to which number it has reported everything (``asking``);
 3. *bounded lateness*: nothing is received later than the latency bound after its stamp
-   (``event_time_clock``).
+   (``clock``).
 
-* ``judge``: what a judge is handed, and what is reported to it as missing;
-* ``event_order``: what a tap hands over, made fit for judges (``reception``: stamps, types, sources);
+* ``intake``: what a tap hands over, made fit for judges (``reception``: stamps, types, sources);
 * ``lives``: which life of a node an observation is of;
 * ``numbers``: what was received twice, and what was not received, by the numbers of a channel;
-* ``sources``: up to when all that several nodes reported has been received (``progress``: of one);
+* ``nodes``: up to when all that several nodes reported has been received (``progress``: of one);
 * ``unreceived``: what of that may be missing, and undo a violation;
 * ``reachability``: whether nodes could be reached, or a network was cut;
 * ``held``: what is not handed over yet, in order of stamps;
-* ``event_time_clock``: the clock of the judges, never ahead of what can have been received;
-* ``silence``: asks nodes how far they have reported, where only that stands in the way;
-* ``on_time``: what a recorder that is no monitor received late, where a monitor would have received it;
-* ``time_base``: by which of its times a recording that others made is judged.
+* ``clock``: the clock of the judges, never ahead of what can have been received;
+* ``asking``: asks nodes how far they have reported, where only that stands in the way.
 """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from moon.ordering.sources import KEPT_SOURCES, Sources
+from moon.feed.nodes import KEPT_SOURCES, Nodes
 from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000
@@ -26,9 +26,9 @@ def seen(source: str, order: int, stamp: int) -> Observation:
 
 
 @pytest.fixture
-def both() -> Sources:
+def both() -> Nodes:
     """Two nodes, one of which reported something later than the other."""
-    sources = Sources(LATENCY)
+    sources = Nodes(LATENCY)
     for name, stamp in (("a", NOW - 5 * MS), ("b", NOW - 90 * MS)):
         sources.changed(name, True, NOW - 1000 * MS)
         assert sources.take(seen(name, 0, stamp), NOW) is None
@@ -88,14 +88,14 @@ def test_a_node_that_starts_again_numbers_anew(both) -> None:
 
 
 def test_of_what_was_before_the_first_report_nothing_is_missing() -> None:
-    sources = Sources(LATENCY)
+    sources = Nodes(LATENCY)
     assert sources.take(seen("late", 70, NOW), NOW) is None
     assert list(sources.advance(NOW + LATENCY)) == []
     assert sources.known_ns(["late"], NOW + LATENCY) == NOW
 
 
 def test_only_so_many_names_are_remembered() -> None:
-    sources = Sources(LATENCY)
+    sources = Nodes(LATENCY)
     for number in range(KEPT_SOURCES + 10):
         sources.take(seen(f"n{number}", 0, NOW), NOW)
     assert len(sources.known) == KEPT_SOURCES

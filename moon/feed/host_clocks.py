@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from moon.ordering.event_time_clock import PERIOD_NS, SET_NS
+from moon.feed.clock import PERIOD_NS, SET_NS
 
 KEPT_LAGS = 32
 """The lags of so many reports, and of up to as many before them, say what is usual of a node."""

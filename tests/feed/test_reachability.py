@@ -1,6 +1,6 @@
 """Whether nodes could be reached, by how late they were heard."""
 
-from moon.ordering.reachability import Reachability
+from moon.feed.reachability import Reachability
 
 MS = 1_000_000
 LATENCY = 200 * MS

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
-from moon.ordering.event_time_clock import clock_nobody_sets
+from moon.feed.clock import clock_nobody_sets
 from transports.interface import Answer, Closes, Connection, Observation, Tap, Timer
 
 NodeHandler = Callable[[str, bool], None]

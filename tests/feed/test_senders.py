@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from moon.feed import senders
+from moon.feed.senders import Senders
 from moon.monitor.reading import read_checked
-from moon.ordering import senders
-from moon.ordering.senders import Senders
 from transports.interface import Observation, ObservationKind
 
 TOUR = Path(__file__).parents[2] / "examples" / "lab_tour" / "system.xml"

@@ -11,12 +11,12 @@ from typing import Protocol
 
 import msgspec
 
-from moon.ordering.counts import Counts, Rejected
-from moon.ordering.event_time_clock import NS, PERIOD_NS, SET_NS, EventTimeClock, read_together
-from moon.ordering.judge import Gap
-from moon.ordering.numbers import Count, Numbers
-from moon.ordering.reception import Reception
-from moon.ordering.sources import Sources
+from moon.feed.clock import NS, PERIOD_NS, SET_NS, EventTimeClock, read_together
+from moon.feed.counts import Counts, Rejected
+from moon.feed.nodes import Nodes
+from moon.feed.numbers import Count, Numbers
+from moon.feed.reception import Reception
+from moon.judge import Gap
 from transports.interface import Observation, ObservationKind, Tap
 from transports.sequences import Sequel
 
@@ -102,7 +102,7 @@ class EventOrder:
         self._reception = reception
         self._counts = counts
         self._judges = judges
-        self.sources = Sources(latency_ns, skew_ns)
+        self.sources = Nodes(latency_ns, skew_ns)
         self.clock = EventTimeClock(now_ns(), latency_ns)
         self.since_ns = 0
         self.listener: Tap | None = None

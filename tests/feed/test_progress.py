@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
+from moon.feed.progress import KEPT_AHEAD, KEPT_HOLES, Progress
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
-from moon.ordering.progress import KEPT_AHEAD, KEPT_HOLES, Progress
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
 from transports.interface import Observation, ObservationKind

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from moon.ordering.numbers import Numbers
+from moon.feed.numbers import Numbers
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel
 
