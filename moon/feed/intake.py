@@ -6,8 +6,7 @@ that a monitor may stand still. Live, recorded and simulated runs go through it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Protocol
+from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 
@@ -16,47 +15,14 @@ from moon.feed.counts import Counts, Rejected
 from moon.feed.nodes import Nodes
 from moon.feed.numbers import Count, Numbers
 from moon.feed.reception import Reception
-from moon.judge import Gap
+from moon.judge import Gap, Intake, Missing
 from transports.interface import Observation, ObservationKind, Tap
 from transports.sequences import Sequel
 
-_NEXT = Sequel.NEXT
 _TAKEN = ObservationKind.MESSAGE_TAKEN
 
 
-class Judges(Protocol):
-    """To whom what is missing is reported."""
-
-    def gap(self, gap: Gap) -> None:
-        """Something is missing."""
-        ...
-
-    def host_clock_set(self, node: str, from_ns: int, since_ns: int, why: str) -> None:
-        """The clock of the host of ``node`` was set: its times before and after that are not compared.
-
-        Args:
-            node: one of those whose clock that is.
-            from_ns: what is stamped from then on (ns since the epoch) is uncertain.
-            since_ns: what is stamped from then on is certain again.
-            why: for people.
-        """
-        ...
-
-    def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
-        """Nothing from ``from_ns`` to ``since_ns`` is known: all begin in the middle of the run.
-
-        What is stamped before ``since_ns`` is not judged.
-
-        Args:
-            from_ns: ns since the epoch, on the clock of before.
-            since_ns: the same, on the clock of now; it may still be to come.
-            was_set_back: stamps begin elsewhere.
-            why: for people.
-        """
-        ...
-
-
-class EventOrder:
+class Feed:
     """Event time, for the judges of one tap.
 
     Args:
@@ -66,7 +32,6 @@ class EventOrder:
         repair_s: of the middleware (``Listener.repair_s``).
         reception: looks at stamps, types and sources.
         counts: what is counted.
-        judges: what is missing is reported to them.
         known: the nodes of the system.
         skew_ns: the clocks of different hosts differ by at most this.
         in_order: nothing is on its way: each observation comes before all that happened after it.
@@ -75,8 +40,6 @@ class EventOrder:
         sources: how far all nodes have reported.
         clock: of the judges.
         numbers: the last one of each source and channel.
-        sequel: how the number of what was taken last follows.
-        gaps: what is missing before it, by that: in which stretches it may have happened; empty: nothing.
         since_ns: what is stamped before is not judged.
         listener: the tap, once there is one.
     """
@@ -89,7 +52,6 @@ class EventOrder:
         repair_s: float,
         reception: Reception,
         counts: Counts,
-        judges: Judges,
         known: Iterable[str] = (),
         skew_ns: int = 0,
         in_order: bool = False,
@@ -101,15 +63,12 @@ class EventOrder:
         self._repair_ns = round(repair_s * NS)
         self._reception = reception
         self._counts = counts
-        self._judges = judges
         self.sources = Nodes(latency_ns, skew_ns)
         self.clock = EventTimeClock(now_ns(), latency_ns)
         self.since_ns = 0
         self.listener: Tap | None = None
         self._monotonic_ns = monotonic_ns()
         self.numbers = Numbers(known)
-        self.sequel = _NEXT
-        self.gaps: tuple[Gap, ...] = ()
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
@@ -131,44 +90,44 @@ class EventOrder:
 
     # --- what is received --------------------------------------------------------------------------
 
-    def take(self, seen: Observation, now_ns: int) -> Observation | None:
-        """``seen``, received at ``now_ns``, as it is to be judged; None: it is not."""
-        clock = self.clock
+    def take(self, seen: Observation, now_ns: int) -> Intake:
+        """What is found of ``seen``, received at ``now_ns``."""
+        intake, clock = Intake(seen), self.clock
         gap_ns = now_ns - clock.now_ns
         if not -SET_NS <= gap_ns <= clock.limit_ns or self._seems_set(gap_ns):
-            self.look_at_clock(*self.read_clocks())
+            intake.miss(self.look_at_clock(*self.read_clocks()))
         if self.listener is not None and self.listener.is_contested(seen.source):
             # from the node of this name or from another: nothing is concluded from it
-            self._miss(seen, clock.clock_ns, now_ns, f"several sessions claim to be {seen.source}")
-            return None
+            why = f"several sessions claim to be {seen.source}"
+            intake.miss(_not_judged(seen, clock.clock_ns, now_ns, why))
+            return intake
         is_timed = self.is_timed(seen.stamp_ns, now_ns)
         if is_timed:
-            self.heard(seen.source, seen.stamp_ns, now_ns)
-        gap = self.sources.take(seen, clock.clock_ns, is_timed)
-        if gap is not None:
-            self._judges.gap(gap)
+            intake.miss(self.heard(seen.source, seen.stamp_ns, now_ns))
+        intake.miss(self.sources.take(seen, clock.clock_ns, is_timed))
         judged = self._reception.judge(seen, now_ns)
         if not is_timed:
             self._pass_over(seen)
         if seen.stamp_ns < self.since_ns:
             self._counts.before += 1
-            return None
+            return intake
         if isinstance(judged, Rejected):
             if judged.reason:
-                self._miss(seen, clock.clock_ns, now_ns, judged.reason)
-            return None
+                intake.miss(_not_judged(seen, clock.clock_ns, now_ns, judged.reason))
+            return intake
         lag_ns = now_ns - judged.stamp_ns
         if lag_ns > clock.limit_ns:
-            self._too_late(seen, lag_ns, now_ns)
-            return None
+            intake.miss(self._too_late(seen, lag_ns, now_ns))
+            return intake
         clock.received(lag_ns)
-        if not self._is_new(seen):
-            return None
+        if not self._is_new(intake):
+            return intake
         limit_ns = clock.reach_ns(now_ns)
         if judged.received_ns > limit_ns + 2 * PERIOD_NS:
             # the judges' clock is behind the time of day
-            return msgspec.structs.replace(judged, received_ns=limit_ns)
-        return judged
+            judged = msgspec.structs.replace(judged, received_ns=limit_ns)
+        intake.judged = judged
+        return intake
 
     def is_timed(self, stamp_ns: int, now_ns: int) -> bool:
         """Whether a stamp tells when something happened; else it is of before a clock was set, or of one
@@ -176,73 +135,68 @@ class EventOrder:
         """
         return self.since_ns <= stamp_ns and not self._reception.is_future(stamp_ns, now_ns)
 
-    def heard(self, node: str, stamp_ns: int, now_ns: int) -> None:
+    def heard(self, node: str, stamp_ns: int, now_ns: int) -> Gap | None:
         """Something of ``node`` was received at ``now_ns``: it can be reached, and its clock may be set."""
         self.sources.reachability.heard(node, stamp_ns, now_ns - stamp_ns)
-        if node:
-            set_ns = self.sources.clocks.heard(node, stamp_ns, now_ns)
-            if set_ns:
-                self._host_clock_set(node, set_ns, now_ns)
+        set_ns = self.sources.clocks.heard(node, stamp_ns, now_ns) if node else 0
+        return self._host_clock_set(node, set_ns, now_ns) if set_ns else None
 
-    def answered(self, node: str, asked_ns: int, stamp_ns: int, now_ns: int) -> None:
+    def answered(self, node: str, asked_ns: int, stamp_ns: int, now_ns: int) -> Gap | None:
         """``node``, asked at ``asked_ns``, answered at ``stamp_ns`` by its clock, which may differ."""
         set_ns = self.sources.clocks.answered(node, asked_ns, stamp_ns, now_ns)
-        if set_ns:
-            self._host_clock_set(node, set_ns, now_ns)
+        return self._host_clock_set(node, set_ns, now_ns) if set_ns else None
 
-    def _host_clock_set(self, node: str, set_ns: int, now_ns: int) -> None:
+    def _host_clock_set(self, node: str, set_ns: int, now_ns: int) -> Gap:
         from_ns = self.clock.clock_ns - self._latency_ns - abs(set_ns)
         where = "forward" if set_ns > 0 else "back"
         what = f"the clock of the host of {node} was set {where} by {_duration(abs(set_ns))}"
-        self._judges.host_clock_set(node, from_ns, now_ns + max(set_ns, 0) + 1, what)
+        until_ns = now_ns + max(set_ns, 0) + 1
+        return Gap("", node, from_ns, until_ns, what, cause=Missing.CLOCK_SET)
 
-    def _miss(self, seen: Observation, from_ns: int, until_ns: int, why: str) -> None:
-        self._judges.gap(Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind))
-
-    def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> None:
+    def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> Gap:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""
         self._late[seen.source] = now_ns
         self._counts.late += 1
         why = f"observations arrive {lag_ns / NS:.1f} s late"
         recent = [source for source, at in self._late.items() if now_ns - at < NS]
         if len(recent) == 1:
-            self._miss(seen, seen.stamp_ns, now_ns, f"{why} from {seen.source}")
-            return
+            return _not_judged(seen, seen.stamp_ns, now_ns, f"{why} from {seen.source}")
         self._late.clear()
-        self._start_anew(*self.read_clocks(), why, held_up=True, is_late=True)
+        return self._start_anew(*self.read_clocks(), why, held_up=True, is_late=True)
 
-    def _is_new(self, seen: Observation) -> bool:
+    def _is_new(self, intake: Intake) -> bool:
         """Look at its number: whether it was not received before, and what is missing before it."""
+        seen = intake.seen
         number, stamp = seen.sequence, seen.stamp_ns
-        self.sequel, self.gaps = _NEXT, ()
         if number < 0:
             return True
         count = self.numbers.of(seen)
         sequence = count.sequence
         if number == sequence.next and seen.life == sequence.life:
             if stamp < sequence.stamp - SET_NS and self.sources.clocks.went_back(seen.source):
-                self._host_clock_set(seen.source, stamp - sequence.stamp, self.clock.now_ns)
+                back_ns = stamp - sequence.stamp
+                intake.miss(self._host_clock_set(seen.source, back_ns, self.clock.now_ns))
             sequence.next, sequence.stamp = number + 1, stamp
             return True
         before_ns = sequence.stamp
-        self.sequel = sequel = count.sequel(number, stamp, seen.life)
+        intake.sequel = sequel = count.sequel(number, stamp, seen.life)
         match sequel:
             case Sequel.AGAIN:
                 self._counts.repeated += 1
                 return False
             case Sequel.FIRST if 0 <= count.left_at < number:
-                self._note_gap(seen, self.since_ns, stamp)
+                intake.miss(_lost(seen, self.since_ns, stamp))
             case Sequel.FIRST if number and seen.kind is ObservationKind.MESSAGE:
-                self._look_at_first(seen)
+                intake.miss(self._before_first(seen))
             case Sequel.FIRST if seen.call > 1 and seen.order < 0 and seen.kind is not _TAKEN:
-                self._look_at_first_call(seen, count)
+                intake.miss(self._before_first_call(seen, count))
             case Sequel.AFTER_A_GAP:
                 for from_ns, until_ns in self.sources.missing_between(
                     seen.source, before_ns, stamp
                 ):
-                    self._note_gap(seen, from_ns + 1, until_ns)
+                    intake.miss(_lost(seen, from_ns + 1, until_ns))
             case Sequel.ANEW if number:  # a node that has started again sends 0 first
-                self._note_gap(seen, before_ns + 1, stamp)
+                intake.miss(_lost(seen, before_ns + 1, stamp))
             case _:
                 pass
         return True
@@ -255,33 +209,26 @@ class EventOrder:
         count.sequel(seen.sequence, min(seen.stamp_ns, self.since_ns - 1), seen.life)
         count.unknown_until = min(count.unknown_until, self.since_ns)
 
-    def _note_gap(self, seen: Observation, from_ns: int, until_ns: int) -> None:
-        if from_ns >= until_ns:  # stamps that do not increase: it was sent at one of them
-            from_ns, until_ns = min(from_ns - 1, until_ns), max(from_ns - 1, until_ns) + 1
-        why = f"observations on {seen.channel} from {seen.source} were lost"
-        gap = Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind)
-        self.gaps = (*self.gaps, gap)
-
-    def _look_at_first(self, seen: Observation) -> None:
+    def _before_first(self, seen: Observation) -> Gap | None:
         """The first message of a node that came up while the monitor listened has number 0."""
-        if started_ns := self._began_heard(seen.source):
-            why = f"what {seen.source} sent first on {seen.channel} was missed"
-            self._miss(seen, started_ns, seen.stamp_ns, why)
+        started_ns = self._began_heard(seen.source)
+        why = f"what {seen.source} sent first on {seen.channel} was missed"
+        return _not_judged(seen, started_ns, seen.stamp_ns, why) if started_ns else None
 
-    def _look_at_first_call(self, seen: Observation, count: Count) -> None:
+    def _before_first_call(self, seen: Observation, count: Count) -> Gap | None:
         """A client numbers its calls from 1. Nothing is reported of a call before who reports it knows of the
         monitor, so that the first report has number 0 all the same.
         """
         client_ns = self._began_heard(seen.client)
         if not client_ns:
-            return
+            return None
         if seen.source != seen.client:
             client = self.numbers.counts.get((seen.client, seen.channel, False))
             if client is not None and client.next >= 0 and not client.unknown_until:
-                return  # it was heard from its first call on: another life of this server had those
+                return None  # it was heard from its first call on: another life of this server had those
         count.unknown_until = seen.stamp_ns
         why = f"the first calls of {seen.client} to {seen.channel} were missed"
-        self._miss(seen, client_ns, seen.stamp_ns, why)
+        return _not_judged(seen, client_ns, seen.stamp_ns, why)
 
     def _began_heard(self, name: str) -> int:
         """When ``name`` began to connect (ns), if the monitor listened by then; else 0."""
@@ -294,31 +241,31 @@ class EventOrder:
         """The time of day and of the clock that nobody sets, at one moment (ns)."""
         return read_together(self._now_ns, self._read_monotonic)
 
-    def tick(self, now_ns: int, monotonic_ns: int) -> int:
-        """Time has passed, and all that the tap had by then was taken: the time for the judges (ns)."""
+    def tick(self, now_ns: int, monotonic_ns: int) -> tuple[int, Sequence[Gap]]:
+        """Time has passed, and all that the tap had by then was taken.
+
+        Returns:
+            The time for the judges (ns), and what is missing.
+        """
         self._monotonic_ns = monotonic_ns
         clock_ns = self.clock.tick(now_ns)
+        gaps: list[Gap] = []
         if self.clock.is_lost:
             why = "this monitor does not keep up with what it receives"
-            self._start_anew(now_ns, monotonic_ns, why, held_up=True)
-        for gap in self._gaps(now_ns, clock_ns):
-            self._judges.gap(gap)
-        return clock_ns
-
-    def _gaps(self, now_ns: int, clock_ns: int) -> Iterator[Gap]:
-        """What the tap has dropped, and what does not come any more."""
+            gaps.append(self._start_anew(now_ns, monotonic_ns, why, held_up=True))
         for channel, source in () if self.listener is None else self.listener.take_dropped():
             why = f"messages on {channel} came faster than they were judged"
-            yield Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why)
-        yield from self.sources.advance(clock_ns)
+            gaps.append(Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why))
+        gaps.extend(self.sources.advance(clock_ns))
+        return clock_ns, gaps
 
     def _seems_set(self, gap_ns: int) -> bool:
         """Whether ``gap_ns`` since the last tick is not what has passed on the clock that nobody sets."""
         set_ns = gap_ns - (self._read_monotonic() - self._monotonic_ns)
         return not -SET_NS <= set_ns <= SET_NS
 
-    def look_at_clock(self, now_ns: int, monotonic_ns: int) -> None:
-        """Whether time goes on as it should; else what was missed is reported."""
+    def look_at_clock(self, now_ns: int, monotonic_ns: int) -> Gap | None:
+        """What was missed, if time does not go on as it should."""
         gap_ns = now_ns - self.clock.now_ns
         passed_ns = max(monotonic_ns - self._monotonic_ns, 0)
         set_ns = gap_ns - passed_ns
@@ -329,8 +276,8 @@ class EventOrder:
         elif set_ns > SET_NS:
             what = f"the clock was set forward by {_duration(set_ns)}"
         else:
-            return
-        self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self._latency_ns)
+            return None
+        return self._start_anew(now_ns, monotonic_ns, what, held_up=passed_ns > self._latency_ns)
 
     def _start_anew(
         self,
@@ -339,7 +286,7 @@ class EventOrder:
         why: str,
         held_up: bool = False,
         is_late: bool = False,
-    ) -> None:
+    ) -> Gap:
         """Something is not known to be received, of any node, or stamps begin elsewhere."""
         self._counts.stalls += 1
         passed_ns = max(monotonic_ns - self._monotonic_ns, 0)
@@ -363,7 +310,8 @@ class EventOrder:
         self.sources.listening_ns = self.since_ns
         self.numbers.clear()
         self.clock.restart(now_ns, held_up)
-        self._judges.start_anew(from_ns, self.since_ns, was_set_back, why)
+        cause = Missing.SET_BACK if was_set_back else Missing.ANEW
+        return Gap("", "", from_ns, self.since_ns, why, cause=cause)
 
     def _overlap_ns(self, back_ns: int) -> int:
         """The clock was set back: so long may a stamp be from before that or from after it.
@@ -373,6 +321,19 @@ class EventOrder:
         """
         is_short = back_ns <= self.clock.limit_ns and not self._in_order
         return back_ns + SET_NS if is_short else 0
+
+
+def _not_judged(seen: Observation, from_ns: int, until_ns: int, why: str) -> Gap:
+    """``seen``, or what is like it, cannot be judged."""
+    return Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind)
+
+
+def _lost(seen: Observation, from_ns: int, until_ns: int) -> Gap:
+    """Something like ``seen`` was not received, as its number shows."""
+    if from_ns >= until_ns:  # stamps that do not increase: it was sent at one of them
+        from_ns, until_ns = min(from_ns - 1, until_ns), max(from_ns - 1, until_ns) + 1
+    why = f"observations on {seen.channel} from {seen.source} were lost"
+    return Gap(seen.channel, seen.source, from_ns, until_ns, why, seen.kind, Missing.NUMBERED)
 
 
 def _duration(duration_ns: int) -> str:

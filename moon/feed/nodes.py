@@ -8,7 +8,7 @@ from moon.feed.host_clocks import HostClocks
 from moon.feed.lives import ANOTHER, PAST, Lives
 from moon.feed.progress import Progress
 from moon.feed.reachability import Reachability
-from moon.judge import Gap
+from moon.judge import Gap, Missing
 from transports.interface import Observation
 
 KEPT_SOURCES = 10_000
@@ -235,7 +235,8 @@ class Nodes:
             if not source.is_up or not 0 < self.listening_ns <= source.since_ns:
                 return None
             from_ns = source.since_ns
-        return Gap("", name, from_ns, progress.gap + 1, f"observations of {name} were lost")
+        why = f"observations of {name} were lost"
+        return Gap("", name, from_ns, progress.gap + 1, why, cause=Missing.NUMBERED)
 
     def is_over(self, source: Node, now_ns: int) -> bool:
         """Whether it has ended, and all that it did was received, or is lost."""

@@ -12,10 +12,10 @@ from m2c.model.system import System
 from moon.feed.asking import Silence
 from moon.feed.clock import NS, clock_nobody_sets
 from moon.feed.counts import Counts
-from moon.feed.intake import EventOrder
+from moon.feed.intake import Feed
 from moon.feed.reception import Reception
 from moon.feed.senders import Senders, places
-from moon.judge import Gap
+from moon.judge import Gap, Missing
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
@@ -88,20 +88,19 @@ class SystemWatch:
         reception = Reception(everything, system.library, bounds.latency, self.counts)
         reception.know(self._properties.channels)
         self._senders = Senders(system.nodes, system.plugins)
-        self._order = EventOrder(
+        self._feed = Feed(
             transport.now_ns,
             monotonic_ns or clock_nobody_sets(transport),
             bounds.latency,
             transport.repair_s,
             reception,
             self.counts,
-            self,
             (POLICY, *(node.name for node in everything)),
             bounds.skew,
             in_order,
         )
-        self._clock = self._order.clock
-        self._properties.rely_on(self._order.sources, _reporters(system))
+        self._clock = self._feed.clock
+        self._properties.rely_on(self._feed.sources, _reporters(system))
         if policy is None:
             policy = {machine.name for machine in machines} >= {node.name for node in system.nodes}
         self._has_policy = policy and system.policy is not None
@@ -125,7 +124,7 @@ class SystemWatch:
         """
         transport = self._transport
         self.listener = transport.tap([], self._observe)
-        self._began_ns = self._order.start(self.listener, since_ns, transport.repair_s)
+        self._began_ns = self._feed.start(self.listener, since_ns, transport.repair_s)
         transport.watch_nodes(self._node_changed)
         self._turns.plan(0)
         # such a middleware links who listens channel by channel
@@ -139,27 +138,42 @@ class SystemWatch:
         seen = self._senders.attributed(received)
         if seen is None:
             return
-        judged = self._order.take(seen, now_ns)
-        if judged is None:
-            return
-        node = self._nodes.get(seen.source)
+        intake = self._feed.take(seen, now_ns)
+        for gap in intake.gaps:
+            self.gap(gap)
+        judged = intake.judged
+        if judged is not None:
+            self._note_received(judged, now_ns)
+            self._properties.observe(seen)
+            self._take(self._models.feed(judged, intake.sequel))
+
+    def _note_received(self, judged: Observation, now_ns: int) -> None:
+        node = self._nodes.get(judged.source)
         if node is not None:
             node.lags.append(now_ns - judged.stamp_ns)
             if not node.up:
                 if not node.received_ns:
-                    self._models.node_found(seen.source, now_ns + LINKED_NS)
+                    self._models.node_found(judged.source, now_ns + LINKED_NS)
                 node.received_ns = max(node.received_ns, judged.stamp_ns)
-        for gap in self._order.gaps:
-            self._lose_of_properties(gap)
-        self._properties.observe(seen)
-        self._take(self._models.feed(judged, self._order.sequel))
 
-    def gap(self, gap: Gap) -> None:
-        """Something was not received (``moon.feed.intake.Judges``)."""
-        if not gap.channel:
-            self._properties.gap(gap)  # the oracles follow their nodes' numbers themselves
+    def gap(self, gap: Gap | None) -> None:
+        """Something is missing; None: nothing is."""
+        if gap is None:
             return
-        self._lose_of_properties(gap)
+        match gap.cause:
+            case Missing.ANEW | Missing.SET_BACK:
+                self._start_anew(gap)
+            case Missing.CLOCK_SET:
+                self._host_clock_set(gap)
+            case Missing.NUMBERED if not gap.channel:
+                self._properties.gap(gap)
+            case _:
+                if gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
+                    self._properties.lose(gap.channel, gap.from_ns, gap.until_ns)
+                if gap.cause is not Missing.NUMBERED:  # the oracles follow numbers themselves
+                    self._lose_of_models(gap)
+
+    def _lose_of_models(self, gap: Gap) -> None:
         kinds = ObservationKind if gap.kind is None else (gap.kind,)
         for name, oracle in self._models.watched.items():
             if gap.kind is None and not self._nodes[name].is_seen:
@@ -167,26 +181,24 @@ class SystemWatch:
             if any(oracle.concerns(gap.channel, gap.source, kind) for kind in kinds):
                 self._lose(oracle, gap.why)
 
-    def _lose_of_properties(self, gap: Gap) -> None:
-        if gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
-            self._properties.lose(gap.channel, gap.from_ns, gap.until_ns)
-
     # --- time --------------------------------------------------------------------------------------
 
     def _turn(self) -> None:
-        now_ns, monotonic_ns = self._order.read_clocks()
-        self._order.look_at_clock(now_ns, monotonic_ns)
+        now_ns, monotonic_ns = self._feed.read_clocks()
+        self.gap(self._feed.look_at_clock(now_ns, monotonic_ns))
         # behind what the tap has already handed over
         self._transport.post(functools.partial(self._advance, now_ns, monotonic_ns))
 
     def _advance(self, now_ns: int, monotonic_ns: int) -> None:
-        clock_ns = self._order.tick(now_ns, monotonic_ns)
+        clock_ns, gaps = self._feed.tick(now_ns, monotonic_ns)
+        for gap in gaps:
+            self.gap(gap)
         up_since = list(map(self._transport.up_since, self._up))
         if up_since != self._up_since:  # hardly ever
             for name, since in zip(self._up, up_since, strict=True):
                 if since != self._nodes[name].since:
                     self._node_up(name, self._nodes[name])
-        if clock_ns >= self._order.since_ns:
+        if clock_ns >= self._feed.since_ns:
             self._take(self._models.advance(clock_ns))
             self._look_at_links(clock_ns)
         self._advance_properties(clock_ns)
@@ -197,7 +209,7 @@ class SystemWatch:
         silent_ns = FOREVER
         if self.listener is not None:
             silent_ns = self._silence.look(self.listener, self._models.watched, clock_ns)
-            for asked in (*self._models.to_ask(), *self._order.sources.clocks.take_questions()):
+            for asked in (*self._models.to_ask(), *self._feed.sources.clocks.take_questions()):
                 self._silence.ask(self.listener, asked)
         is_behind = clock_ns < now_ns
         wanted_ns = min(self._models.turn_ns, self._properties.turn_ns, silent_ns)
@@ -212,10 +224,10 @@ class SystemWatch:
             known_ns: all that happened until then (ns) was received, or is lost.
             end_ns: what was received last was received then; what happened since ``known_ns`` may be missing.
         """
-        if end_ns < self._order.since_ns:
+        if end_ns < self._feed.since_ns:
             return
         reach_ns = end_ns + self._bounds.latency
-        for gap in self._order.sources.advance(reach_ns):
+        for gap in self._feed.sources.advance(reach_ns):
             self.gap(gap)
         self._take(self._models.advance(reach_ns))
         self._report_properties(self._properties.finish(known_ns, end_ns))
@@ -239,12 +251,12 @@ class SystemWatch:
         """``node`` says up to where it has reported everything, and what its clock shows."""
         now_ns = self._transport.now_ns()
         if asked_ns:
-            self._order.answered(node, asked_ns, answer.stamp_ns, now_ns)
-        if not self._order.is_timed(answer.stamp_ns, now_ns):
+            self.gap(self._feed.answered(node, asked_ns, answer.stamp_ns, now_ns))
+        if not self._feed.is_timed(answer.stamp_ns, now_ns):
             return
-        self._order.heard(node, answer.stamp_ns, now_ns)
+        self.gap(self._feed.heard(node, answer.stamp_ns, now_ns))
         reach_ns = self._clock.reach_ns(now_ns)
-        self._order.sources.answered(node, answer.next_order, answer.stamp_ns)
+        self._feed.sources.answered(node, answer.next_order, answer.stamp_ns)
         oracle = self._models.watched.get(node)
         if oracle is not None:
             self._take(oracle.reported(answer.next_order, answer.stamp_ns, reach_ns))
@@ -257,32 +269,32 @@ class SystemWatch:
             if self.listener is not None:
                 self._silence.ask(self.listener, node)
 
-    def host_clock_set(self, node: str, from_ns: int, since_ns: int, why: str) -> None:
-        """Its stamps of before and after are not compared (``moon.feed.intake.Judges``)."""
-        self._properties.clock_set(from_ns, since_ns)
+    def _host_clock_set(self, gap: Gap) -> None:
+        """The stamps of its source of before and after are not compared."""
+        self._properties.clock_set(gap.from_ns, gap.until_ns)
         watched = self._models.watched
-        names = [name for name in watched if name in self._models.that_hear(node)]
+        names = [name for name in watched if name in self._models.that_hear(gap.source)]
         for name in names:
             watched[name].doubt()
-            self._lose(watched[name], why)
+            self._lose(watched[name], gap.why)
         concerned = f"resynchronised: {', '.join(names)}" if names else "nothing depends on it"
-        self._say(f"warning: {why}: {concerned}")
+        self._say(f"warning: {gap.why}: {concerned}")
 
-    def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
-        """Find every machine in the middle of what it does (``moon.feed.intake.Judges``)."""
+    def _start_anew(self, gap: Gap) -> None:
+        """Find every machine in the middle of what it does."""
         self._silence.clock_set()
         for name, oracle in self._models.watched.items():
-            self._nodes[name].resynchronise(oracle, why)
+            self._nodes[name].resynchronise(oracle, gap.why)
         self._models = self._fresh_models()
-        if was_set_back:
-            self._report_properties(self._properties.begin_anew(since_ns, why))
+        if gap.cause is Missing.SET_BACK:
+            self._report_properties(self._properties.begin_anew(gap.until_ns, gap.why))
         else:
-            self._properties.clock_set(from_ns, since_ns)
-        self._say(f"warning: {why}: all machines are resynchronised")
+            self._properties.clock_set(gap.from_ns, gap.until_ns)
+        self._say(f"warning: {gap.why}: all machines are resynchronised")
         for name, node in self._nodes.items():
             if node.is_seen:
-                self._models.node_found(name, since_ns)
-                self._take(self._models.watched[name].lose(since_ns, why))
+                self._models.node_found(name, gap.until_ns)
+                self._take(self._models.watched[name].lose(gap.until_ns, gap.why))
 
     def _fresh_models(self) -> ModelMonitor:
         models = ModelMonitor(
@@ -292,14 +304,14 @@ class SystemWatch:
             synchronised=False,
             policy=self._compiled.policy_oracle(self._bounds) if self._has_policy else None,
             others=self._others.values(),
-            numbers=self._order.numbers,
+            numbers=self._feed.numbers,
             programs=self._compiled.programs,
-            sources=self._order.sources,
+            sources=self._feed.sources,
         )
         for name in models.oracles:
             models.node_found(name, FOREVER)  # it is not known to be there
         for name in self._others_up:
-            models.node_found(name, self._order.since_ns)
+            models.node_found(name, self._feed.since_ns)
         return models
 
     # --- nodes -------------------------------------------------------------------------------------
@@ -309,13 +321,13 @@ class SystemWatch:
             return
         now_ns = self._transport.now_ns()
         self._turns.received(now_ns)
-        self._order.sources.changed(name, up, self._transport.up_since(name) if up else now_ns)
+        self._feed.sources.changed(name, up, self._transport.up_since(name) if up else now_ns)
         self._properties.node_changed(name, up, now_ns)
         self._models.sender_changed(name, now_ns, self._transport.up_since(name) if up else 0)
         node = self._nodes.get(name)
-        if up and self._transport.up_since(name) < self._order.since_ns:
+        if up and self._transport.up_since(name) < self._feed.since_ns:
             # what it did before is not known, so nothing is reported of what should have been before
-            self._properties.lose_all(0, max(self._order.since_ns, now_ns) + 1)
+            self._properties.lose_all(0, max(self._feed.since_ns, now_ns) + 1)
         if node is None:
             if up and name in self._others:
                 self._others_up.add(name)
@@ -342,7 +354,7 @@ class SystemWatch:
         the node could declare anything (opening a connection waits for those who are there).
         """
         before, node.since = node.since, self._transport.up_since(name)
-        started = node.since >= self._order.since_ns and node.since != before
+        started = node.since >= self._feed.since_ns and node.since != before
         # what it did before is of the life that has ended
         received, node.received_ns = node.received_ns >= max(node.since, 1), 0
         oracle = self._models.oracles.get(name)
@@ -354,10 +366,10 @@ class SystemWatch:
         if not started or received:
             if again or received:
                 self._lose(self._models.watched[name], MIDDLE)
-            found_ns = max(self._transport.now_ns(), self._order.since_ns)
+            found_ns = max(self._transport.now_ns(), self._feed.since_ns)
             self._models.node_found(name, found_ns + LINKED_NS)
             return
-        self._order.numbers.forget(name, node.since)
+        self._feed.numbers.forget(name, node.since)
         if again:
             self._say(f"{name} has started again")
         # what it did while it came up is received from now on: half the bound, before it is too late

@@ -9,8 +9,9 @@ import pytest
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from moon.feed.counts import Counts
-from moon.feed.intake import EventOrder
+from moon.feed.intake import Feed
 from moon.feed.reception import Reception
+from moon.judge import Missing
 from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000
@@ -18,7 +19,7 @@ LATENCY_NS = 200 * MS
 
 
 class Clocks:
-    """Two that go on together, and what the judges are told."""
+    """Two that go on together, and what is found to be missing."""
 
     def __init__(self) -> None:
         self.passed_ns = 0
@@ -32,11 +33,14 @@ class Clocks:
     def monotonic_ns(self) -> int:
         return self.passed_ns
 
-    def start_anew(self, from_ns: int, since_ns: int, was_set_back: bool, why: str) -> None:
-        self.anew.append(why)
-
-    def gap(self, gap: Any) -> None:
-        self.missed.append(gap.channel)
+    def turn(self, feed: Feed) -> None:
+        gaps = [feed.look_at_clock(*feed.read_clocks())]
+        gaps += feed.tick(self.now_ns(), self.monotonic_ns())[1]
+        for gap in gaps:
+            if gap is not None and gap.cause in (Missing.ANEW, Missing.SET_BACK):
+                self.anew.append(gap.why)
+            elif gap is not None:
+                self.missed.append(gap.channel)
 
 
 class Tap:
@@ -47,13 +51,11 @@ class Tap:
         return False
 
 
-def made(clocks: Clocks) -> EventOrder:
+def made(clocks: Clocks) -> Feed:
     counts = Counts()
     library = InterfaceLibrary.load([], DiagnosticLog())
     reception = Reception((), library, LATENCY_NS, counts)
-    return EventOrder(
-        clocks.now_ns, clocks.monotonic_ns, LATENCY_NS, 0.0, reception, counts, clocks
-    )
+    return Feed(clocks.now_ns, clocks.monotonic_ns, LATENCY_NS, 0.0, reception, counts)
 
 
 @pytest.mark.parametrize("later_ms", [1, 80, 150, 5000])
@@ -61,24 +63,23 @@ def test_judging_that_begins_later_than_it_was_made_sees_no_clock_that_was_set(
     later_ms: int,
 ) -> None:
     clocks = Clocks()
-    order = made(clocks)
+    feed = made(clocks)
     clocks.passed_ns += later_ms * MS
     listener: Any = Tap()
-    assert order.start(listener) == clocks.now_ns()
+    assert feed.start(listener) == clocks.now_ns()
     for _ in range(20):
         clocks.passed_ns += 20 * MS
-        order.look_at_clock(*order.read_clocks())
-        order.tick(clocks.now_ns(), clocks.monotonic_ns())
+        clocks.turn(feed)
     assert clocks.anew == clocks.missed == []
 
 
 def test_what_was_received_before_judging_begins_counts_if_all_was() -> None:
     clocks = Clocks()
-    order = made(clocks)
+    feed = made(clocks)
     since_ns = clocks.now_ns()
     clocks.passed_ns += 5000 * MS
     listener: Any = Tap()
-    assert order.start(listener, since_ns) == order.since_ns == since_ns
+    assert feed.start(listener, since_ns) == feed.since_ns == since_ns
 
 
 class Running:
@@ -86,16 +87,15 @@ class Running:
 
     def __init__(self) -> None:
         self.clocks = Clocks()
-        self.order = made(self.clocks)
+        self.feed = made(self.clocks)
         listener: Any = Tap()
-        self.order.start(listener)
+        self.feed.start(listener)
         self.number = -1
         self.turn(20)
 
     def turn(self, milliseconds: int) -> None:
         self.clocks.passed_ns += milliseconds * MS
-        self.order.look_at_clock(*self.order.read_clocks())
-        self.order.tick(self.clocks.now_ns(), self.clocks.monotonic_ns())
+        self.clocks.turn(self.feed)
 
     def hear(self, stamp_ns: int) -> bool:
         """Whether a message of ``stamp_ns`` that comes now is judged."""
@@ -111,7 +111,9 @@ class Running:
             sequence=self.number,
             order=self.number,
         )
-        return self.order.take(seen, self.clocks.now_ns()) is not None
+        intake = self.feed.take(seen, self.clocks.now_ns())
+        self.gaps = intake.gaps
+        return intake.judged is not None
 
 
 @pytest.mark.parametrize("step_ms", [-3_600_000, -5000, -400, -150, -20, -1, 1, 20, 150, 3_600_000])
@@ -139,12 +141,12 @@ def test_what_was_stamped_before_the_clock_was_set_is_not_judged(step_ms: int) -
     running.clocks.set_ns += step_ms * MS
     running.turn(20)
     assert not running.hear(before_ns)
-    assert running.order.sources.known["Node"].progress.reported_ns < running.order.since_ns
+    assert running.feed.sources.known["Node"].progress.reported_ns < running.feed.since_ns
     passed_ms = (
         -step_ms + 1 if -500 < step_ms < 0 else 0
     )  # so long a stamp may be of before or of after
     running.turn(passed_ms + 10)
     after_ns = running.clocks.now_ns()
     assert running.hear(after_ns)
-    assert not running.order.gaps  # none of its numbers is missing
-    assert running.order.sources.known["Node"].progress.reported_ns == after_ns
+    assert not running.gaps  # none of its numbers is missing
+    assert running.feed.sources.known["Node"].progress.reported_ns == after_ns
