@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from moon.properties.monitor import (
         PropertyMonitor,
         PropertySet,
-        StepMonitor,
         TimeOrderError,
     )
     from moon.properties.ordering import OrderedProperties
@@ -36,7 +35,7 @@ _HOMES = {
     "files": ("load_properties", "read_properties"),
     "formula": ("Formula",),
     "files.interfaces": ("Interfaces",),
-    "monitor": ("PropertyMonitor", "PropertySet", "StepMonitor", "TimeOrderError"),
+    "monitor": ("PropertyMonitor", "PropertySet", "TimeOrderError"),
     "ordering": ("OrderedProperties",),
     "patterns": ("Pattern", "PatternName", "Scope", "ScopeName", "pattern_formula"),
     "property": ("Fact", "Port", "Property", "PropertySeverity", "Status", "Verdict", "Witness"),
@@ -60,7 +59,6 @@ __all__ = [
     "Scope",
     "ScopeName",
     "Status",
-    "StepMonitor",
     "TimeOrderError",
     "Verdict",
     "Witness",

@@ -5,13 +5,11 @@ Time only moves forward. :meth:`PropertySet.observe` and :meth:`PropertySet.adva
 stamps are taken in the order given, each with effect; an event and anything else of the same stamp
 are simultaneous. ``advance(t)`` says that everything stamped up to ``t`` has been given: what was due
 by then is decided, so that a response that never comes is reported at its deadline.
-
-:class:`StepMonitor` is for discrete time: one call a step, and bounds count steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,24 +17,16 @@ import msgspec
 
 from m2c.model.system import System
 from m2c.model.walk import variables_of
-from moon.properties.compiler import compile_network
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.formula import Formula, predicates
 from moon.properties.monitor_group import MonitorGroup, Snapshot, UnknownAtom
-from moon.properties.network import NEVER, build_network
-from moon.properties.predicates import (
-    ANY_CHANNEL,
-    UNKNOWN_ERRORS,
-    PortGroup,
-    PredicateError,
-    bind,
-    why_unknown,
-)
+from moon.properties.network import NEVER
+from moon.properties.predicates import ANY_CHANNEL, PortGroup, PredicateError
 from moon.properties.property import Port, Property, Verdict
 from moon.properties.syntax import parse_formula
 from transports.interface import Observation, ObservationKind
 
-__all__ = ["PredicateError", "PropertyMonitor", "PropertySet", "StepMonitor", "TimeOrderError"]
+__all__ = ["PredicateError", "PropertyMonitor", "PropertySet", "TimeOrderError"]
 
 
 class TimeOrderError(ValueError):
@@ -319,54 +309,6 @@ class PropertyMonitor:
     def next_deadline(self) -> int | None:
         """The earliest instant (ns) at which the verdict can change with no further observation."""
         return self._set.next_deadline()
-
-
-class StepMonitor:
-    """Monitors a formula over evenly spaced steps; ``[a:b]`` counts steps.
-
-    ``since`` has its usual meaning here: the step at which its right side holds counts itself.
-
-    Args:
-        formula: the formula, or its text.
-
-    Raises:
-        FormulaError: the text is not a formula.
-        PredicateError: a predicate that cannot be evaluated.
-    """
-
-    def __init__(self, formula: Formula | str) -> None:
-        if isinstance(formula, str):
-            formula = parse_formula(formula, ticks_per_unit=1)
-        self._evaluate = bind([formula], ()).evaluate
-        network = build_network([formula], in_steps=True)
-        self._program = compile_network(network)
-        self._nodes = {
-            node.text: f"p{index}"
-            for index, node in enumerate(network.nodes)
-            if node.kind == "atom"
-        }
-        self._values: dict[str, Any] = {}
-        self.now = -1
-        """The step of the last call; -1 before the first."""
-
-    def step(self, values: Mapping[str, Any]) -> bool:
-        """One more step, with new ``values`` by name (others keep theirs); whether it holds now.
-
-        Raises:
-            PredicateError: a predicate has no value (a name never given, a NaN, another type); the
-                step did not happen.
-        """
-        known = {**self._values, **values}
-        try:
-            atoms = {name: self._evaluate[text](known) for text, name in self._nodes.items()}
-        except UNKNOWN_ERRORS as error:
-            raise PredicateError(why_unknown(error)) from error
-        self._values = known
-        self.now += 1
-        self._program.before(self.now)
-        self._program.write({**atoms, "now": self.now})
-        self._program.step(self.now)
-        return bool(self._program.values()[0])
 
 
 def _together(properties: Sequence[Property]) -> list[tuple[list[Property], list[Port]]]:

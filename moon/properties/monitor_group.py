@@ -24,7 +24,7 @@ from moon.properties.predicates import (
     why_unknown,
 )
 from moon.properties.property import Port, Property, Status, Verdict
-from moon.properties.three_valued import Gap, Gaps, ThreeValued, read_state, state_form, write_state
+from moon.properties.three_valued import Gap, Gaps, ThreeValued, read_state, write_state
 from moon.properties.witness import Change, explain
 from transports.interface import Observation
 
@@ -39,10 +39,7 @@ class UnknownAtom(Exception):
 
 
 class Snapshot(NamedTuple):  # not msgspec's: mypyc would leave out the module
-    """Where a group of monitors stands: what it takes to go back there, or to go on from there elsewhere.
-
-    Snapshots with equal ``future`` go on alike.
-    """
+    """Where a group of monitors stands: what it takes to go back there, or to go on from there elsewhere."""
 
     networks: tuple[tuple[dict[str, Any], list[tuple[int, int]]], ...]
     three_valued: ThreeValued | None
@@ -59,16 +56,6 @@ class Snapshot(NamedTuple):  # not msgspec's: mypyc would leave out the module
     missed: frozenset[str]
     verdicts: tuple[Verdict, ...]
     logs: dict[str, tuple[Change, ...]]
-
-    forms: tuple[tuple[Any, ...], ...]
-    """Per network, what decides how it goes on, without what no later instant can see."""
-
-    @property
-    def future(self) -> tuple[Any, ...]:
-        """What decides how the group goes on."""
-        statuses = tuple(verdict.status for verdict in self.verdicts)
-        gaps = (self.lost_ports, self.coming, self.open)
-        return self.forms, self.unknown, self.scalars[:3], self.values, self.waiting, gaps, statuses
 
 
 class MonitorGroup:
@@ -544,10 +531,6 @@ class MonitorGroup:
             missed=self._known.missed,
             verdicts=tuple(self.verdicts),
             logs={text: tuple(log) for text, log in self._logs.items()},
-            forms=tuple(
-                state_form(network, program, self.now)
-                for network, program in zip(self._networks(), self._programs(), strict=True)
-            ),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -577,10 +560,6 @@ class MonitorGroup:
         if self._runs is None:
             self._runs = ThreeValued(self._formulas, self.binding.events, self._network)
         return self._runs
-
-    def _networks(self) -> list[Network]:
-        split = [self._three_valued.network] * 2 if self._three_valued is not None else []
-        return [self._network, *split]
 
     def _programs(self) -> list[Program]:
         found = [self._program]

@@ -27,8 +27,6 @@ from moon.properties.formula import (
 
 NEVER = 1 << 70
 """Later than every stamp; sums with bounds stay later."""
-IN_STEPS = "steps"
-"""The text of ``since`` nodes that have their usual meaning in discrete time."""
 
 Kind = OneOf["constant", "atom", "not", "and", "once", "since"]
 
@@ -40,7 +38,7 @@ class Node(msgspec.Struct, frozen=True):
     inputs: tuple[int, ...] = ()
     interval: Interval = Interval()
     text: str = ""
-    """Of an atom: the predicate's text; of a constant: ``true`` or ``false``; of ``since``: the rule."""
+    """Of an atom: the predicate's text; of a constant: ``true`` or ``false``."""
 
 
 class Network(msgspec.Struct, frozen=True):
@@ -63,17 +61,14 @@ class Network(msgspec.Struct, frozen=True):
         return sorted(reached)
 
 
-def build_network(
-    formulas: Iterable[Formula], by_polarity: bool = False, in_steps: bool = False
-) -> Network:
+def build_network(formulas: Iterable[Formula], by_polarity: bool = False) -> Network:
     """The network of ``formulas``.
 
     Args:
         formulas: one root each.
         by_polarity: split every atom by whether its truth helps the formula.
-        in_steps: time is discrete: ``since`` has its usual meaning.
     """
-    builder = NetworkBuilder(in_steps)
+    builder = NetworkBuilder()
     roots = tuple(builder.node(reduced(formula, by_polarity)) for formula in formulas)
     return Network(tuple(builder.nodes), roots)
 
@@ -81,8 +76,7 @@ def build_network(
 class NetworkBuilder:
     """Adds nodes, equal ones once."""
 
-    def __init__(self, in_steps: bool = False) -> None:
-        self._since_text = IN_STEPS if in_steps else ""
+    def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._index: dict[Node, int] = {}
         self._known: dict[int, tuple[Formula, int]] = {}
@@ -117,7 +111,7 @@ class NetworkBuilder:
                 return self.add(Node("once", (self.node(inner),), interval))
             case Since(left=left, right=right, interval=interval):
                 pair = (self.node(left), self.node(right))
-                return self.add(Node("since", pair, interval, self._since_text))
+                return self.add(Node("since", pair, interval))
         raise TypeError(f"not reduced: {formula!r}")
 
     def negate(self, index: int) -> int:
@@ -166,7 +160,6 @@ _STATE = {
     "since_upper": ("c", "z", "l", "e"),
     "since_both": ("c", "z", "l", "s", "q"),
 }
-_STATE |= {f"{name}_steps": _STATE[name] for name in _STATE if name.startswith("since")}
 INITIAL = {
     **{"c": "False", "z": "False", "v": "False", "e": "-1", "q": "deque()"},
     "l": str(NEVER),
@@ -181,10 +174,9 @@ def mode(node: Node) -> str:
         if upper is None:
             return "lower" if lower else "ever"
         return "both" if lower else "upper"
-    steps = "_steps" if node.text == IN_STEPS else ""
     if upper is None:
-        return ("since_lower" if lower else "since") + steps
-    return ("since_both" if lower else "since_upper") + steps
+        return "since_lower" if lower else "since"
+    return "since_both" if lower else "since_upper"
 
 
 def state_names(index: int, node: Node) -> tuple[str, ...]:
@@ -346,37 +338,3 @@ else:
 """,
 }
 """Per mode, what brings a node to ``t``; ``v#`` (or what is read instead) is its value then."""
-
-# In discrete time ``since`` has its usual meaning: an instant of the right side counts itself, whether
-# or not the left side holds there.
-UPDATES |= {
-    "since_steps": UPDATES["since"].replace("v# = h and s#", "v# = s#"),
-    "since_lower_steps": """
-if <P>:
-    if l# == <NEVER> and (z# or <Q>):
-        l# = t - 1 if z# else t
-        heappush(heap, (l# + <A>, #))
-    z# = False
-    v# = t >= l# + <A>
-else:
-    l# = <NEVER>
-    z# = <Q>
-    v# = False
-""",
-    "since_upper_steps": UPDATES["since_upper"].replace("v# = False", "v# = z#"),
-    "since_both_steps": UPDATES["since_both"]
-    .replace(
-        """            else:
-                s# = t + <A>
-""",
-        """            else:
-                s# = t - 1 + <A> if z# else t + <A>
-""",
-    )
-    .replace("z# and <A> < <B>", "z#")
-    .replace("q#.append((t + <A>, t + <B>))", "q#.append((t - 1 + <A>, t + <B>))")
-    .replace(
-        "heappush(heap, (t + <A>, #))\n        heappush(heap, (t + <B>",
-        "heappush(heap, (t - 1 + <A>, #))\n        heappush(heap, (t + <B>",
-    ),
-}

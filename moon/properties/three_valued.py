@@ -125,16 +125,6 @@ def read_state(network: Network, program: Program) -> dict[int, tuple[Any, ...]]
     }
 
 
-def state_form(network: Network, program: Program, now: int) -> tuple[Any, ...]:
-    """Everything of ``program`` that decides how it goes on from ``now``."""
-    raw = read_state(network, program)
-    variables = program.read()
-    nodes = tuple(normal(network.nodes[index], values, now) for index, values in raw.items())
-    atoms = tuple(variables[name] for name in variables if name[0] in "pX")
-    pulses = tuple(sorted(instant for instant, _ in program.heap if instant == now + 1))
-    return nodes, atoms, pulses, program.values()
-
-
 def write_state(
     network: Network, program: Program, states: Mapping[int, Sequence[Any]], now: int
 ) -> None:

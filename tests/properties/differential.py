@@ -99,16 +99,9 @@ def reelay_dense(formula: str, trace: dict[int, dict[str, Any]], length: int) ->
     return values
 
 
-def reelay_discrete(formula: str, trace: dict[int, dict[str, Any]], length: int) -> list[bool]:
-    monitor = reelay.discrete_timed_monitor(pattern=formula, condense=False)
-    return [monitor.update(trace.get(t, {}))["value"] for t in range(length)]
-
-
-def ours(
-    formula: str, trace: dict[int, dict[str, Any]], length: int, dense: bool = True
-) -> list[bool]:
+def ours(formula: str, trace: dict[int, dict[str, Any]], length: int) -> list[bool]:
     """The compiled network's value at every tick, told only the ticks that have observations."""
-    network = build_network([parse_formula(formula, ticks_per_unit=1)], in_steps=not dense)
+    network = build_network([parse_formula(formula, ticks_per_unit=1)])
     program = compile_network(network)
     nodes = {node.text: index for index, node in enumerate(network.nodes) if node.kind == "atom"}
     known: dict[str, Any] = {}
@@ -130,7 +123,7 @@ def ours(
     return values
 
 
-def disagreement(seed: int, dense: bool = True, edges: bool = False) -> str | None:
+def disagreement(seed: int, edges: bool = False) -> str | None:
     """What differs for the pair of a formula and a trace that ``seed`` makes; None: nothing.
 
     ``edges``: the formula may have rises and falls. (A seed makes other pairs with them.)
@@ -139,9 +132,8 @@ def disagreement(seed: int, dense: bool = True, edges: bool = False) -> str | No
     formula = random_formula(choice, choice.randint(1, 4), edges=edges)
     length = choice.randint(2, 20)
     trace = random_trace(choice, length)
-    reelays = reelay_dense if dense else reelay_discrete
-    theirs = reelays(for_reelay(formula), trace, length)
-    mine = ours(formula, trace, length, dense)
+    theirs = reelay_dense(for_reelay(formula), trace, length)
+    mine = ours(formula, trace, length)
     if mine == theirs:
         return None
     return (
@@ -150,20 +142,20 @@ def disagreement(seed: int, dense: bool = True, edges: bool = False) -> str | No
     )
 
 
-def soak(pairs: int = 50_000, first_seed: int = 0, dense: bool = True) -> int:
+def soak(pairs: int = 50_000, first_seed: int = 0) -> int:
     """Compare ``pairs`` pairs, half of them with rises and falls; returns how many differ, printing each."""
     different = 0
     for seed in range(first_seed, first_seed + (pairs + 1) // 2):
         for edges in (False, True):
-            found = disagreement(seed, dense, edges)
+            found = disagreement(seed, edges)
             if found is not None:
                 different += 1
                 print(found, flush=True)
-    print(f"{pairs} pairs ({'dense' if dense else 'discrete'}), {different} differ", flush=True)
+    print(f"{pairs} pairs, {different} differ", flush=True)
     return different
 
 
 if __name__ == "__main__":
     import sys
 
-    sys.exit(1 if soak(int(sys.argv[1]), dense="discrete" not in sys.argv) else 0)
+    sys.exit(1 if soak(int(sys.argv[1])) else 0)

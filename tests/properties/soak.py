@@ -20,7 +20,7 @@ from moon.properties.compiler import compile_network
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.files.xml import parse_property_xml
 from moon.properties.files.yaml import parse_property_yaml
-from moon.properties.monitor import PropertySet, StepMonitor
+from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.network import build_network
 from moon.properties.predicates import PredicateError
 from moon.properties.syntax import FormulaError, parse_formula
@@ -95,7 +95,7 @@ def read(kind: str, source: str) -> None:
         case _:
             try:
                 compile_network(build_network([parse_formula(source)])).step(0)
-                StepMonitor(parse_formula(source))
+                PropertyMonitor(source)
             except (FormulaError, PredicateError):
                 return
 
@@ -164,8 +164,8 @@ def main() -> None:
     failures = fuzz(arguments.seconds, arguments.seed) if arguments.seconds else 0
     if arguments.losses:
         failures += losses.soak(arguments.losses, arguments.seed)
-    for dense in (True, False) if arguments.pairs else ():
-        failures += differential.soak(arguments.pairs // 2, arguments.seed, dense)
+    if arguments.pairs:
+        failures += differential.soak(arguments.pairs, arguments.seed)
     sys.exit(1 if failures else 0)
 
 

@@ -172,17 +172,6 @@ def test_a_loss_without_a_time_is_refused(start, end):
     assert it.verdict.status is Status.TRUE
 
 
-def test_with_clocks_that_differ_a_loss_is_as_uncertain_as_they_are():
-    ports = (state("p", initial=True), event("q"))
-    item = Property("f", parse_formula("{q} -> {p}", ticks_per_unit=1), ports)
-    ordered = OrderedProperties([item], latency_ns=10, uncertainty_ns=3)
-    ordered.advance(13)
-    ordered.lose("/p", 20, 30)
-    ordered.observe(seen(18, "/q"))
-    said = [verdict.status for _, verdict in ordered.advance(100)]
-    assert Status.INCONCLUSIVE in said
-
-
 def test_of_a_final_violation_that_a_late_loss_leaves_open_the_order_says_so_too():
     ports = (
         Port("asked", "/a", REQUESTS, event=True),

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import random
 
-import pytest
 import reelay
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from moon.properties.formula import text
-from moon.properties.monitor import StepMonitor
 from moon.properties.property import Status
 from moon.properties.syntax import parse_formula
 from tests.drawn import examples
@@ -23,12 +21,6 @@ from tests.properties.runs import run
 @settings(max_examples=examples(150, 1200), deadline=None)
 def test_dense_formulas_mean_what_reelay_says(seed, edges):
     assert differential.disagreement(seed, edges=edges) is None
-
-
-@given(seed=st.integers(50_000_000, 2**40), edges=st.booleans())
-@settings(max_examples=examples(90, 900), deadline=None)
-def test_discrete_formulas_mean_what_reelay_says(seed, edges):
-    assert differential.disagreement(seed, dense=False, edges=edges) is None
 
 
 def boolean_trace(choice: random.Random) -> list[dict[str, bool]]:
@@ -72,16 +64,3 @@ def test_without_refinement_reelay_forgets_what_held_earlier_in_a_stretch():
 
     assert changes([10])[-1] == {"time": 1.0, "value": False}
     assert changes(range(2, 11))[-1] == {"time": 4.0, "value": False}
-
-
-@pytest.mark.parametrize(
-    ("source", "values", "expected"),
-    [
-        ("once[:1]{p}", [1, 0, 0, 1], [True, True, False, True]),
-        ("historically {p}", [1, 1, 0, 1], [True, True, False, False]),
-        ("{p} since[1:2] {p}", [1, 1, 0, 1], [False, True, False, False]),
-    ],
-)
-def test_steps_count_one_by_one(source, values, expected):
-    monitor = StepMonitor(source)
-    assert [monitor.step({"p": bool(value)}) for value in values] == expected
