@@ -6,9 +6,30 @@ import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import click
+
+_Options = TypeVar("_Options")
+
+
+def options_as(
+    options: Callable[..., _Options],
+) -> Callable[[Callable[[_Options], None]], Callable[..., None]]:
+    """Give a command all its parameters as one value.
+
+    Args:
+        options: a class with a field for each.
+    """
+
+    def decorate(command: Callable[[_Options], None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def with_options(**given: Any) -> None:
+            command(options(**given))
+
+        return with_options
+
+    return decorate
 
 
 class Inputs(NamedTuple):  # msgspec's would cost each --help its import

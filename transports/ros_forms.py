@@ -102,15 +102,44 @@ def read_call_error(text: str) -> CallError:
     return error
 
 
+class Received(msgspec.Struct, frozen=True):
+    """How something was received.
+
+    Attributes:
+        at_ns: when.
+        source: who published it; empty where not known.
+        sequence: its number as a publication; -1 where not known.
+        life: of who published it (``Observation.life``); 0 where not known.
+    """
+
+    at_ns: int
+    source: str = ""
+    sequence: int = -1
+    life: int = 0
+
+
+class CallEvent(msgspec.Struct, frozen=True):
+    """What an event of a call says.
+
+    Attributes:
+        event_type: of its ``service_msgs/msg/ServiceEventInfo``.
+        stamp_ns: of the same.
+        call: its ``sequence_number``.
+        client: who calls.
+        client_life: of who calls (``Observation.client_life``); 0 where not known.
+        contents: the request or response, plain; None if the event has none.
+    """
+
+    event_type: int
+    stamp_ns: int
+    call: int
+    client: str
+    client_life: int
+    contents: Any
+
+
 def of_message(
-    channel: str,
-    type_name: str,
-    data: Any,
-    stamp_ns: int,
-    received_ns: int,
-    source: str = "",
-    sequence: int = -1,
-    life: int = 0,
+    channel: str, type_name: str, data: Any, stamp_ns: int, received: Received
 ) -> Observation:
     """A message of a topic; ``data`` is plain (maps, lists and scalars)."""
     if type_name == STRING:
@@ -119,14 +148,14 @@ def of_message(
             type_name, data = carried.m2c_type, carried.message
     return Observation(
         stamp_ns=stamp_ns,
-        received_ns=received_ns,
+        received_ns=received.at_ns,
         channel=channel,
         kind=ObservationKind.MESSAGE,
         type_name=type_name,
         data=data,
-        source=source,
-        sequence=sequence,
-        life=life,
+        source=received.source,
+        sequence=received.sequence,
+        life=received.life,
     )
 
 
@@ -138,50 +167,29 @@ def is_request(event_type: int) -> bool:
     )
 
 
-def of_event(
-    channel: str,
-    type_name: str,
-    event_type: int,
-    stamp_ns: int,
-    call: int,
-    contents: Any,
-    client: str,
-    received_ns: int,
-    source: str = "",
-    sequence: int = -1,
-    life: int = 0,
-    client_life: int = 0,
-) -> Observation:
+def of_event(channel: str, type_name: str, event: CallEvent, received: Received) -> Observation:
     """One of the four events of a call.
 
     Args:
         channel: the service.
         type_name: of the event (``pkg/srv/Name_Event``).
-        event_type: of its ``service_msgs/msg/ServiceEventInfo``.
-        stamp_ns: of the same.
-        call: its ``sequence_number``.
-        contents: the request or response, plain; None if the event has none.
-        client: who calls.
-        received_ns: when the event was received.
-        source: who published it.
-        sequence: its number as a publication; -1 where not known.
-        life: of who published it (``Observation.life``); 0 where not known.
-        client_life: of who calls; 0 where not known.
+        event: what it says.
+        received: how.
     """
-    part = "_Request" if is_request(event_type) else "_Response"
+    part = "_Request" if is_request(event.event_type) else "_Response"
     return Observation(
-        stamp_ns=stamp_ns,
-        received_ns=received_ns,
+        stamp_ns=event.stamp_ns,
+        received_ns=received.at_ns,
         channel=channel,
-        kind=KIND_OF_EVENT[event_type],
+        kind=KIND_OF_EVENT[event.event_type],
         type_name=type_name.removesuffix(TYPE_SUFFIX) + part,
-        data=contents,
-        source=source,
-        sequence=sequence,
-        client=client,
-        call=call,
-        life=life,
-        client_life=client_life,
+        data=event.contents,
+        source=received.source,
+        sequence=received.sequence,
+        client=event.client,
+        call=event.call,
+        life=received.life,
+        client_life=event.client_life,
     )
 
 

@@ -5,11 +5,18 @@ from __future__ import annotations
 import shutil
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import click
 
-from m2c.inputs import ExistingPath, Inputs, deployment_option, input_options, lenient_option
+from m2c.inputs import (
+    ExistingPath,
+    Inputs,
+    deployment_option,
+    input_options,
+    lenient_option,
+    options_as,
+)
 from m2c.terminal import fail, show
 
 
@@ -88,7 +95,8 @@ class DeployOptions(NamedTuple):  # msgspec's would cost each --help its import
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
 @lenient_option
 @input_options
-def deploy(**given: Any) -> None:
+@options_as(DeployOptions)
+def deploy(options: DeployOptions) -> None:
     """Write what starts a system on the computers that run it.
 
     The folder gets the generated packages (`system`), a systemd unit for each host of the deployment
@@ -123,7 +131,6 @@ def deploy(**given: Any) -> None:
     from transports.interface import TransportError
     from transports.options import NamespaceError, plain_namespace
 
-    options = DeployOptions(**given)
     output, transport, namespace = options.output, options.transport, options.namespace
     wheel, secure = options.wheel, options.secure
     if secure is not None and not described(transport).has_endpoints:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Any
 
 import click
 
-from m2c.inputs import ExistingPath, deployment_option, finite, lenient_option
+from m2c.inputs import ExistingPath, deployment_option, finite, lenient_option, options_as
 from m2c.launch.options import ON_FAILURE, RunOptions
 from m2c.launch.restarts import MOST_RESTARTS
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
@@ -124,7 +123,8 @@ class _Run(click.Command):
 @lenient_option
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
 @simulation_options
-def run(**given: Any) -> None:
+@options_as(RunOptions)
+def run(options: RunOptions) -> None:
     """Run a system: its nodes, in a few processes, and the policy.
 
     SYSTEM is a folder made by `m2c generate`, or a system file (it is generated first). The policy ticks
@@ -147,7 +147,6 @@ def run(**given: Any) -> None:
     from m2c.launch.watching import watch_options
     from m2c.logs import log_as_lines
 
-    options = RunOptions(**given)
     system = options.system
     if not os.path.exists(system):
         from m2c.model.paths import meant

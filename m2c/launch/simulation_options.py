@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
@@ -111,18 +111,9 @@ def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command these options; it gets them as one argument, ``simulation``."""
 
     @functools.wraps(command)
-    def with_simulation(
-        seconds: float | None,
-        seed: int | None,
-        speed: float | None,
-        delay_s: tuple[float, float] | None,
-        loss: float | None,
-        tap_loss: float | None,
-        semantics: str | None,
-        **others: object,
-    ) -> None:
-        simulation = Simulation(seconds, seed, speed, delay_s, loss, tap_loss, semantics)
-        command(simulation=simulation, **others)
+    def with_simulation(**given: Any) -> None:
+        simulation = Simulation(**{name: given.pop(name) for name in Simulation._fields})
+        command(simulation=simulation, **given)
 
     for option in reversed(_OPTIONS):
         with_simulation = option(with_simulation)

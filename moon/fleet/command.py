@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from m2c.terminal import fail, say
@@ -11,6 +10,7 @@ from moon.connection import SETTLING_BOUNDS, Watching, say_ready
 
 if TYPE_CHECKING:
     from moon.fleet.choice import Shard
+    from moon.monitor.options import MonitorOptions
     from moon.monitor.subject import Monitored
     from moon.sources.source import Sink
     from transports.interface import Connection
@@ -18,17 +18,16 @@ if TYPE_CHECKING:
 
 def monitor_fleet(
     connection: Connection,
-    transport: str,
     monitored: Monitored,
+    options: MonitorOptions,
     pattern: str,
     shard: Shard,
-    as_json: bool,
-    log_file: Path | None,
-    ready_fd: int | None,
-    exit_on_violation: bool,
-    seconds: float | None,
 ) -> int:
-    """Monitor until it is to end; the exit code of the process."""
+    """Monitor the robots whose namespaces match ``pattern``, those of a share, until it is to end.
+
+    Returns:
+        The exit code of the process.
+    """
     from moon.feed.clock import NS
     from moon.fleet.fleet import Fleet
     from moon.fleet.robot import FleetModels
@@ -37,17 +36,18 @@ def monitor_fleet(
     from transports.interface import Namespaces
 
     if not isinstance(connection, Namespaces):
+        transport = options.network.transport
         fail(f"--fleet: the transport {transport} listens to one namespace only; zenoh has all")
-    file = VerdictFile(log_file) if log_file is not None else None
-    screen = fleet_screen(as_json)
+    file = VerdictFile(options.log_file) if options.log_file is not None else None
+    screen = fleet_screen(options.as_json)
     sinks: list[Sink] = [file] if file is not None else []
     models = FleetModels(monitored)
     fleet = Fleet(
         connection,
         pattern,
         models,
-        [*sinks, *([screen] if as_json else [])],
-        [] if as_json else [screen],
+        [*sinks, *([screen] if options.as_json else [])],
+        [] if options.as_json else [screen],
         say,
         shard,
     )
@@ -59,11 +59,13 @@ def monitor_fleet(
     try:
         gc.freeze()  # as in a monitor of one system
         fleet.start()
-        say_ready(ready_fd)
+        say_ready(options.ready_fd)
         settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
-        Watching(connection).run(
-            look_around, seconds, lambda: exit_on_violation and fleet.is_violated, settling_s
-        )
+
+        def is_over() -> bool:
+            return options.exit_on_violation and fleet.is_violated
+
+        Watching(connection).run(look_around, options.seconds, is_over, settling_s)
         fleet.finish()
         screen.finish(fleet, fleet.summary())
     finally:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from m2c.inputs import options_as
 from m2c.terminal import fail, say
 from moon.beside import system_beside
 from moon.connection import (
     SETTLING_BOUNDS,
-    Network,
     Watching,
     connected,
     finite,
@@ -25,11 +25,11 @@ from moon.connection import (
 )
 from moon.fleet.command import monitor_fleet
 from moon.fleet.options import fleet_options
-from moon.monitor.subject_options import SECONDS, Choice, read_or_fail, subject_options
+from moon.monitor.options import MonitorOptions
+from moon.monitor.subject_options import SECONDS, read_or_fail, subject_options
 from moon.monitor.verdict_options import json_option, log_option
 
 if TYPE_CHECKING:
-    from moon.fleet.choice import Shard
     from moon.monitor.subject import Monitored
     from moon.recording.writer import RecordingWriter
     from moon.sources.source import Sink, Source
@@ -58,18 +58,8 @@ FLUSH_S = 0.5
 @click.option(
     "--for", "seconds", type=SECONDS, callback=finite, help="Stop after this many seconds."
 )
-def monitor(
-    models: tuple[Path, ...],
-    network: Network,
-    choice: Choice,
-    as_json: bool,
-    log_file: Path | None,
-    record_file: Path | None,
-    ready_fd: int | None,
-    exit_on_violation: bool,
-    seconds: float | None,
-    fleet: tuple[str, Shard] | None,
-) -> None:
+@options_as(MonitorOptions)
+def monitor(options: MonitorOptions) -> None:
     """Check a running system against its models, or properties, or both, passively.
 
     MODEL...|SYSTEM are models (.scxml, .ascxml), folders of them, or one system file. They give the
@@ -87,36 +77,16 @@ def monitor(
       moon monitor examples/lab_tour/system.xml --for 60
       moon monitor examples/lab_tour/system.xml --fleet 'robots/*' --shard 2/4
     """
-    monitored = read_or_fail(choice.subject(models))
-    if fleet is not None:
-        with connected(network, "moon_monitor", writing="verdicts") as connection:
-            code = monitor_fleet(
-                connection,
-                network.transport,
-                monitored,
-                *fleet,
-                as_json,
-                log_file,
-                ready_fd,
-                exit_on_violation,
-                seconds,
-            )
+    monitored = read_or_fail(options.choice.subject(options.models))
+    if options.fleet is not None:
+        with connected(options.network, "moon_monitor", writing="verdicts") as connection:
+            code = monitor_fleet(connection, monitored, options, *options.fleet)
         sys.exit(code)
     with (
-        connected(network, "moon_monitor", writing="verdicts") as connection,
-        _recorder(record_file, monitored) as recorder,
+        connected(options.network, "moon_monitor", writing="verdicts") as connection,
+        _recorder(options.record_file, monitored) as recorder,
     ):
-        violations = _monitor(
-            connection,
-            network.transport,
-            monitored,
-            recorder,
-            as_json,
-            log_file,
-            ready_fd,
-            exit_on_violation,
-            seconds,
-        )
+        violations = _monitor(connection, monitored, recorder, options)
     sys.exit(1 if violations else 0)
 
 
@@ -146,14 +116,9 @@ def _recorder(path: Path | None, monitored: Monitored) -> Iterator[RecordingWrit
 
 def _monitor(
     connection: Connection,
-    transport: str,
     monitored: Monitored,
     recorder: RecordingWriter | None,
-    as_json: bool,
-    log_file: Path | None,
-    ready_fd: int | None,
-    exit_on_violation: bool,
-    seconds: float | None,
+    options: MonitorOptions,
 ) -> int:
     """Monitor until it is to end; how many violations there were."""
     import msgspec
@@ -167,7 +132,8 @@ def _monitor(
     from moon.tap.notices import Notices
     from transports.descriptions import described
 
-    file = VerdictFile(log_file) if log_file is not None else None
+    transport, as_json = options.network.transport, options.as_json
+    file = VerdictFile(options.log_file) if options.log_file is not None else None
     screen = screen_for(as_json, is_alone=system_beside() is None)
     sinks: list[Sink] = [*([file] if file else []), VerdictTopic(connection)]
     if as_json:
@@ -190,7 +156,7 @@ def _monitor(
 
         def begin() -> None:
             watch.start()
-            say_ready(ready_fd)
+            say_ready(options.ready_fd)
 
         joining.when_complete(begin, say)
 
@@ -204,11 +170,11 @@ def _monitor(
                 run.note_problems(watch.listener.problems())
 
         def is_over() -> bool:
-            return exit_on_violation and watch.violations > 0
+            return options.exit_on_violation and watch.violations > 0
 
         gc.freeze()  # models and modules stay: looking for garbage among them held a tick up by 50 ms
         settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
-        Watching(connection).run(look_around, seconds, is_over, settling_s)
+        Watching(connection).run(look_around, options.seconds, is_over, settling_s)
         if watch.listener is None:
             watch.start()  # stopped before it began
         assert watch.listener is not None

@@ -6,7 +6,7 @@ import functools
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -101,21 +101,9 @@ def subject_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command these options; it gets them as one argument, ``choice``."""
 
     @functools.wraps(command)
-    def with_choice(
-        property_files: tuple[Path, ...],
-        interfaces: tuple[Path, ...],
-        only: tuple[str, ...],
-        without: tuple[str, ...],
-        deadline: float,
-        latency_bound: float,
-        clock_skew: float,
-        lenient: bool,
-        **others: object,
-    ) -> None:
-        choice = Choice(
-            property_files, interfaces, only, without, deadline, latency_bound, clock_skew, lenient
-        )
-        command(choice=choice, **others)
+    def with_choice(**given: Any) -> None:
+        choice = Choice(**{name: given.pop(name) for name in Choice._fields})
+        command(choice=choice, **given)
 
     for option in reversed(_OPTIONS):
         with_choice = option(with_choice)

@@ -6,10 +6,11 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from m2c.inputs import options_as
 from m2c.output_file import write_whole
 from m2c.terminal import say, show_painted, write_to_nobody
 from moon.monitor.subject_options import Choice, read_or_fail, subject_options
@@ -23,6 +24,34 @@ if TYPE_CHECKING:
 _MODEL_SUFFIXES = (".scxml", ".ascxml", ".xml")
 _BAG_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 _BAG_METADATA = "metadata.yaml"
+
+
+class CheckOptions(NamedTuple):  # msgspec's would cost each --help its import
+    """The command line of ``moon check``; what was not given is None, empty or False.
+
+    Attributes:
+        paths: recordings and models.
+        choice: what of the system is judged, and by which bounds.
+        as_json: whether verdicts are shown as JSON.
+        log_file: to which they are appended.
+        junit_file: to which they are written as JUnit XML.
+        report_file: to which they are written as a page.
+        strict: whether what is inconclusive counts.
+        jobs: how many recordings are checked at once.
+        view: which part of a recording is judged, and by which of its times.
+        property_ids: which properties; all if empty.
+    """
+
+    paths: tuple[Path, ...]
+    choice: Choice
+    as_json: bool
+    log_file: Path | None
+    junit_file: Path | None
+    report_file: Path | None
+    strict: bool
+    jobs: int | None
+    view: View
+    property_ids: tuple[str, ...]
 
 
 @click.command()
@@ -65,18 +94,8 @@ _BAG_METADATA = "metadata.yaml"
     type=click.IntRange(min=1),
     help="Recordings checked at once; by default as many as there are processors.",
 )
-def check(
-    paths: tuple[Path, ...],
-    choice: Choice,
-    as_json: bool,
-    log_file: Path | None,
-    junit_file: Path | None,
-    report_file: Path | None,
-    strict: bool,
-    jobs: int | None,
-    view: View,
-    property_ids: tuple[str, ...],
-) -> None:
+@options_as(CheckOptions)
+def check(options: CheckOptions) -> None:
     """Check recorded runs against models, or properties, or both, as `moon monitor` does live.
 
     RUN is what `moon record` or `ros2 bag record` wrote (a file or a folder), or a log of JSON lines;
@@ -97,7 +116,8 @@ def check(
     from moon.offline.batch import check_all
     from moon.offline.result import CheckResult
 
-    runs, models = _runs_and_models(paths)
+    runs, models = _runs_and_models(options.paths)
+    choice, property_ids = options.choice, options.property_ids
     if not runs:
         raise click.UsageError("Missing argument 'RUN': all that is named are models")
     if property_ids and not choice.property_files:
@@ -109,17 +129,17 @@ def check(
     results: list[CheckResult] = []
     failures: list[tuple[str, str]] = []
     try:
-        outcomes = check_all(
-            runs, subject, monitored, jobs or os.cpu_count() or 1, report_file is not None, view
-        )
+        jobs = options.jobs or os.cpu_count() or 1
+        with_report = options.report_file is not None
+        outcomes = check_all(runs, subject, monitored, jobs, with_report, options.view)
         for path, outcome in outcomes:
             if isinstance(outcome, CheckResult):
                 results.append(outcome)
-                _show(outcome, as_json)
+                _show(outcome, options.as_json)
             else:
                 failures.append((str(path), outcome))
                 say(f"error: {outcome}")
-        _write_files(results, failures, log_file, junit_file, report_file)
+        _write_files(results, failures, options)
     except BrokenPipeError:
         write_to_nobody()
     except OSError as error:
@@ -129,10 +149,10 @@ def check(
         sys.exit(2)
     if failures:
         sys.exit(2)
-    if strict:
+    if options.strict:
         for result in results:
             _say_undecided(result)
-    wrong = any(result.violations or (strict and result.is_open) for result in results)
+    wrong = any(result.violations or (options.strict and result.is_open) for result in results)
     sys.exit(1 if wrong else 0)
 
 
@@ -173,27 +193,25 @@ def _show(result: CheckResult, as_json: bool) -> None:
 def _write_files(
     results: Sequence[CheckResult],
     failures: Sequence[tuple[str, str]],
-    log_file: Path | None,
-    junit_file: Path | None,
-    report_file: Path | None,
+    options: CheckOptions,
 ) -> None:
-    if log_file is not None:
+    if options.log_file is not None:
         from moon.sinks.file import VerdictFile
 
-        log = VerdictFile(log_file)
+        log = VerdictFile(options.log_file)
         for result in results:
             for reported in result.verdicts:
                 log.take(reported.verdict)
         log.close()
-    if junit_file is not None:
+    if options.junit_file is not None:
         from moon.offline.junit import junit
 
-        write_whole(junit_file, junit(results, failures))
-    if report_file is not None:
+        write_whole(options.junit_file, junit(results, failures))
+    if options.report_file is not None:
         from moon.report.page import write_report
 
         for number, result in enumerate(results, 1):
-            path = report_file
+            path = options.report_file
             if len(results) > 1:
                 path = path.with_name(f"{path.stem}-{number}{path.suffix}")
             write_report(result, path)

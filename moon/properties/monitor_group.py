@@ -12,7 +12,7 @@ import msgspec
 from m2c.model.walk import variables_of
 from moon.properties.compiler import BEGINNING, Program, compile_network
 from moon.properties.formula import predicates
-from moon.properties.network import NEVER, Network, build_network, obligations, stays_false
+from moon.properties.network import NEVER, build_network, obligations, stays_false
 from moon.properties.predicates import (
     ANY_CHANNEL,
     ENVIRONMENT,

@@ -7,11 +7,11 @@ import functools
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import interface_folders
+from m2c.inputs import interface_folders, options_as
 from m2c.printable import printable
 from m2c.terminal import fail, say
 from moon.beside import system_beside
@@ -38,6 +38,30 @@ SETTLING_S = 0.4
 takes two latency bounds."""
 _LEAST_BYTES = 1_000_000
 """Smaller files would hold less than a chunk."""
+
+
+class RecordOptions(NamedTuple):  # msgspec's would cost each --help its import
+    """The command line of ``moon record``; what was not given is None or empty.
+
+    Attributes:
+        channels: globs of what is recorded; all if empty.
+        output: the file or folder to write.
+        network: where the system runs.
+        interfaces: folders of interface packages.
+        split: after how much a new file begins.
+        compression: of the file.
+        ready_fd: the open file that is told when everything is subscribed to.
+        seconds: after how many it ends.
+    """
+
+    channels: tuple[str, ...]
+    output: Path
+    network: Network
+    interfaces: tuple[Path, ...]
+    split: str | None
+    compression: str
+    ready_fd: int | None
+    seconds: float | None
 
 
 @click.command()
@@ -72,16 +96,8 @@ _LEAST_BYTES = 1_000_000
     callback=finite,
     help="Stop after this many seconds.",
 )
-def record(
-    channels: tuple[str, ...],
-    output: Path,
-    network: Network,
-    interfaces: tuple[Path, ...],
-    split: str | None,
-    compression: str,
-    ready_fd: int | None,
-    seconds: float | None,
-) -> None:
+@options_as(RecordOptions)
+def record(options: RecordOptions) -> None:
     """Record everything that happens to an MCAP file, as `ros2 bag record` would, and more.
 
     CHANNELS are globs such as '/BatteryLevelSkill/*' (`**` crosses parts of a name; an action stands
@@ -103,18 +119,19 @@ def record(
     from moon.tap.notices import Notices
     from moon.tap.selection import GlobError, check
 
+    channels, output, network = options.channels, options.output, options.network
     try:
         for glob in channels:
             check(glob)
     except GlobError as error:
         raise click.BadParameter(str(error), param_hint="CHANNELS") from error
-    limit = _split(split) if split is not None else None
+    limit = _split(options.split) if options.split is not None else None
     if output.exists():
         fail(f"{output}: is there already; a recording is not written over")
-    definitions = _definitions(interfaces, network.transport)
+    definitions = _definitions(options.interfaces, network.transport)
     with connected(network, "moon_record", writing="the recording") as connection:
         try:
-            writer = RecordingWriter(output, definitions, Compression(compression), limit)
+            writer = RecordingWriter(output, definitions, Compression(options.compression), limit)
         except FileExistsError:
             fail(f"{output}: is there already; a recording is not written over")
         try:
@@ -124,7 +141,7 @@ def record(
             recorder.start()
             listener = recorder.listener
             assert listener is not None
-            ready = functools.partial(say_ready, ready_fd)
+            ready = functools.partial(say_ready, options.ready_fd)
             when_complete(connection, listener, ready, lambda: None)
             notices = Notices(say)
             line = _Line(writer)
@@ -136,7 +153,7 @@ def record(
                 line.show((clock() - start_ns) / NS)
 
             with contextlib.suppress(BrokenPipeError):  # a recording ends as well as any other then
-                Watching(connection).run(look_around, seconds, settling_s=SETTLING_S)
+                Watching(connection).run(look_around, options.seconds, settling_s=SETTLING_S)
             recorder.finish()
             notices.last_problems(listener.problems())
             line.finish((clock() - start_ns) / NS)

@@ -141,18 +141,16 @@ class Conversion:
         client = self._client(gid)
         # other middlewares may know a client by other names at its own end
         is_client_end = KIND_OF_EVENT[kind] in _CLIENT_END
-        return ros_forms.of_event(
-            service,
-            message.channel.type_name,
-            kind,
-            stamp_ns,
-            call,
-            contents[0] if contents else None,
-            client,
-            message.received_ns,
-            client if is_client_end else "",
+        called = ros_forms.CallEvent(
+            event_type=kind,
+            stamp_ns=stamp_ns,
+            call=call,
+            client=client,
             client_life=0 if is_client_end else ros_forms.life_of(gid),
+            contents=contents[0] if contents else None,
         )
+        received = ros_forms.Received(message.received_ns, client if is_client_end else "")
+        return ros_forms.of_event(service, message.channel.type_name, called, received)
 
     def _client(self, gid: bytes) -> str:
         participant = gid[:_PREFIX_BYTES]
@@ -166,7 +164,7 @@ def _message(message: StoredMessage, decode: Decoder) -> Observation:
         channel.type_name,
         decode(_bytes_of(message)),
         message.published_ns or message.received_ns,
-        message.received_ns,
+        ros_forms.Received(message.received_ns),
     )
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import ExistingPath
+from m2c.inputs import ExistingPath, options_as
 from m2c.terminal import fail, say
 from moon.connection import Network, Watching, connected, network_options
 from moon.tap.selection import GlobError, check
@@ -23,6 +23,30 @@ DISCOVERY_S = 1.0
 """How long it is looked who is there already, and then let be seen who is played."""
 WAIT_S = 60.0
 """How long a node is waited for that is to be there."""
+
+
+class ReplayOptions(NamedTuple):  # msgspec's would cost each --help its import
+    """The command line of ``moon replay``; what was not given is empty or False.
+
+    Attributes:
+        recording: what is replayed.
+        network: where.
+        rate: recorded seconds per second.
+        only: globs of the channels that are replayed; all if empty.
+        played: the nodes that are played; all if empty.
+        without: nodes that are not.
+        interfaces: folders of interface packages.
+        stay: whether it goes on to respond when the recording has ended.
+    """
+
+    recording: Path
+    network: Network
+    rate: float
+    only: tuple[str, ...]
+    played: tuple[str, ...]
+    without: tuple[str, ...]
+    interfaces: tuple[Path, ...]
+    stay: bool
 
 
 @click.command()
@@ -57,16 +81,8 @@ WAIT_S = 60.0
     help="Folder of ROS interface packages, for types the recording does not define (repeatable).",
 )
 @click.option("--stay", is_flag=True, help="Keep responding after the recording has ended.")
-def replay(
-    recording: Path,
-    network: Network,
-    rate: float,
-    only: tuple[str, ...],
-    played: tuple[str, ...],
-    without: tuple[str, ...],
-    interfaces: tuple[Path, ...],
-    stay: bool,
-) -> None:
+@options_as(ReplayOptions)
+def replay(options: ReplayOptions) -> None:
     """Play the nodes of a recording: publish, respond and call as they did.
 
     RUN is an MCAP file or a rosbag2 folder. Nodes that are up already are not played. So one node can run
@@ -86,6 +102,7 @@ def replay(
     from moon.replay.script import Selected, read_script
     from transports.descriptions import described
 
+    recording, network, only = options.recording, options.network, options.only
     for glob in only:
         try:
             check(glob)
@@ -96,7 +113,7 @@ def replay(
             f"--transport {network.transport}: that world is in one process; replay there "
             "(moon.replay.Replay)"
         )
-    library = InterfaceLibrary.load(interfaces, DiagnosticLog())
+    library = InterfaceLibrary.load(options.interfaces, DiagnosticLog())
     try:
         script = read_script(recording, Selected(only), library)
     except RecordingError as error:
@@ -104,30 +121,23 @@ def replay(
     for sentence in script.recording.faults():
         say(f"warning: {sentence}")
     nodes = script.nodes()
-    for name in (*played, *without):
+    for name in (*options.played, *options.without):
         if name not in nodes:
             hint = nearest(name, filter(None, nodes)) or "there are: none by name"
             fail(f"{recording}: no node {name} in it; {hint}")
     if not (script.topics or script.calls or script.goals):
         fail(f"{recording}: nothing in it can be replayed")
     with connected(network, "moon_replay", "what is replayed") as conductor:
-        _replay(conductor, network, script, recording, library, rate, played, without, stay)
+        _replay(conductor, script, library, options)
 
 
 def _replay(
-    conductor: Connection,
-    network: Network,
-    script: Script,
-    path: Path,
-    library: InterfaceLibrary,
-    rate: float,
-    played: tuple[str, ...],
-    without: tuple[str, ...],
-    stay: bool,
+    conductor: Connection, script: Script, library: InterfaceLibrary, options: ReplayOptions
 ) -> None:
     from moon.recording.reader import open_recording
     from moon.replay.replay import Replay
 
+    played, without = options.played, options.without
     live = _who_is_there(conductor, script.nodes(), without)
 
     def is_played(name: str) -> bool:
@@ -137,7 +147,7 @@ def _replay(
 
     for name in sorted(live):
         say(f"{name} is up already: it is not played")
-    replay = Replay(script, conductor, _connector(network), is_played, rate, say)
+    replay = Replay(script, conductor, _connector(options.network), is_played, options.rate, say)
     threads: list[threading.Thread] = []
     watching = Watching(conductor)
     try:
@@ -153,9 +163,9 @@ def _replay(
         # who listens without a name (a tap, a bag) is waited for as long as for who is there
         conductor.after(
             DISCOVERY_S,
-            lambda: replay.begin(open_recording(path, library)),
+            lambda: replay.begin(open_recording(options.recording, library)),
         )
-        watching.run(lambda: None, is_over=lambda: replay.finished and not stay)
+        watching.run(lambda: None, is_over=lambda: replay.finished and not options.stay)
     finally:
         for transport in replay.transports:
             transport.close()

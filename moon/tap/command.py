@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import interface_folders
+from m2c.inputs import interface_folders, options_as
 from m2c.terminal import say
 from moon.connection import Network, Watching, connected, finite, library_in, network_options
 from moon.tap.selection import KINDS, GlobError, Selection
@@ -16,6 +16,32 @@ from moon.tap.selection import KINDS, GlobError, Selection
 if TYPE_CHECKING:
     from moon.wording import Wording
     from transports.interface import Connection
+
+
+class TapOptions(NamedTuple):  # msgspec's would cost each --help its import
+    """The command line of ``moon tap``; what was not given is None, empty or False.
+
+    Attributes:
+        channels: globs of what is shown; all if empty.
+        network: where the system runs.
+        node: globs of whose events are shown.
+        kind: which kinds of events are shown.
+        as_json: whether each is shown as JSON.
+        stats: whether rates and latencies are shown instead.
+        seconds: after how many it ends.
+        interfaces: folders of interface packages.
+        lines: after how many it ends.
+    """
+
+    channels: tuple[str, ...]
+    network: Network
+    node: tuple[str, ...]
+    kind: tuple[str, ...]
+    as_json: bool
+    stats: bool
+    seconds: float | None
+    interfaces: tuple[Path, ...]
+    lines: int | None
 
 
 @click.command()
@@ -40,18 +66,9 @@ if TYPE_CHECKING:
     help="Stop after this many seconds.",
 )
 @interface_folders
-@click.option("--count", type=click.IntRange(min=1), help="Stop after this many lines.")
-def tap(
-    channels: tuple[str, ...],
-    network: Network,
-    node: tuple[str, ...],
-    kind: tuple[str, ...],
-    as_json: bool,
-    stats: bool,
-    seconds: float | None,
-    interfaces: tuple[Path, ...],
-    count: int | None,
-) -> None:
+@click.option("--count", "lines", type=click.IntRange(min=1), help="Stop after this many lines.")
+@options_as(TapOptions)
+def tap(options: TapOptions) -> None:
     """Watch everything that happens: topics, service calls, actions; decoded and matched.
 
     CHANNELS are globs such as '/BatteryLevelSkill/*' (`**` crosses parts of a name; an action stands
@@ -68,34 +85,32 @@ def tap(
     from moon.wording import Wording
 
     try:
-        selection = Selection(channels, node, kind)
+        selection = Selection(options.channels, options.node, options.kind)
     except GlobError as error:
         raise click.BadParameter(str(error), param_hint="CHANNELS") from error
+    network = options.network
     with connected(network, "moon_tap", writing="what was received") as connection:
-        wording = Wording(library_in(interfaces, network.transport))
-        _watch(connection, selection, wording, as_json, stats, seconds, count)
+        wording = Wording(library_in(options.interfaces, network.transport))
+        _watch(connection, selection, wording, options)
 
 
 def _watch(
     connection: Connection,
     selection: Selection,
     wording: Wording,
-    as_json: bool,
-    stats: bool,
-    seconds: float | None,
-    count: int | None,
+    options: TapOptions,
 ) -> None:
     from moon.tap.notices import Notices
     from moon.tap.output import output_for
     from moon.tap.watch import Watch
 
     start = time.monotonic()
-    output = output_for(as_json, stats, connection.post, wording)
+    output = output_for(options.as_json, options.stats, connection.post, wording)
     watching = Watching(connection)
-    watch = Watch(selection, output, Notices(say), count, watching.stop)
+    watch = Watch(selection, output, Notices(say), options.lines, watching.stop)
     try:
         listener = connection.tap(selection.tapped(), watch.observe)
-        watching.run(lambda: watch.look_around(listener, connection.now_ns()), seconds)
+        watching.run(lambda: watch.look_around(listener, connection.now_ns()), options.seconds)
         watch.finish(listener, connection.now_ns())
     finally:
         output.close()

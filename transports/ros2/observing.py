@@ -142,9 +142,8 @@ class Messages:
         )
         received_ns = taken.received_ns or time.time_ns()
         stamp_ns = taken.source_ns if taken.source_ns > 0 else received_ns
-        return ros_forms.of_message(
-            self._channel, self._type_name, data, stamp_ns, received_ns, source, number, life
-        )
+        received = ros_forms.Received(received_ns, source, number, life)
+        return ros_forms.of_message(self._channel, self._type_name, data, stamp_ns, received)
 
 
 class Events:
@@ -192,20 +191,16 @@ class Events:
                 f"the events of {self._service} carry no contents: ask for "
                 "ServiceIntrospectionState.CONTENTS instead of METADATA",
             )
-        return ros_forms.of_event(
-            self._channel,
-            self._type_name,
-            event_type,
-            data.stamp_ns,
-            data.call,
-            data.contents,
-            self._notes.caller(self._service, data.gid, data.call),
-            taken.received_ns or time.time_ns(),
-            source,
-            number,
-            life,
-            ros_forms.life_of(data.gid),
+        event = ros_forms.CallEvent(
+            event_type=event_type,
+            stamp_ns=data.stamp_ns,
+            call=data.call,
+            client=self._notes.caller(self._service, data.gid, data.call),
+            client_life=ros_forms.life_of(data.gid),
+            contents=data.contents,
         )
+        received = ros_forms.Received(taken.received_ns or time.time_ns(), source, number, life)
+        return ros_forms.of_event(self._channel, self._type_name, event, received)
 
 
 class Errors:

@@ -311,21 +311,28 @@ def read_time(
         return None
 
 
+class Declared(msgspec.Struct, frozen=True):
+    """What a file says of a property beside its pattern or formula; see :class:`Property`."""
+
+    name: str
+    position: Position
+    text: str
+    severity: PropertySeverity
+    role: Role
+
+
 def finish(
-    name: str,
+    declared: Declared,
     what: Pattern | Formula,
     names: Names,
-    position: Position,
     log: DiagnosticLog,
-    text: str = "",
-    severity: PropertySeverity = PropertySeverity.ERROR,
-    role: Role = Role.GUARANTEE,
     instead: Formula | None = None,
 ) -> Property | None:
-    """The property ``name``, from its pattern or formula; None after reporting what is wrong.
+    """The property that is ``declared``, from its pattern or formula; None after reporting what is wrong.
 
     ``instead``: the formula to use for a pattern that a file's own dialect means differently.
     """
+    name, position = declared.name, declared.position
     if isinstance(what, Pattern):
         try:
             formula = pattern_formula(what) if instead is None else instead
@@ -347,7 +354,18 @@ def finish(
     }
     ports = tuple(port for port in names.ports.values() if port.name in used)
     pattern = what if isinstance(what, Pattern) and instead is None else None
-    return Property(name, formula, ports, text, severity, role, meaning, limit, position, pattern)
+    return Property(
+        name=name,
+        formula=formula,
+        ports=ports,
+        text=declared.text,
+        severity=declared.severity,
+        role=declared.role,
+        meaning=meaning,
+        deadline_ticks=limit,
+        position=position,
+        pattern=pattern,
+    )
 
 
 def never_false(formula: Formula) -> bool:

@@ -21,6 +21,7 @@ from moon.properties.files.common import (
     MAX_SHOWN,
     SERVICE_PARTS,
     TIME_UNITS,
+    Declared,
     Names,
     Place,
     absolute,
@@ -316,10 +317,10 @@ class _File:
                 instead = looking_back(what) if timed else None
         if what is None:
             return None
-        return finish(
-            name, what, self._names, element.position, self._log,
-            element.get("text"), PropertySeverity(severity), role, instead,
-        )  # fmt: skip
+        declared = Declared(
+            name, element.position, element.get("text"), PropertySeverity(severity), role
+        )
+        return finish(declared, what, self._names, self._log, instead)
 
     def _pattern(self, element: Element) -> Pattern | None:
         name = _PATTERNS.get(element.get("pattern"))

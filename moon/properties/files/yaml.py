@@ -18,6 +18,7 @@ from moon.properties.files.common import (
     MAX_SHOWN,
     SERVICE_PARTS,
     TIME_UNITS,
+    Declared,
     Names,
     Place,
     absolute,
@@ -305,10 +306,9 @@ class _File:
             what = self._pattern(entry)
         if what is None or severity is None or role is None:
             return None
-        return finish(
-            name.text, what, self._names, entry.position, self._log,
-            text.text if text is not None else "", PropertySeverity(severity), Role(role),
-        )  # fmt: skip
+        told = text.text if text is not None else ""
+        declared = Declared(name.text, entry.position, told, PropertySeverity(severity), Role(role))
+        return finish(declared, what, self._names, self._log)
 
     def _choice(self, entry: Mapping, key: str, allowed: list[Any], default: str) -> str | None:
         found = self._text(entry, key, "properties")
