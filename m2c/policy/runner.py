@@ -69,6 +69,7 @@ class PolicyRunner:
         self._faults: list[BaseException] = []
         self._stopped: Completion = transport.completion()
         self._wakes = may_wake(policy)
+        self._runs: dict[str, RunsLeaf] = {}
         factory = behaviortreepy.BehaviorTreeFactory()
         for leaf in policy.leaves:
             run: RunsLeaf
@@ -87,11 +88,10 @@ class PolicyRunner:
                 )
             else:
                 run = SkillLeaf(leaf, transport, tick_timeout_s, self._log)
-            tick = self._tick_of(leaf, run)
+            self._runs[leaf.id] = run
+            tick = self._tick_of(leaf)
             if leaf.action:
-                factory.register_simple_stateful_action(
-                    leaf.id, tick, tick, self._halt_of(leaf, run)
-                )
+                factory.register_simple_stateful_action(leaf.id, tick, tick, self._halt_of(leaf))
             else:
                 factory.register_simple_condition(leaf.id, tick)
         try:
@@ -100,20 +100,22 @@ class PolicyRunner:
         except RuntimeError as error:
             raise PolicyError(f"BehaviorTree.CPP refuses the policy: {error}") from error
 
-    # The tree's callbacks know the runner weakly: it holds the tree, and Python cannot see references that
-    # go through C++, so the two would keep each other alive for ever.
+    # The tree's callbacks know the runner weakly, and what runs the leaves only through it: these hold the
+    # tree or its factory, and Python cannot see references that go through C++, so they would keep each
+    # other alive for ever.
 
-    def _tick_of(self, leaf: Leaf, run: RunsLeaf) -> Callable[..., Any]:
+    def _tick_of(self, leaf: Leaf) -> Callable[..., Any]:
         known = weakref.ref(self)
         failure = self._statuses["FAILURE"]
 
         def tick(node: TreeNode) -> Any:
             runner = known()
-            return failure if runner is None else runner._tick_leaf(leaf, run, node)
+            return failure if runner is None else runner._tick_leaf(leaf, node)
 
         return tick
 
-    def _tick_leaf(self, leaf: Leaf, run: RunsLeaf, node: TreeNode) -> Any:
+    def _tick_leaf(self, leaf: Leaf, node: TreeNode) -> Any:
+        run = self._runs[leaf.id]
         began_ns = self._transport.now_ns()
         place = len(self._ticked)
         record = LeafTick(leaf.name)
@@ -126,13 +128,13 @@ class PolicyRunner:
         self._ticked.insert(place, record)
         return self._statuses[status]
 
-    def _halt_of(self, leaf: Leaf, run: RunsLeaf) -> Callable[..., None]:
+    def _halt_of(self, leaf: Leaf) -> Callable[..., None]:
         known = weakref.ref(self)
 
         def halt(node: TreeNode) -> None:
             runner = known()
             if runner is not None:  # a tree that is thrown away halts itself
-                record = LeafTick(leaf.name, HALTED)
+                run, record = runner._runs[leaf.id], LeafTick(leaf.name, HALTED)
                 runner._guarded(leaf, lambda: run.halt(node, record))
                 runner._ticked.append(record)
 

@@ -237,14 +237,18 @@ def test_a_plugin_that_does_not_answer_fails_and_is_replaced() -> None:
     assert Plugin.made == 2
 
 
-def test_a_runner_that_nobody_holds_is_freed_with_its_tree():
+@pytest.mark.parametrize("plugin", ["", "P"])
+def test_a_runner_that_nobody_holds_is_freed_with_its_tree_and_its_transport(plugin: str) -> None:
     """Its tree's callbacks go through C++, where Python sees no cycle."""
-    tree, _ = runner("<A/>", {"/A/tick": 0}, leaf("A"))
+    Plugin.script = ["SUCCESS"]
+    tree, transport = runner(
+        "<A/>", {"/A/tick": 0}, leaf("A", plugin=plugin), plugins={"P": Plugin}
+    )
     tree.tick()
-    known = weakref.ref(tree)
-    del tree
+    known = weakref.ref(tree), weakref.ref(transport)
+    del tree, transport
     gc.collect()
-    assert known() is None
+    assert [one() for one in known] == [None, None]
 
 
 @pytest.mark.zenoh
