@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import logging
 import tempfile
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -104,6 +103,7 @@ class Prepared:
         )
         self._monitored = read_subject(self._subject)
         self.program: Program = compile_system(self._monitored.system)
+        self._mutants: dict[str, tuple[Mutant, ...]] = {}
 
     def subject(self, latency_s: float) -> tuple[Subject, Monitored]:
         """What is monitored, with this latency bound."""
@@ -128,11 +128,12 @@ class Prepared:
         broken = tuple(one.is_broken for one in true.values() if one.is_broken)
         return Happened(tuple(machine.name for machine in self.machines), tuple(seen), broken)
 
-    @functools.cache  # noqa: B019 - it lives as long as its system is tried
     def mutants_of(self, node: str) -> tuple[Mutant, ...]:
         """Of the machine of ``node``."""
-        (machine,) = [machine for machine in self.machines if machine.name == node]
-        return tuple(mutants(machine))
+        if node not in self._mutants:
+            (machine,) = [machine for machine in self.machines if machine.name == node]
+            self._mutants[node] = tuple(mutants(machine))
+        return self._mutants[node]
 
     def faulty(self, random: Random) -> Faulty | None:
         """One of all mutants."""
@@ -173,8 +174,7 @@ class _Trial:
         self.writer = RecordingWriter(self.path, Definitions(self.monitored.system.library))
         if not made.joins_s:
             self._watch()
-        if made.recorded_s:
-            self._record()
+        end_of_recorder = self._record() if made.recorded_s else lambda: None
         world.run_for(BEFORE_S)
         nodes = SimulatedRun(self.prepared.program_with(made.faulty), world)
         if made.meddled:
@@ -191,6 +191,7 @@ class _Trial:
         self.standings = list(self.watch.standings())
         self.run.end(self.watch.listener.problems())
         self.writer.close()
+        end_of_recorder()
 
     @property
     def passed_s(self) -> float:
@@ -219,8 +220,8 @@ class _Trial:
         )
         self.watch.start()
 
-    def _record(self) -> None:
-        """Another recorder, beside the monitor; it is killed."""
+    def _record(self) -> Callable[[], None]:
+        """Another recorder, beside the monitor; it is killed. Closes its file, if it outlived the run."""
         world, path = self.world, self.path.with_name("killed.mcap")
         writer = RecordingWriter(path, Definitions(self.monitored.system.library))
         connection = SimulatedTransport(world, "recorder")
@@ -237,6 +238,7 @@ class _Trial:
             self.killed = path
 
         connection.after(self.made.recorded_s, kill)
+        return writer.close
 
     # --- what is wrong -----------------------------------------------------------------------------
 
