@@ -57,7 +57,9 @@ def violated(
     said = [line.split() for line in printed.splitlines()]
     found = {words[words.index("VIOLATED") - 1] for words in said if "VIOLATED" in words}
     if done.returncode and not found:
-        raise RuntimeError(f"the run ended with {done.returncode}\n{printed}")
+        print(f"the run ended with {done.returncode}\n{printed}", flush=True)
+    if "ticking the tree" not in printed:
+        raise RuntimeError("the system did not come up")
     return found, printed
 
 
