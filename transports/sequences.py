@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Hashable
 from enum import Enum
 
+from transports.bounded import BoundedDict
+
 
 class Sequel(Enum):
     """How a number follows the one before it, of the same source on the same channel."""
@@ -130,7 +132,7 @@ class Sequence:
         self.next = -1
         self.stamp = 0
         self.skipped = Skipped()
-        self._earlier: dict[int, tuple[int, int, Skipped]] = {}
+        self._earlier: BoundedDict[int, tuple[int, int, Skipped]] = BoundedDict(KEPT_LIVES)
 
     def follow(self, number: int, stamp_ns: int, life: int = 0) -> Sequel:
         """How ``number`` follows; it is the newest from now on, unless it comes AGAIN or LATE."""
@@ -154,8 +156,6 @@ class Sequence:
         """Its source numbers anew; what comes of before is told from that where lives are known."""
         if self.life and self.next >= 0:
             self._earlier[self.life] = self.next, self.stamp, self.skipped
-            if len(self._earlier) > KEPT_LIVES:
-                del self._earlier[next(iter(self._earlier))]
         self.life, self.next, self.skipped = 0, -1, Skipped()
 
     def forget(self) -> None:

@@ -9,6 +9,7 @@ from moon.feed.lives import ANOTHER, PAST, Lives
 from moon.feed.progress import Progress
 from moon.feed.reachability import Reachability
 from moon.judge import Gap, Missing
+from transports.bounded import BoundedDict
 from transports.interface import Observation
 
 KEPT_SOURCES = 10_000
@@ -65,7 +66,7 @@ class Nodes:
         self._latency_ns = latency_ns
         self.clocks = HostClocks(latency_ns, skew_ns)
         self.reachability = Reachability(latency_ns)
-        self.known: dict[str, Node] = {}
+        self.known: BoundedDict[str, Node] = BoundedDict(KEPT_SOURCES)
         """By name."""
         self.listening_ns = 0
         """Since when all is received that there is (ns); 0: that is not known."""
@@ -73,8 +74,6 @@ class Nodes:
     def _of(self, name: str) -> Node:
         source = self.known.get(name)
         if source is None:
-            if len(self.known) >= KEPT_SOURCES:
-                del self.known[next(iter(self.known))]
             source = self.known[name] = Node()
         return source
 

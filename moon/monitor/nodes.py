@@ -9,6 +9,7 @@ from moon.monitor.status import AWAY, UNSEEN, MachineStatus
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Outcome, Pattern, Verdict
+from transports.bounded import BoundedDict
 
 _KEPT_LAGS = 64
 """Lags kept of each node, for the median."""
@@ -50,9 +51,9 @@ class WatchedNode:
         self.was_reported: Outcome | None = None
         self.was_last = ""
         """``reported`` and ``last`` as they were before it was resynchronised."""
-        self._violated: dict[Pattern, None] = {}
+        self._violated: BoundedDict[Pattern, None] = BoundedDict(_KEPT_PATTERNS)
         """What was reported of it since it was last found to conform."""
-        self._suspected: dict[Pattern, None] = {}
+        self._suspected: BoundedDict[Pattern, None] = BoundedDict(_KEPT_PATTERNS)
         """What it was suspected of since it was last found to conform."""
         self._why_violated = ""
         """The last violation, repetitions included."""
@@ -150,11 +151,9 @@ _KEPT_PATTERNS = 64
 """So many kinds of violations of one node are told from one another; the oldest is news again."""
 
 
-def _is_known(patterns: dict[Pattern, None], pattern: Pattern) -> bool:
+def _is_known(patterns: BoundedDict[Pattern, None], pattern: Pattern) -> bool:
     """Whether ``pattern`` is among ``patterns``; it is from now on."""
     if pattern in patterns:
         return True
     patterns[pattern] = None
-    if len(patterns) > _KEPT_PATTERNS:
-        del patterns[next(iter(patterns))]
     return False

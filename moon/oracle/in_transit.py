@@ -12,6 +12,7 @@ from __future__ import annotations
 from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.calls import Call, KnownCalls, is_nameless, may_be_same
 from moon.oracle.trace_events import TraceEvent
+from transports.bounded import BoundedDict
 
 KEPT_CALLS = 256
 """Requests received of which nobody has reported yet that they were sent."""
@@ -40,19 +41,16 @@ class Expected:
         due: when the first of them will be overdue (ns), or earlier.
     """
 
-    __slots__ = ("_most", "deadline", "due", "events")
+    __slots__ = ("deadline", "due", "events")
 
     def __init__(self, deadline: int, most: int) -> None:
         self.deadline = deadline
-        self._most = most
-        self.events: dict[Place, TraceEvent] = {}
+        self.events: BoundedDict[Place, TraceEvent] = BoundedDict(most)
         self.due = FOREVER
 
     def add(self, place: Place, event: TraceEvent) -> None:
         """``event`` was sent."""
         self.events[place] = event
-        if len(self.events) > self._most:
-            del self.events[next(iter(self.events))]
         self.due = min(self.due, event.stamp + self.deadline)
 
     def remove(self, place: Place) -> None:
@@ -200,7 +198,7 @@ class TakenMessages:
         self._contents: dict[Place, TraceEvent] = {}
         self._awaited: dict[Place, TraceEvent] = {}
         self._links: dict[tuple[str, str], _Link] = {}
-        self._appeared: dict[str, int] = {}
+        self._appeared: BoundedDict[str, int] = BoundedDict(KEPT_CALLS)
         """When each publisher came up last, where that is known (ns)."""
         self.lost: list[TraceEvent] = []
         self.started_ns = 0
@@ -309,8 +307,6 @@ class TakenMessages:
             del self._links[stream]
         self._appeared.pop(name, None)
         self._appeared[name] = stamp_ns
-        if len(self._appeared) > KEPT_CALLS:
-            del self._appeared[next(iter(self._appeared))]
         for place in [p for p in self._contents if p[1][0] == name and not p[1][2]]:
             del self._contents[place]
 

@@ -39,6 +39,7 @@ from moon.oracle.compiling import (
 from moon.oracle.expressions import Closures
 from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import unknown_of
+from transports.bounded import BoundedDict
 
 MAX_OUTCOMES = 256
 """So many outcomes of one step are followed; a step with more is too open to be checked."""
@@ -82,7 +83,7 @@ class MachineProgram:
         self.draws = draws(machine)
         """Whether values are drawn at random."""
         self._repeatable = self._events_of_plain_values()
-        self._steps: dict[Any, tuple[tuple[bool, Step]]] = {}
+        self._steps: BoundedDict[Any, tuple[tuple[bool, Step]]] = BoundedDict(KEPT_STEPS)
         """Outcomes of steps taken before; nobody changes a step that was taken."""
         self.chooses = chooses(machine)
         """Whether a transition leads to one of several states."""
@@ -161,8 +162,6 @@ class MachineProgram:
         if known is None:
             step = Step(state, data, message, parts, None)
             known = self._steps[key] = ((self._deliver(step, self._exact, event), step),)
-            if len(self._steps) > KEPT_STEPS:
-                del self._steps[next(iter(self._steps))]
         return known
 
     def handles(self, state: int, event: EventKey) -> bool:

@@ -24,6 +24,7 @@ from moon.feed.numbers import Count, Numbers, Place
 from moon.oracle.bounds import FOREVER
 from moon.oracle.calls import Call, is_nameless
 from transports.actions.rules import Stamp
+from transports.bounded import BoundedDict
 from transports.interface import CallOutcome, Observation, ObservationKind
 
 EventKey = tuple[EventKind, str]
@@ -412,11 +413,11 @@ class Channels:
         self.types: dict[tuple[OutputKind, str], DataType | None] = {}
         """Type of the message of each output."""
         self.aliases: dict[tuple[InterfaceKind, str], str] = {}
-        self._goals: dict[tuple[str, Call], str] = {}
-        self._nameless: dict[tuple[str, Call], list[TraceEvent]] = {}
+        self._goals: BoundedDict[tuple[str, Call], str] = BoundedDict(_KEPT_CALLS)
+        self._nameless: BoundedDict[tuple[str, Call], list[TraceEvent]] = BoundedDict(_KEPT_CALLS)
         """Responses whose request was not received yet."""
-        self._answered: dict[tuple[str, Call], None] = {}
-        self._sent: dict[str, None] = {}
+        self._answered: BoundedDict[tuple[str, Call], None] = BoundedDict(_KEPT_CALLS)
+        self._sent: BoundedDict[str, None] = BoundedDict(_KEPT_CALLS)
         for interface in machine.interfaces:
             channel, name, kind = interface.channel, interface.name, interface.kind
             if channel is None:
@@ -590,10 +591,6 @@ class Channels:
                 response.goal = event.goal
             if event.output is OutputKind.SEND_GOAL:
                 self._sent[event.goal] = None
-                if len(self._sent) > _KEPT_CALLS:
-                    del self._sent[next(iter(self._sent))]
-            if len(self._goals) > _KEPT_CALLS:
-                del self._goals[next(iter(self._goals))]
         elif place in self._goals:
             event.goal = self._goals[place]
             if event.goal == _EITHER:
@@ -603,12 +600,8 @@ class Channels:
                     "cannot be told"
                 )
             self._answered[place] = None
-            if len(self._answered) > _KEPT_CALLS:
-                del self._answered[next(iter(self._answered))]
         else:
-            self._nameless.setdefault(place, []).append(event)
-            if len(self._nameless) > _KEPT_CALLS:
-                del self._nameless[next(iter(self._nameless))]
+            self._nameless[place] = [*self._nameless.get(place, ()), event]
 
     def forget_goals(self) -> None:
         """From here on, goals that were sent before may or may not be under way."""

@@ -34,6 +34,7 @@ from moon.policy.reported import ReportedFollower, report_of
 from moon.policy.run import Ask, AskKind, Life
 from moon.policy.shape import shape_of
 from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violation_of
+from transports.bounded import BoundedDict
 from transports.interface import Observation, ObservationKind
 
 EVIDENCE = 12
@@ -114,7 +115,7 @@ class PolicyJudge:
         """Whether the next call has to come within the deadline."""
         self._seen_by_server = SeenByServer(KEPT_CALLS)
         """Calls of the policy that their server reported, and the policy did not."""
-        self._own: dict[Call, None] = {}
+        self._own: BoundedDict[Call, None] = BoundedDict(KEPT_CALLS)
         """The last calls of the policy that were judged."""
         self._progress = progress
         self._since = 0
@@ -124,7 +125,7 @@ class PolicyJudge:
         """From then on (ns) all that the policy does is received; FOREVER: its node is not known to be up."""
         self._first_ns: dict[str, int] = {}
         """Of each channel of a leaf, when the first that was received from the policy happened (ns)."""
-        self._unanswered: dict[Call, Observation] = {}
+        self._unanswered: BoundedDict[Call, Observation] = BoundedDict(KEPT_CALLS)
         """Calls that were followed by another before their answer was received."""
         self._life = Life(self._follower.close)  # its runs' threads end with it
         self._history: deque[Evidence] = deque(maxlen=EVIDENCE)
@@ -320,7 +321,7 @@ class PolicyJudge:
         if self._pending is not None:
             # its answer was lost on the way to here, or the policy did not wait for it
             unanswered = self._pending
-            self._keep_unanswered(call_of(unanswered), observation)
+            self._unanswered[call_of(unanswered)] = observation
             verdicts += self._doubt(
                 stamp, f"no answer to {self._call_text(unanswered)} was received"
             )
@@ -387,17 +388,9 @@ class PolicyJudge:
             return f"{text}, once a tick ends with SUCCESS or FAILURE"
         return f"{text}; its tree remembers what cannot be observed, until the policy starts anew"
 
-    def _keep_unanswered(self, call: Call, later: Observation) -> None:
-        kept = self._unanswered
-        kept[call] = later
-        if len(kept) > KEPT_CALLS:
-            del kept[next(iter(kept))]
-
     def _keep_own(self, call: Call) -> None:
         self._seen_by_server.forget(call)
         self._own[call] = None
-        if len(self._own) > KEPT_CALLS:
-            del self._own[next(iter(self._own))]
 
     def _missed_before(self, stamp_ns: int) -> bool:
         """Whether a server reported a call of the policy by then that the policy did not report."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
 from moon.tap.action_parts import SEPARATOR, action_of, part_of, waits_for_the_goal
+from transports.bounded import BoundedDict
 from transports.interface import CallOutcome, Observation, ObservationKind
 
 MAX_OPEN_CALLS = 10_000
@@ -21,8 +22,6 @@ OTHER_END_SILENCE_S = 0.5
 """How long the other end of an answered call is awaited before one end alone is shown."""
 
 Key = tuple[str, str, int]
-_Name = TypeVar("_Name")
-_Value = TypeVar("_Value")
 
 _REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
@@ -119,8 +118,10 @@ class CallMatcher:
     def __init__(self) -> None:
         self.forgotten = 0
         self._open: OrderedDict[Key, _Call] = OrderedDict()
-        self._closed: OrderedDict[Key, None] = OrderedDict()
-        self._servers: OrderedDict[str, str] = OrderedDict()  # "": its server says nothing
+        self._closed: BoundedDict[Key, None] = BoundedDict(MAX_OPEN_CALLS)
+        self._servers: BoundedDict[str, str] = BoundedDict(
+            MAX_OPEN_CALLS
+        )  # "": its server says nothing
         self._evicted: list[Line] = []
         self._bytes = 0
 
@@ -136,7 +137,7 @@ class CallMatcher:
         if seen.kind is ObservationKind.MESSAGE_TAKEN:
             return _line(seen, TAKEN, seen.source, client=seen.client)
         if seen.kind not in _CLIENT_END and seen.source:
-            _remember(self._servers, seen.channel, seen.source)
+            self._servers[seen.channel] = seen.source
         if not seen.client:  # a tool that numbers no calls: nothing tells one from the next
             return self._unmatched(seen)
         key = (seen.channel, seen.client, seen.call)
@@ -203,14 +204,14 @@ class CallMatcher:
         response = evicted.returned or evicted.answer
         if response is not None:
             self._evicted.append(self._shown_response(evicted, response))
-            _remember(self._closed, oldest, None)
+            self._closed[oldest] = None
         elif not evicted.reported:
             self.forgotten += 1
 
     def _close(self, key: Key, call: _Call, seen: Observation) -> Line:
         del self._open[key]
         self._bytes -= call.size
-        _remember(self._closed, key, None)
+        self._closed[key] = None
         return self._shown_response(call, seen)
 
     def _shown_response(self, call: _Call, seen: Observation) -> Line:
@@ -268,13 +269,6 @@ class CallMatcher:
                 _line(request, "unanswered", client, error=f"no response for {after_s:g} s")
             )
         return shown
-
-
-def _remember(memory: OrderedDict[_Name, _Value], name: _Name, value: _Value) -> None:
-    """Keep ``value``; forget what was kept first once there are too many."""
-    memory[name] = value
-    if len(memory) > MAX_OPEN_CALLS:
-        memory.popitem(last=False)
 
 
 def _line(

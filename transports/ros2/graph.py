@@ -17,6 +17,7 @@ from typing import Any
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
+from transports.bounded import BoundedDict
 from transports.ros2 import native
 
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
@@ -60,7 +61,7 @@ class Graph:
         """Replaced whole, as the graph's thread goes through them."""
         self._subscription: Any = None
         self._lock = threading.Lock()
-        self._names: dict[bytes, str] = {}
+        self._names: BoundedDict[bytes, str] = BoundedDict(_MOST_NAMED)
         self._participants: dict[bytes, set[str]] = {}
         self._alone: dict[bytes, str] = {}
         """Of participants that hold one node, which says so itself."""
@@ -162,9 +163,8 @@ class Graph:
                 return
             self._alone.pop(participant, None)
             self._itemized.add(participant)
-            self._names.update(dict.fromkeys(endpoints, name))
-            while len(self._names) > _MOST_NAMED:
-                del self._names[next(iter(self._names))]
+            for endpoint in endpoints:
+                self._names[endpoint] = name
 
     def _known(self, gid: bytes) -> str | None:
         """The node, without asking the graph."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from transports import ros_forms
+from transports.bounded import BoundedDict
 from transports.channel_filter import matches
 from transports.interface import NAMELESS, Observation
 from transports.losses import Losses
@@ -39,7 +40,7 @@ class Notes:
         self._numbers = Numbers()
         self._foreign: dict[tuple[str, bytes], int] = {}
         """Messages in the name of a node that another participant is."""
-        self._nameless_calls: dict[tuple[bytes, int], str] = {}
+        self._nameless_calls: BoundedDict[tuple[bytes, int], str] = BoundedDict(_KEPT_CALLS)
         """What stands for the client's name in each of them."""
 
     def numbered(self, topic: str, channel: str, taken: Taken) -> tuple[str, int, int] | None:
@@ -85,8 +86,6 @@ class Notes:
             known = self.graph.client_of(service, gid)
             if not known:
                 known = calls[gid, call] = NAMELESS + gid.hex()
-                if len(calls) > _KEPT_CALLS:
-                    del calls[next(iter(calls))]
         return known
 
 
