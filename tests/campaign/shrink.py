@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from m2c.model import ModelError
+from moon.monitor.subject import NothingLeftError
 from tests.campaign.circumstances import Circumstances, fewer
 from tests.campaign.plans import InvalidPlanError, Plan, write
 from tests.campaign.reductions import candidates, is_valid
@@ -122,7 +123,7 @@ class Shrinker:
             return False
         try:
             result = run(case)
-        except (InvalidPlanError, ModelError):
+        except (InvalidPlanError, ModelError, NothingLeftError):
             return False
         if any(failure.fault is self._fault for failure in result.failures):
             self.case = case

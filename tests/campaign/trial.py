@@ -136,10 +136,11 @@ class Prepared:
         return self._mutants[node]
 
     def faulty(self, random: Random) -> Faulty | None:
-        """One of all mutants."""
+        """One of all mutants; None of a node that has none, or that is not judged."""
         node = random.choice(self.machines).name
         count = len(self.mutants_of(node))
-        return Faulty(node, random.randrange(count)) if count else None
+        is_judged = any(machine.name == node for machine in self._monitored.machines)
+        return Faulty(node, random.randrange(count)) if count and is_judged else None
 
     def program_with(self, faulty: Faulty | None) -> Program:
         """Its code, with a fault in one node."""
