@@ -14,9 +14,8 @@ from pathlib import Path
 from setuptools import Extension, setup
 
 MODULES = {
-    "moon": "judge",
     "moon/feed": "clock held host_clocks intake lives nodes numbers progress reachability reception senders",
-    "moon/monitor": "models nodes properties turns watch",
+    "moon/monitor": "machines models nodes properties turns watch",
     "moon/offline": "engine",
     "moon/oracle": "*",
     "moon/policy": "calls follow judge oracle remembered reported",

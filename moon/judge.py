@@ -1,11 +1,14 @@
-"""What a judge is, and what it is handed by the code that knows how observations arrive (``moon.feed``)."""
+"""What a judge is, and what it is told."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, TypeVar
 
+import msgspec
+
+from moon.oracle.bounds import FOREVER
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel
@@ -26,7 +29,7 @@ class Missing(Enum):
     """The same, and stamps begin elsewhere: the clock of the monitor was set back."""
 
 
-class Gap:
+class Gap(msgspec.Struct, frozen=True):
     """Something was not received, or is not relied on.
 
     Attributes:
@@ -38,45 +41,48 @@ class Gap:
         cause: why it is missing.
     """
 
-    __slots__ = ("cause", "channel", "from_ns", "kind", "source", "until_ns", "why")
-
-    def __init__(
-        self,
-        channel: str,
-        source: str,
-        from_ns: int,
-        until_ns: int,
-        why: str,
-        kind: ObservationKind | None = None,
-        cause: Missing = Missing.NOT_JUDGED,
-    ) -> None:
-        self.channel = channel
-        self.source = source
-        self.from_ns = from_ns
-        self.until_ns = until_ns
-        self.why = why
-        self.kind = kind
-        self.cause = cause
+    channel: str
+    source: str
+    from_ns: int
+    until_ns: int
+    why: str
+    kind: ObservationKind | None = None
+    cause: Missing = Missing.NOT_JUDGED
 
 
-class Intake:
+class NodeChange(msgspec.Struct, frozen=True):
+    """A node came up, or went away.
+
+    Attributes:
+        node: its name.
+        is_up: whether it is there now.
+        since_ns: when it began to connect; 0: that is not known, or it went away.
+        now_ns: when that was known, ns since the epoch.
+    """
+
+    node: str
+    is_up: bool
+    since_ns: int
+    now_ns: int
+
+
+class Intake(msgspec.Struct):
     """What was found of an observation that was received.
 
     Attributes:
         seen: the observation.
+        now_ns: when it was taken, ns since the epoch.
         judged: as a machine's judge takes it: with all fields of its type, and stamped as early as it may
             have been sent; None: it is not to be judged.
         sequel: how its number follows the one before.
         gaps: what is missing before it.
     """
 
-    __slots__ = ("gaps", "judged", "seen", "sequel")
-
-    def __init__(self, seen: Observation) -> None:
-        self.seen = seen
-        self.judged: Observation | None = None
-        self.sequel = Sequel.NEXT
-        self.gaps: tuple[Gap, ...] = ()
+    seen: Observation
+    now_ns: int
+    judged: Observation | None = None
+    sequel: Sequel = Sequel.NEXT
+    gaps: tuple[Gap, ...] = ()
 
     def miss(self, gap: Gap | None) -> None:
         """``gap`` was found; None: none was."""
@@ -84,29 +90,43 @@ class Intake:
             self.gaps = (*self.gaps, gap)
 
 
-class Judge(Protocol):
-    """Judges what happened, handed to it in order: never late, never twice.
+Seen_contra = TypeVar("Seen_contra", contravariant=True)
 
-    It keeps no window, counts no numbers and knows no latency bound.
+
+class Judge(Protocol[Seen_contra]):
+    """Judges what happened, and says what it finds as verdicts.
+
+    It is told of observations in the order in which they happened, never late and never twice, and of what is
+    missing before it is told of what came after that. It keeps no window, counts no numbers and knows no
+    latency bound. A class that inherits from this one needs no more than ``name`` and :meth:`observe`.
+
+    Attributes:
+        name: of what it judges.
     """
 
-    def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
-        """Whether such an observation tells it something."""
-        ...
+    name: str
 
-    def observe(self, event: Observation) -> Sequence[Verdict]:
+    def concerns(self, channel: str, source: str, kind: ObservationKind) -> bool:
+        """Whether such an observation, or that it is missing, tells it something."""
+        return True
+
+    def observe(self, seen: Seen_contra) -> Iterable[Verdict]:
         """Take what happened next."""
         ...
 
-    def gap(self, gap: Gap) -> Sequence[Verdict]:
-        """Something is missing; reported before what came after it."""
-        ...
+    def gap(self, gap: Gap) -> Iterable[Verdict]:
+        """Something is missing."""
+        return ()
 
-    def advance(self, until_ns: int) -> Sequence[Verdict]:
-        """All that happened until then (ns) was handed over."""
-        ...
+    def node_changed(self, change: NodeChange) -> Iterable[Verdict]:
+        """A node came up, or went away."""
+        return ()
+
+    def advance(self, until_ns: int) -> Iterable[Verdict]:
+        """All that happened until then (ns since the epoch) was handed over."""
+        return ()
 
     @property
     def due_ns(self) -> int:
         """From then on (ns) it decides something if nothing more happens; FOREVER: it does not."""
-        ...
+        return FOREVER

@@ -1,4 +1,4 @@
-"""Where something is due and has not come: the node is asked whether it did anything more.
+"""A node is asked how far it has reported: where something is due and has not come, whether it did more.
 
 A node that numbers its reports answers up to which number it has reported everything, and until when
 (``Tap.ask``). Once all of that was received its silence is known, and is not waited for any longer. A node
@@ -8,25 +8,14 @@ that does not answer is judged by the latency bound.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
-from typing import Protocol
+from collections.abc import Callable
 
 from moon.feed.clock import NS
-from moon.oracle.bounds import FOREVER
 from transports.interface import Answer, Tap
 
 
-class Silent(Protocol):
-    """What is asked of a judge."""
-
-    @property
-    def silent_ns(self) -> int:
-        """From then on (ns) it decides something if its node did nothing more; FOREVER: it does not."""
-        ...
-
-
-class Silence:
-    """Asks nodes how far they have reported, once for each thing that is due.
+class Asking:
+    """Asks nodes how far they have reported.
 
     Args:
         answered: gets the node, its answer, and when it was asked (ns); 0: it may have been at any time.
@@ -43,29 +32,8 @@ class Silence:
         self._answered = answered
         self._within_s = within_s
         self._now_ns = now_ns
-        self._asked: dict[str, int] = {}
         self._since: dict[str, int] = {}
         """When each was asked first of those that have not answered (ns)."""
-
-    def look(self, tap: Tap, judges: Mapping[str, Silent], now_ns: int) -> int:
-        """Ask where it is time; when to look next (ns), if nothing is received meanwhile.
-
-        Args:
-            tap: of the monitor.
-            judges: by the node that each is about.
-            now_ns: on the clock of the judges.
-        """
-        next_ns = FOREVER
-        for node, judge in judges.items():
-            due_ns = judge.silent_ns
-            if due_ns == FOREVER or self._asked.get(node) == due_ns:
-                continue
-            if due_ns >= now_ns:
-                next_ns = min(next_ns, due_ns + 1)
-                continue
-            self._asked[node] = due_ns
-            self.ask(tap, node)
-        return next_ns
 
     def ask(self, tap: Tap, node: str) -> None:
         """Ask ``node`` now; of one that has just come up, an answer tells that it reports what it takes."""

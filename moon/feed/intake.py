@@ -92,7 +92,7 @@ class Feed:
 
     def take(self, seen: Observation, now_ns: int) -> Intake:
         """What is found of ``seen``, received at ``now_ns``."""
-        intake, clock = Intake(seen), self.clock
+        intake, clock = Intake(seen, now_ns), self.clock
         gap_ns = now_ns - clock.now_ns
         if not -SET_NS <= gap_ns <= clock.limit_ns or self._seems_set(gap_ns):
             intake.miss(self.look_at_clock(*self.read_clocks()))

@@ -19,9 +19,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import msgspec
 
 from m2c.model.walk import variables_of
+from moon.feed.clock import EventTimeClock
 from moon.feed.nodes import Nodes
 from moon.feed.unreceived import Place, Unreceived, Window
-from moon.judge import Gap
+from moon.judge import Gap, Intake, Missing, NodeChange
 from moon.monitor.careful import CarefulProperties
 from moon.monitor.departures import PREFIX, Departures
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
@@ -35,9 +36,10 @@ from moon.properties.patterns import needs_cause
 from moon.properties.predicates import ANY_CHANNEL
 from moon.properties.property import Fact, Property, Role, Status, Witness
 from moon.properties.property import Verdict as PropertyVerdict
+from moon.sources.source import Reach
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from moon.wording import Wording, is_whole, value_text
-from transports.interface import Observation, ObservationKind
+from transports.interface import Answer, Observation, ObservationKind
 
 SHOWN_FACTS = 8
 """So many facts explain a violation, the latest; more would hide the point."""
@@ -134,7 +136,9 @@ class PropertyWatch:
         """Channels of which nothing is received, whatever happens there."""
         self.withdrawn: Callable[[str, int], None] = lambda name, since_ns: None
         """Called with a violation (of which property, since when) that does not count any more."""
+        self.name = "properties"
         self._latency_ns = latency_ns
+        self._clock: EventTimeClock | None = None
         self._tallies = {
             name: _Tally(frozenset(port.channel for port in item.ports))
             for name, item in self.properties.items()
@@ -174,15 +178,21 @@ class PropertyWatch:
         self._wait_ns = LOOK_NS
         self._now_ns = 0
 
-    def rely_on(self, sources: Nodes, senders: Mapping[str, Iterable[str]]) -> None:
+    def rely_on(
+        self,
+        sources: Nodes,
+        senders: Mapping[str, Iterable[str]],
+        clock: EventTimeClock | None = None,
+    ) -> None:
         """Nodes number what they report, and can be asked.
 
         Args:
             sources: how far all of them are; kept up to date by whoever calls this.
+            clock: of the judges, kept so, too; it says how late observations were of late.
             senders: the nodes that may report something on each channel, by their models; empty: there are
                 no models, and any node that comes up may.
         """
-        self._sources = sources
+        self._sources, self._clock = sources, clock
         self._unreceived = Unreceived(sources)
         self._is_anybody = not senders
         for channel, names in senders.items():
@@ -190,33 +200,41 @@ class PropertyWatch:
                 for name in names:
                     self._unreceived.expect(name, channel, channel in self._topics)
 
-    def start(self, now_ns: int, linked_ns: int = 0) -> None:
-        """Listening begins at ``now_ns``, with what is received at that instant.
+    def start(self, since_ns: int, linked_ns: int = 0) -> None:
+        """Listening begins at ``since_ns``, with what is received at that instant.
 
         What holds then is known one latency bound later: by then all are found that were there before. It is
         known at once that nobody was, where all that may send have started since.
 
         Args:
-            now_ns: ns since the epoch.
+            since_ns: ns since the epoch.
             linked_ns: so long after it was found, a node is linked on all its channels (ns); 0: at once.
         """
         self._unreceived.linked_ns = linked_ns
         if linked_ns:
             self._ordered.be_careful()
-        self._reached_ns, self._is_begun = now_ns - 1, False
+        self._reached_ns, self._is_begun = since_ns - 1, False
 
     def miss(self, channels: Iterable[str]) -> None:
         """Of ``channels`` nothing is received, whatever happens there."""
         self._unheard = frozenset(channels)
         self._clear()
 
-    def concerns(self, channel: str) -> bool:
+    def concerns(
+        self, channel: str, source: str = "", kind: ObservationKind = ObservationKind.MESSAGE
+    ) -> bool:
         """Whether some property listens to ``channel``."""
+        if kind is ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
+            return False
         return channel in self.channels or ANY_CHANNEL in self.channels
 
-    def observe(self, seen: Observation) -> None:
-        """Take ``seen`` in; it counts when :meth:`advance` says that its latency is over."""
-        if seen.kind is ObservationKind.MESSAGE_TAKEN or not self.concerns(seen.channel):
+    def observe(self, seen: Intake) -> Sequence[Verdict]:
+        """Take in what was received; it counts when :meth:`advance` says that its latency is over."""
+        self._observe(seen.seen)
+        return ()
+
+    def _observe(self, seen: Observation) -> None:
+        if not self.concerns(seen.channel, seen.source, seen.kind):
             return
         for tally in self._tallies.values():
             tally.received += seen.channel in tally.channels
@@ -225,8 +243,9 @@ class PropertyWatch:
             self._departures.received(seen)
         self._hold(seen)
 
-    def node_changed(self, node: str, up: bool, now_ns: int) -> None:
-        """``node`` came up or went away: who is not there owes no response."""
+    def node_changed(self, change: NodeChange) -> Sequence[Verdict]:
+        """A node came up or went away: who is not there owes no response."""
+        node, up, now_ns = change.node, change.is_up, change.now_ns
         if self._is_anybody and up:
             self._unreceived.expect(node)
         if up:
@@ -240,6 +259,11 @@ class PropertyWatch:
                 self._due_ns = 0
         for departure in self._departures.changed(node, up, now_ns):
             self._hold(departure)
+        listening_ns = self._sources.listening_ns
+        if up and change.since_ns < listening_ns:
+            # what it did before is not known, so nothing is reported of what should have been before
+            self.lose_all(0, max(listening_ns, now_ns) + 1)
+        return ()
 
     def _hold(self, seen: Observation) -> None:
         try:
@@ -270,10 +294,19 @@ class PropertyWatch:
         self._due_ns = 0
         self._losses.append(loss)
 
-    def gap(self, gap: Gap) -> None:
-        """Something that one source reported is missing: it may be of any channel on which it sends."""
-        for channel in sorted(self._unreceived.channels.get(gap.source, ())):
-            self.lose(channel, gap.from_ns, gap.until_ns)
+    def gap(self, gap: Gap) -> Sequence[Verdict]:
+        """Something is missing; where no channel is known, it may be of any on which its source sends."""
+        if gap.cause is Missing.SET_BACK:
+            return self.begin_anew(gap.until_ns, gap.why)
+        if gap.cause is Missing.ANEW or gap.cause is Missing.CLOCK_SET:
+            self.clock_set(gap.from_ns, gap.until_ns)
+        elif gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
+            channels = (
+                [gap.channel] if gap.channel else self._unreceived.channels.get(gap.source, ())
+            )
+            for channel in sorted(channels):
+                self.lose(channel, gap.from_ns, gap.until_ns)
+        return ()
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
         """Whatever was sent in ``[start_ns, end_ns)`` may have been missed."""
@@ -324,13 +357,13 @@ class PropertyWatch:
                 found |= self._tallies[name].channels
         return found
 
-    def advance(self, now_ns: int, lag_ns: int = 0) -> list[Verdict]:
-        """The time is ``now_ns``; the verdicts that changed.
+    def advance(self, until_ns: int) -> list[Verdict]:
+        """It is ``until_ns``: what was stamped the latency bound before was received, or is lost.
 
-        Args:
-            now_ns: what was stamped the latency bound before was received, or is lost.
-            lag_ns: how late observations were of late.
+        Returns:
+            The verdicts that changed.
         """
+        now_ns, lag_ns = until_ns, 0 if self._clock is None else self._clock.lag_ns
         self._wait_ns = min(max(LOOK_NS, lag_ns), self._latency_ns)
         is_early = now_ns < self._look_ns and self._known_ns(now_ns) < self._due_ns
         if is_early and not self._unconfirmed:
@@ -382,8 +415,12 @@ class PropertyWatch:
         """Until then (ns) time alone changes nothing; 0: it may at once."""
         return min(self._look_ns, self._certain_ns) if self._due_ns else 0
 
+    def answered(self, node: str, answer: Answer, reach_ns: int) -> list[Verdict]:
+        """``node`` said up to where it has reported everything; it is ``reach_ns`` (ns)."""
+        return self.advance(reach_ns)
+
     @property
-    def turn_ns(self) -> int:
+    def due_ns(self) -> int:
         """When a turn is wanted (ns); 0: at once. It is :attr:`next_ns`, or up to :data:`BEHIND_NS` later."""
         if not self._due_ns:
             return 0
@@ -392,6 +429,8 @@ class PropertyWatch:
 
     def take_questions(self) -> Sequence[str]:
         """The nodes to be asked now how far they have reported."""
+        if not self._to_ask:
+            return ()
         names, self._to_ask = self._to_ask, []
         return names
 
@@ -597,9 +636,14 @@ class PropertyWatch:
         """Each property as it stands."""
         return [self._status(name) for name in self.properties]
 
-    def outcomes(self) -> Iterator[tuple[str, Outcome | None]]:
-        """The outcome last reported of each property; None: nothing yet."""
-        return ((name, tally.outcome) for name, tally in self._tallies.items())
+    def standings(self) -> Iterator[tuple[str, str, str, tuple[str, ...]]]:
+        """Name, kind and verdict of each property as it is now; no states."""
+        for name, tally in self._tallies.items():
+            yield name, PROPERTY, str(tally.outcome or UNSEEN), ()
+
+    def report(self, verdict: Verdict) -> Reach:
+        """``verdict``, which it found, is reported: to whom."""
+        return Reach.PEOPLE
 
     def _status(self, name: str) -> MachineStatus:
         tally = self._tallies[name]

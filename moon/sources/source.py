@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from enum import Enum
 from typing import Protocol
 
 from moon.verdict import Verdict
@@ -40,6 +41,17 @@ class Source(Protocol):
     def post(self, handler: Callable[[], None]) -> None:
         """See ``Transport.post``."""
         ...
+
+
+class Reach(Enum):
+    """To whom a verdict is reported."""
+
+    PEOPLE = 0
+    """To everybody."""
+    PROGRAMS = 1
+    """Not to people: what it says is part of something that they are told once."""
+    NOBODY = 2
+    """It repeats one that was reported, and is counted."""
 
 
 class Sink(Protocol):

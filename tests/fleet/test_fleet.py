@@ -10,7 +10,7 @@ from moon.fleet.notices import RobotNotices
 from moon.fleet.report import closing, table
 from moon.fleet.robot import Robot
 from moon.fleet.screen import Troubles
-from moon.monitor.watch import MIDDLE
+from moon.monitor.machines import MIDDLE
 from moon.verdict import Outcome, Verdict
 from tests.fleet.by_hand import FleetByHand
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from moon.feed.nodes import Nodes
+from moon.judge import Intake, NodeChange
 from moon.monitor.properties import PropertyWatch
 from moon.properties.property import REQUESTS, Port, Property
 from moon.properties.syntax import parse_formula
@@ -48,7 +49,7 @@ class Watched:
         gap = self.sources.take(seen, START + now_ms * MS)
         if gap is not None:
             self.watch.gap(gap)
-        self.watch.observe(seen)
+        self.watch.observe(Intake(seen, START + now_ms * MS))
 
     def answer(self, node: str, at_ms: int) -> None:
         self.sources.answered(node, self.orders[node], START + at_ms * MS)
@@ -136,7 +137,7 @@ class OnTopics(Watched):
 
     def come_up(self, node: str, at_ms: int) -> None:
         self.sources.changed(node, True, START + at_ms * MS)
-        self.watch.node_changed(node, True, START + at_ms * MS)
+        self.watch.node_changed(NodeChange(node, True, START + at_ms * MS, START + at_ms * MS))
 
     def hear(self, source: str, channel: str, at_ms: int, now_ms: int) -> None:
         seen = Observation(
@@ -145,7 +146,7 @@ class OnTopics(Watched):
         )  # fmt: skip
         self.numbers[channel] += 1
         self.sources.take(seen, START + now_ms * MS)
-        self.watch.observe(seen)
+        self.watch.observe(Intake(seen, START + now_ms * MS))
 
 
 def test_on_topics_silence_is_a_violation_once_the_next_message_of_each_has_come() -> None:
@@ -252,7 +253,7 @@ def test_who_has_started_since_was_not_there_before_the_beginning(
     watched = Watched(ABSENCE)
     for node in ("Client", "Server"):
         watched.sources.changed(node, True, START + since_ms * MS)
-        watched.watch.node_changed(node, True, START + 2 * MS)
+        watched.watch.node_changed(NodeChange(node, True, START + since_ms * MS, START + 2 * MS))
         watched.answer(node, 3)
     watched.hear("Server", "/done", 20, 22)
     for node in ("Client", "Server"):

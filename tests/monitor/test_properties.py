@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from moon.cli import main as moon
+from moon.judge import Intake
 from moon.monitor.properties import LOOK_NS, PropertyWatch
 from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.turns import BEHIND_NS
@@ -295,11 +296,11 @@ def test_what_comes_to_count_for_good_does_so_behind_the_tick_that_has_begun_mea
     watched.pass_time(60)
     properties = watched.properties
     assert heard_ns < properties.next_ns <= heard_ns + 200 * MS
-    assert properties.turn_ns == properties.next_ns + BEHIND_NS
+    assert properties.due_ns == properties.next_ns + BEHIND_NS
     watched.pass_time(300)
-    assert properties.turn_ns == properties.next_ns  # nothing was heard meanwhile
+    assert properties.due_ns == properties.next_ns  # nothing was heard meanwhile
     properties.lose_all(watched.now, watched.now + MS)
-    assert properties.turn_ns == 0
+    assert properties.due_ns == 0
 
 
 def test_what_comes_late_is_in_time_within_the_latency_bound(watched) -> None:
@@ -401,7 +402,7 @@ def test_after_a_loss_what_comes_even_later_is_counted_and_judges_nothing(tmp_pa
         data={"status": 1},
         source="Level",
     )
-    watch.observe(late)
+    watch.observe(Intake(late, START + 2 * S))
     assert watch.late == 1
     assert all(said.outcome is not Outcome.VIOLATED for said in watch.advance(START + 4 * S))
 
@@ -510,17 +511,16 @@ def test_an_answer_that_comes_later_than_the_latency_bound_shows_a_violation_was
     said = watched.verdicts[-1]
     withdrawn = []
     watched.properties.withdrawn = lambda name, since_ns: withdrawn.append((name, since_ns))
-    watched.properties.observe(
-        Observation(
-            stamp_ns=watched.now - 500 * MS,
-            received_ns=watched.now,
-            channel="/Level/tick",
-            kind=ObservationKind.RESPONSE_SENT,
-            type_name="t/srv/Tick_Response",
-            data={"status": 0},
-            source="Level",
-        )
+    late = Observation(
+        stamp_ns=watched.now - 500 * MS,
+        received_ns=watched.now,
+        channel="/Level/tick",
+        kind=ObservationKind.RESPONSE_SENT,
+        type_name="t/srv/Tick_Response",
+        data={"status": 0},
+        source="Level",
     )
+    watched.properties.observe(Intake(late, watched.now))
     watched.pass_time(1000)
     assert watched.properties.late == 1
     assert watched.of("answers")[-1] == "inconclusive"
