@@ -26,6 +26,30 @@ A recorded run is checked in the same way:
 >>> result.violated[1].verdict.explanation.observed
 'response on /BatteryLevelSkill/tick {status: FAILURE (1), is_ok: true}'
 
+Besides its models and properties, a run is judged by whatever is a :class:`Judge`. This one knows that an
+empty battery stays empty:
+
+>>> class StaysEmpty(moon.Judge):
+...     name = "stays empty"
+...     was_empty = False
+...
+...     def concerns(self, channel, source, kind):
+...         return (channel, kind) == ("/BatteryLevelSkill/tick", "response_sent")
+...
+...     def observe(self, seen):
+...         is_empty = seen.data["status"] == 1
+...         if self.was_empty and not is_empty:
+...             why = "it is not empty any more"
+...             yield moon.Verdict.of(self.name, moon.Outcome.VIOLATED, seen.stamp_ns, why)
+...         self.was_empty = is_empty
+...
+...     def gap(self, gap):
+...         self.was_empty = False  # that it was charged may not have been received
+...         return ()
+>>> result = moon.check_recording("tests/recordings/zenoh-T3.mcap", judges=[StaysEmpty])
+>>> [(found.verdict.machine, found.verdict.reason) for found in result.violated]
+[('stays empty', 'it is not empty any more')]
+
 What was recorded is read, and given to the oracle of one machine or to anything else, by hand:
 
 >>> from transports import Observation
@@ -49,18 +73,23 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from moon.api import Monitor, check_recording
+    from moon.judge import Gap, Judge, NodeChange
     from moon.monitor.subject import NothingLeftError
     from moon.offline.engine import EmptyRecordingError
     from moon.oracle.oracle import Oracle
     from moon.properties.monitor import PropertySet, TimeOrderError
     from moon.recording.reader import Recording, RecordingError
-    from moon.verdict import Verdict
+    from moon.verdict import Outcome, Verdict
 
 __all__ = [
     "EmptyRecordingError",
+    "Gap",
+    "Judge",
     "Monitor",
+    "NodeChange",
     "NothingLeftError",
     "Oracle",
+    "Outcome",
     "PropertySet",
     "Recording",
     "RecordingError",
@@ -71,9 +100,13 @@ __all__ = [
 
 _HOMES = {
     "EmptyRecordingError": "moon.offline.engine",
+    "Gap": "moon.judge",
+    "Judge": "moon.judge",
     "Monitor": "moon.api",
+    "NodeChange": "moon.judge",
     "NothingLeftError": "moon.monitor.subject",
     "Oracle": "moon.oracle.oracle",
+    "Outcome": "moon.verdict",
     "PropertySet": "moon.properties.monitor",
     "Recording": "moon.recording.reader",
     "RecordingError": "moon.recording.reader",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import msgspec
 
 import m2c
 from m2c.model.system import System
+from moon.judge import Judge
 from moon.monitor.reading import no_system
 from moon.monitor.status import MachineStatus
 from moon.monitor.subject import Monitored, Subject, monitored_of
@@ -16,7 +19,7 @@ from moon.oracle.bounds import Bounds
 from moon.properties.monitor import PropertySet
 from moon.sources.live import Joining
 from moon.verdict import Verdict
-from transports.interface import Closes, Listener
+from transports.interface import Closes, Listener, Observation
 
 
 class Monitor(Closes):
@@ -29,6 +32,7 @@ class Monitor(Closes):
             :meth:`transports.SimulatedWorld.connect`); its executor runs the monitor.
         system: the models; None: only properties are monitored.
         properties: what else is monitored; of the set only the properties count, not its state.
+        judges: what makes further judges, such as classes that inherit from :class:`Judge`.
         on_verdict: gets every verdict that is new, on the executor.
         on_notice: called with what a person should know, one sentence each.
         deadline_s: seconds in which a node must send what it owes.
@@ -40,7 +44,7 @@ class Monitor(Closes):
     Raises:
         ModelError: :func:`m2c.check` finds errors in ``system``.
         NothingLeftError: no model of ``system`` can be monitored; the text says why.
-        ValueError: there is neither a system nor properties.
+        ValueError: there is nothing to monitor.
     """
 
     def __init__(
@@ -49,12 +53,13 @@ class Monitor(Closes):
         system: System | None = None,
         properties: PropertySet | None = None,
         *,
+        judges: Sequence[Callable[[], Judge[Observation]]] = (),
         on_verdict: Callable[[Verdict], None] = lambda verdict: None,
         on_notice: Callable[[str], None] = lambda sentence: None,
         deadline_s: float = 1.0,
         latency_s: float = 0.2,
     ) -> None:
-        monitored = _monitored(system, properties, deadline_s, latency_s)
+        monitored = _monitored(system, properties, judges, deadline_s, latency_s)
         self.unmonitored = monitored.unmonitored
         self._say = on_notice
         self._joining = Joining(transport)
@@ -104,6 +109,7 @@ def check_recording(
     system: System | None = None,
     properties: PropertySet | None = None,
     *,
+    judges: Sequence[Callable[[], Judge[Observation]]] = (),
     deadline_s: float = 1.0,
     latency_s: float = 0.2,
 ) -> CheckResult:
@@ -113,6 +119,7 @@ def check_recording(
         path: what ``moon record`` or ``ros2 bag record`` wrote, or a log of JSON lines.
         system: the models; None: only properties are checked.
         properties: what else is checked; of the set only the properties count, not its state.
+        judges: what makes further judges, such as classes that inherit from :class:`Judge`.
         deadline_s: seconds in which a node must send what it owes.
         latency_s: seconds in which a message is taken, and an event received by the recorder.
 
@@ -126,9 +133,9 @@ def check_recording(
         EmptyRecordingError: it holds nothing that could be checked.
         ModelError: :func:`m2c.check` finds errors in ``system``.
         NothingLeftError: no model of ``system`` can be monitored; the text says why.
-        ValueError: there is neither a system nor properties.
+        ValueError: there is nothing to check.
     """
-    monitored = _monitored(system, properties, deadline_s, latency_s)
+    monitored = _monitored(system, properties, judges, deadline_s, latency_s)
     files = {item.position.file: None for item in monitored.properties}
     subject = Subject(
         () if system is None else (system.path,),
@@ -142,18 +149,22 @@ def check_recording(
 
 
 def _monitored(
-    system: System | None, properties: PropertySet | None, deadline_s: float, latency_s: float
+    system: System | None,
+    properties: PropertySet | None,
+    judges: Sequence[Callable[[], Judge[Observation]]],
+    deadline_s: float,
+    latency_s: float,
 ) -> Monitored:
-    if system is None and properties is None:
-        raise ValueError("nothing to monitor: give a system, or properties, or both")
+    if system is None and properties is None and not judges:
+        raise ValueError("nothing to monitor: give a system, properties, or judges")
     for what, seconds in (("deadline_s", deadline_s), ("latency_s", latency_s)):
         if not 0 < seconds < float("inf"):
             raise ValueError(f"{what} is a number of seconds above 0, not {seconds!r}")
     bounds = Bounds(latency=round(latency_s * 1e9), deadline=round(deadline_s * 1e9))
     chosen = () if properties is None else properties.properties
     if system is None:
-        return Monitored(no_system(), (), chosen, bounds, ())
+        return Monitored(no_system(), (), chosen, bounds, (), judges=tuple(judges))
     errors = [found for found in m2c.check(system) if found.severity == "error"]
     if errors:
         raise m2c.ModelError(errors)
-    return monitored_of(system, chosen, bounds)
+    return msgspec.structs.replace(monitored_of(system, chosen, bounds), judges=tuple(judges))

@@ -49,6 +49,11 @@ class Gap(msgspec.Struct, frozen=True):
     kind: ObservationKind | None = None
     cause: Missing = Missing.NOT_JUDGED
 
+    @property
+    def stamp_ns(self) -> int:
+        """Since when it matters."""
+        return self.from_ns
+
 
 class NodeChange(msgspec.Struct, frozen=True):
     """A node came up, or went away.
@@ -64,6 +69,11 @@ class NodeChange(msgspec.Struct, frozen=True):
     is_up: bool
     since_ns: int
     now_ns: int
+
+    @property
+    def stamp_ns(self) -> int:
+        """When it happened, as far as is known."""
+        return self.now_ns
 
 
 class Intake(msgspec.Struct):
@@ -97,8 +107,9 @@ class Judge(Protocol[Seen_contra]):
     """Judges what happened, and says what it finds as verdicts.
 
     It is told of observations in the order in which they happened, never late and never twice, and of what is
-    missing before it is told of what came after that. It keeps no window, counts no numbers and knows no
-    latency bound. A class that inherits from this one needs no more than ``name`` and :meth:`observe`.
+    missing before what came after that. It keeps no window, counts no numbers and knows no latency bound.
+    What it finds violated is reported when nothing can be missing that it was not told of. A class that
+    inherits from this one needs no more than ``name`` and :meth:`observe`.
 
     Attributes:
         name: of what it judges.
@@ -115,7 +126,7 @@ class Judge(Protocol[Seen_contra]):
         ...
 
     def gap(self, gap: Gap) -> Iterable[Verdict]:
-        """Something is missing."""
+        """Something is missing; once more before each thing that may have come after some of it."""
         return ()
 
     def node_changed(self, change: NodeChange) -> Iterable[Verdict]:
@@ -128,5 +139,5 @@ class Judge(Protocol[Seen_contra]):
 
     @property
     def due_ns(self) -> int:
-        """From then on (ns) it decides something if nothing more happens; FOREVER: it does not."""
+        """From then on (ns) it decides something if nothing more happens; by default it does not."""
         return FOREVER

@@ -94,7 +94,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
         stamp_ns: of the observation, or of the moment at which something was due.
         reason: one sentence; "" while all is well.
         explanation: for violations.
-        kind: ``model``, or ``property``: then ``machine`` and ``node`` are its id.
+        kind: ``model``, or ``property`` for what is no machine: then ``machine`` and ``node`` are its name.
         robot: in a fleet, the namespace of the robot; else "".
         cause: of a violation of a model, or of one that is not certain yet.
     """
@@ -108,6 +108,26 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     kind: str = "model"
     robot: str = ""
     cause: Cause | None = None
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        outcome: Outcome,
+        stamp_ns: int,
+        reason: str = "",
+        explanation: Explanation | None = None,
+    ) -> Verdict:
+        """The verdict on what is no machine: on a property, or whatever else a judge judges.
+
+        Args:
+            name: of what is judged.
+            outcome: what is known.
+            stamp_ns: since when, ns since the epoch.
+            reason: one sentence; empty while all is well.
+            explanation: for violations.
+        """
+        return cls(name, name, outcome, stamp_ns, reason, explanation, kind="property")
 
     @property
     def is_silence(self) -> bool:

@@ -33,7 +33,7 @@ class Place(msgspec.Struct, frozen=True):
     is_message: bool
 
 
-class Window(msgspec.Struct, frozen=True):
+class Stretch(msgspec.Struct, frozen=True):
     """Something that was not received may have been reported at ``place``.
 
     Attributes:
@@ -126,7 +126,7 @@ class Unreceived:
 
     def windows(
         self, concerns: Callable[[str], bool], until_ns: int, now_ns: int
-    ) -> Iterator[Window]:
+    ) -> Iterator[Stretch]:
         """What may be missing of all that happened until ``until_ns``, on the channels that concern."""
         for node, channels in self.channels.items():
             if channels and not any(map(concerns, channels)):
@@ -143,7 +143,7 @@ class Unreceived:
                     if window is not None:
                         yield window
 
-    def window(self, place: Place, until_ns: int, now_ns: int) -> Window | None:
+    def window(self, place: Place, until_ns: int, now_ns: int) -> Stretch | None:
         """What may be missing at ``place`` of what happened until ``until_ns``; None: nothing."""
         source = self._sources.known.get(place.node)
         if source is not None and self._sources.is_answering(source):
@@ -157,22 +157,22 @@ class Unreceived:
             return None
         if last_ns:
             is_open = place.is_message or self.is_lossy
-            return Window(place, last_ns + 1) if is_open else None
+            return Stretch(place, last_ns + 1) if is_open else None
         has_started = source.since_ns >= self._sources.listening_ns
-        return Window(place, source.since_ns) if place.is_message and has_started else None
+        return Stretch(place, source.since_ns) if place.is_message and has_started else None
 
-    def _of_answering(self, node: str, source: Node, until_ns: int, now_ns: int) -> Window | None:
+    def _of_answering(self, node: str, source: Node, until_ns: int, now_ns: int) -> Stretch | None:
         reported_ns = source.progress.reported_ns
         if self._sources.is_over(source, now_ns) or reported_ns >= until_ns:
             return None
-        return Window(Place(node, "", True), reported_ns + 1, can_answer=True)
+        return Stretch(Place(node, "", True), reported_ns + 1, can_answer=True)
 
     def _of_unknown(
         self, place: Place, source: Node | None, until_ns: int, now_ns: int
-    ) -> Window | None:
+    ) -> Stretch | None:
         """Who is not known to be there may be there, and not be found yet."""
         ends_ns = until_ns + self.linked_ns
         if not self.linked_ns or now_ns >= ends_ns:
             return None
         gone_ns = 0 if source is None else source.since_ns
-        return Window(place, max(gone_ns, self._sources.listening_ns), ends_ns=ends_ns)
+        return Stretch(place, max(gone_ns, self._sources.listening_ns), ends_ns=ends_ns)

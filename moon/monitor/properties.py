@@ -21,7 +21,7 @@ import msgspec
 from m2c.model.walk import variables_of
 from moon.feed.clock import EventTimeClock
 from moon.feed.nodes import Nodes
-from moon.feed.unreceived import Place, Unreceived, Window
+from moon.feed.unreceived import Place, Stretch, Unreceived
 from moon.judge import Gap, Intake, Missing, NodeChange
 from moon.monitor.careful import CarefulProperties
 from moon.monitor.departures import PREFIX, Departures
@@ -523,7 +523,7 @@ class PropertyWatch:
 
     # --- what is certain ---------------------------------------------------------------------------
 
-    def _needed(self, name: str, until_ns: int) -> list[Window]:
+    def _needed(self, name: str, until_ns: int) -> list[Stretch]:
         """Where something may be missing that would undo a violation at ``until_ns``."""
         concerns = self._tallies[name].concerns
         windows = list(self._unreceived.windows(concerns, until_ns, self._now_ns))
@@ -540,7 +540,7 @@ class PropertyWatch:
         names = [node for node, sends in senders if not sends or any(map(concerns, sends))]
         return bool(self._sources.clocks.doubtful(names))
 
-    def _withstands(self, name: str, windows: Iterable[Window]) -> bool:
+    def _withstands(self, name: str, windows: Iterable[Stretch]) -> bool:
         """Whether it is violated whatever happened there."""
         channels = self._unreceived.channels
         losses = [
@@ -555,7 +555,7 @@ class PropertyWatch:
         return not losses or self._ordered.withstands(name, losses)
 
     def _wait_for(
-        self, name: str, verdict: PropertyVerdict, windows: Sequence[Window]
+        self, name: str, verdict: PropertyVerdict, windows: Sequence[Stretch]
     ) -> list[Verdict]:
         """It is violated if nothing is missing; the nodes that may have done something are asked."""
         places = tuple(window.place for window in windows)
@@ -576,7 +576,7 @@ class PropertyWatch:
             name, PropertyVerdict(Status.INCONCLUSIVE, verdict.since_ns, reason=why)
         )
 
-    def _windows(self, waiting: _Unconfirmed) -> list[Window]:
+    def _windows(self, waiting: _Unconfirmed) -> list[Stretch]:
         """What may still be missing that would undo it."""
         until_ns = waiting.verdict.since_ns
         found = (self._unreceived.window(place, until_ns, self._now_ns) for place in waiting.places)
@@ -671,11 +671,11 @@ def verdict_on(item: Property, verdict: PropertyVerdict, wording: Wording | None
     outcome = _OUTCOMES[verdict.status]
     stamp = max(verdict.since_ns, 0)
     if outcome is not Outcome.VIOLATED:
-        return Verdict(item.name, item.name, outcome, stamp, verdict.reason, kind=PROPERTY)
+        return Verdict.of(item.name, outcome, stamp, verdict.reason)
     broken = "assumption broken" if item.role is Role.ASSUMPTION else str(item.severity)
     reason = f"{broken}: {item.text or item.meaning}"
     why = _explained(item, verdict.witness, wording or Wording())
-    return Verdict(item.name, item.name, outcome, stamp, reason, why, PROPERTY)
+    return Verdict.of(item.name, outcome, stamp, reason, why)
 
 
 def _explained(item: Property, witness: Witness | None, wording: Wording) -> Explanation:

@@ -11,6 +11,7 @@ from m2c.diagnostics import DiagnosticLog, Severity
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.suggestions import nearest
+from moon.judge import Judge
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.departures import Departures
 from moon.monitor.properties import PropertyWatch
@@ -30,6 +31,7 @@ from moon.properties.property import Property
 from moon.sources.source import Sink, Source
 from moon.verdict import Verdict
 from moon.wording import Wording
+from transports.interface import Observation
 
 
 class Subject(msgspec.Struct, frozen=True):
@@ -67,6 +69,7 @@ class Monitored(msgspec.Struct, frozen=True):
         notes: what a person should know, one sentence each.
         unmonitored: those of ``notes`` that say what is not monitored, and why.
         policy: whether the policy is monitored, if the system has one.
+        judges: what makes further judges of a run.
     """
 
     system: System
@@ -76,6 +79,7 @@ class Monitored(msgspec.Struct, frozen=True):
     notes: tuple[str, ...]
     unmonitored: tuple[str, ...] = ()
     policy: bool = True
+    judges: tuple[Callable[[], Judge[Observation]], ...] = ()
 
     def property_watch(self) -> PropertyWatch:
         """A fresh monitor of the properties."""
@@ -107,6 +111,7 @@ class Monitored(msgspec.Struct, frozen=True):
             screens=screens,
             compiled=compiled,
             repeated=repeated,
+            judges=self.judges,
         )
 
 

@@ -16,6 +16,7 @@ from moon.feed.counts import Counts
 from moon.feed.intake import Feed
 from moon.feed.reception import Reception
 from moon.feed.senders import Senders, places
+from moon.feed.window import Window
 from moon.judge import Gap, Intake, Judge, Missing, NodeChange
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.machines import MachineWatch
@@ -98,6 +99,7 @@ class SystemWatch:
         screens: sinks for people, who are told once when all machines are resynchronised, not of each.
         compiled: ``system``, if it was compiled already: watches of many runs of it share that.
         in_order: ``transport`` hands over each observation before all that happened after it.
+        judges: what makes further judges of the same run.
     """
 
     def __init__(
@@ -115,6 +117,7 @@ class SystemWatch:
         screens: Iterable[Sink] = (),
         compiled: CompiledSystem | None = None,
         in_order: bool = False,
+        judges: Iterable[Callable[[], Judge[Observation]]] = (),
     ) -> None:
         self.counts = Counts()
         self._repeated = repeated
@@ -139,7 +142,9 @@ class SystemWatch:
             in_order,
         )
         self._clock = self._feed.clock
-        properties.rely_on(self._feed.sources, _reporters(system), self._clock)
+        reporters = _reporters(system)
+        senders = {channel: names for (channel, _), names in reporters.items()}
+        properties.rely_on(self._feed.sources, senders, self._clock)
         if policy is None:
             policy = {machine.name for machine in machines} >= {node.name for node in system.nodes}
         self._models = MachineWatch(
@@ -152,7 +157,9 @@ class SystemWatch:
             compiled or CompiledSystem(system, machines),
             policy and system.policy is not None,
         )
-        self._judges: tuple[Watch, ...] = (self._models, properties)
+        nodes = self._feed.sources
+        others = [Window(make(), bounds.latency, nodes, reporters) for make in judges]
+        self._judges: tuple[Watch, ...] = (self._models, properties, *others)
         self._turns = Turns(transport, self._turn, bounds.latency)
         self._asking = Asking(self._answered, bounds.latency / NS, transport.now_ns)
         self._began_ns = 0
@@ -333,17 +340,18 @@ class SystemWatch:
         return Summary(seconds, statuses, counts, tuple(self.problems()))
 
 
-def _reporters(system: System) -> dict[str, set[str]]:
-    """The nodes that may report something on each channel, by their models.
+def _reporters(system: System) -> dict[tuple[str, bool], set[str]]:
+    """The nodes that may report something on each channel, by their models, and whether those are messages.
 
     The policy calls its skills, and sends what its plugins do.
     """
-    found: dict[str, set[str]] = {}
+    found: dict[tuple[str, bool], set[str]] = {}
     for machine in (*system.nodes, *system.plugins):
         name = machine.name if machine in system.nodes else POLICY
         for channel, kind in places(machine):
+            place = (channel, kind is ObservationKind.MESSAGE)
             if kind is not ObservationKind.MESSAGE_TAKEN:
-                found.setdefault(channel, set()).add(name)
+                found.setdefault(place, set()).add(name)
             if kind is ObservationKind.RESPONSE_SENT:
-                found[channel].add(POLICY)
+                found[place].add(POLICY)
     return found

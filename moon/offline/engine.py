@@ -110,6 +110,7 @@ def check_recording(
         monotonic_ns=player.steady_ns,
         repeated=collector.repeat,
         in_order=base is not None,
+        judges=monitored.judges,
     )
     properties.withdrawn = collector.withdraw
     timelines = Timelines(watch, player) if with_timelines else None

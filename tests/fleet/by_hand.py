@@ -7,6 +7,8 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
+
 from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
 from moon.fleet.choice import WHOLE, Shard
@@ -120,7 +122,9 @@ class RobotByHand(HandDriven):
 class FleetByHand:
     """The connection, and a fleet on it."""
 
-    def __init__(self, folder: Path, shard: Shard = WHOLE, most: int = 2000) -> None:
+    def __init__(
+        self, folder: Path, shard: Shard = WHOLE, most: int = 2000, judges: tuple = ()
+    ) -> None:
         self.now = START
         self.said: list[str] = []
         self.verdicts: list[Verdict] = []
@@ -129,7 +133,8 @@ class FleetByHand:
         log = DiagnosticLog()
         system = load([write_models(folder)], log)
         assert system is not None
-        models = FleetModels(monitored_of(system, (), Bounds()))
+        monitored = msgspec.structs.replace(monitored_of(system, (), Bounds()), judges=judges)
+        models = FleetModels(monitored)
         self.fleet = Fleet(
             self, "robots/*", models, [self], [Into(self.shown)], self.said.append, shard, most
         )

@@ -123,7 +123,7 @@ def test_a_monitor_watches_a_live_transport() -> None:
 
 def test_nothing_to_monitor_and_times_that_are_none_are_refused(tour: m2c.System) -> None:
     node = SimulatedWorld().connect("monitor")
-    with pytest.raises(ValueError, match="give a system, or properties, or both"):
+    with pytest.raises(ValueError, match="give a system, properties, or judges"):
         moon.Monitor(node)
     with pytest.raises(ValueError, match="latency_s is a number of seconds above 0, not -1"):
         moon.Monitor(node, tour, latency_s=-1)
