@@ -7,34 +7,15 @@ process spins its connection; here the system is driven, to its end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
+from moon.connection import Beside, Drive
+
 if TYPE_CHECKING:
     from transports.interface import Connection
-
-Drive = Callable[[Callable[[], bool]], None]
-"""Runs the system to its end, or until the argument holds: the observer wants no more."""
-
-
-class Beside(NamedTuple):
-    """A system in this process.
-
-    Attributes:
-        connection: the observer's own, to the world of the system.
-        drive: see :data:`Drive`; from when it is called everything is to be received.
-    """
-
-    connection: Connection
-    drive: Drive
-
-
-def system_beside() -> Beside | None:
-    """The system beside which the present command runs; None: it has a process of its own."""
-    context = click.get_current_context(silent=True)
-    return None if context is None else context.find_object(Beside)
 
 
 def monitor(words: Sequence[str], connection: Connection, drive: Drive) -> int:

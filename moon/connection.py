@@ -21,7 +21,6 @@ import click
 
 from m2c.inputs import ExistingPath
 from m2c.terminal import fail, say, write_to_nobody
-from moon.beside import system_beside
 from transports.descriptions import described
 from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at, transport_options
 from transports.stop_signals import StopSignals, end_by
@@ -39,6 +38,28 @@ REFRESH_S = 0.5
 """How often what is shown is drawn anew, and losses looked for."""
 
 _Number = TypeVar("_Number", bound=float | None)
+
+
+Drive = Callable[[Callable[[], bool]], None]
+"""Runs the system to its end, or until the argument holds: the observer wants no more."""
+
+
+class Beside(NamedTuple):
+    """A system in this process.
+
+    Attributes:
+        connection: the observer's own, to the world of the system.
+        drive: see :data:`Drive`; from when it is called everything is to be received.
+    """
+
+    connection: Connection
+    drive: Drive
+
+
+def system_beside() -> Beside | None:
+    """The system beside which the present command runs; None: it has a process of its own."""
+    context = click.get_current_context(silent=True)
+    return None if context is None else context.find_object(Beside)
 
 
 class Network(NamedTuple):  # msgspec's would cost each --help its import

@@ -18,6 +18,7 @@ from m2c.policy.tree import (
     PolicyFile,
     SubTreeNode,
     TreeNode,
+    nodes_of,
 )
 from m2c.suggestions import nearest
 
@@ -57,14 +58,6 @@ def check_entries(policy: PolicyFile, log: DiagnosticLog) -> None:
 
 def _tag(node: TreeNode) -> str:
     return node.tag if isinstance(node, BuiltinNode) else "SubTree"
-
-
-def nodes_of(node: TreeNode) -> Iterator[TreeNode]:
-    """``node`` and all below it in its tree."""
-    yield node
-    if not isinstance(node, SubTreeNode):
-        for child in node.children:
-            yield from nodes_of(child)
 
 
 def _scripts(node: TreeNode) -> Iterator[tuple[str, str]]:

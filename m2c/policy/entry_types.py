@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from m2c.diagnostics import DiagnosticLog, Position
-from m2c.policy.entries import nodes_of
 from m2c.policy.leaves import BoundLeaf
 from m2c.policy.plugins import referenced_entry
-from m2c.policy.tree import BuiltinNode, LeafNode, PolicyFile, SubTreeNode, TreeNode
+from m2c.policy.tree import BuiltinNode, LeafNode, PolicyFile, SubTreeNode, TreeNode, nodes_of
 
 Entry = tuple[str, str]
 """The id of a tree, and the name that an entry has in it."""

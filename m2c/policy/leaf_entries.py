@@ -6,9 +6,8 @@ import re
 from collections.abc import Iterator, Mapping
 
 from m2c.diagnostics import DiagnosticLog, Position
-from m2c.policy.entries import nodes_of
 from m2c.policy.leaves import BoundLeaf
-from m2c.policy.tree import LeafNode, PolicyFile, SubTreeNode, TreeNode
+from m2c.policy.tree import LeafNode, PolicyFile, SubTreeNode, TreeNode, nodes_of
 from m2c.suggestions import nearest
 
 _WORD = re.compile(r"[A-Za-z_]\w*")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 from m2c.diagnostics import DiagnosticLog, Position
@@ -14,6 +13,7 @@ from m2c.policy.tree import (
     PolicyFile,
     SubTreeNode,
     TreeNode,
+    nodes_of,
 )
 
 
@@ -30,7 +30,7 @@ def check_loading(file: PolicyFile, xml: str, leaves: tuple[str, ...], log: Diag
     if not why:
         return
     at, tag = Position(str(file.path)), ""
-    for node in (node for tree in file.trees for node in _nodes(tree.root)):
+    for node in (node for tree in file.trees for node in nodes_of(tree.root)):
         alone = _why_refused(_alone(node), "Main")
         if alone:
             why, at = alone, node.position
@@ -38,13 +38,6 @@ def check_loading(file: PolicyFile, xml: str, leaves: tuple[str, ...], log: Diag
             tag = node.element if isinstance(node, LeafNode) else tag
             break
     log.error("refused-policy", at, tag, f"BehaviorTree.CPP refuses the policy: {why}")
-
-
-def _nodes(node: TreeNode) -> Iterator[TreeNode]:
-    yield node
-    if not isinstance(node, SubTreeNode):
-        for child in node.children:
-            yield from _nodes(child)
 
 
 def _alone(node: TreeNode) -> str:

@@ -162,12 +162,12 @@ class PolicyFile(msgspec.Struct, frozen=True):
     def leaves(self) -> Iterator[LeafNode]:
         """Every leaf and every plugin that stands in a tree, in document order."""
         for tree in self.trees:
-            yield from _leaves(tree.root)
+            yield from (node for node in nodes_of(tree.root) if isinstance(node, LeafNode))
 
 
-def _leaves(node: TreeNode) -> Iterator[LeafNode]:
-    if isinstance(node, LeafNode):
-        yield node
+def nodes_of(node: TreeNode) -> Iterator[TreeNode]:
+    """``node`` and all below it in its tree."""
+    yield node
     if not isinstance(node, SubTreeNode):
         for child in node.children:
-            yield from _leaves(child)
+            yield from nodes_of(child)

@@ -13,7 +13,6 @@ import click
 
 from m2c.inputs import options_as
 from m2c.terminal import fail, say
-from moon.beside import system_beside
 from moon.connection import (
     SETTLING_BOUNDS,
     Watching,
@@ -22,6 +21,7 @@ from moon.connection import (
     network_options,
     ready_option,
     say_ready,
+    system_beside,
 )
 from moon.fleet.command import monitor_fleet
 from moon.fleet.options import fleet_options

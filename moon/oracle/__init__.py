@@ -17,7 +17,7 @@ The search, by composition; a module uses only those above it:
 * ``trace_events``: what an observation is to the machine, an input or an output; source streams;
 * ``evidence``: who shows that something is missing of what the machine takes, for every kind of input;
 * ``unknowns``: values of which only a range is known, and when a value is what was expected;
-* ``expressions``, ``compiling``, ``program``: the machine ready to be stepped, and one step;
+* ``steps``, ``expressions``, ``compiling``, ``program``: one step, and the machine ready to be stepped;
 * ``state``: hypotheses, which are values, and the goals in them;
 * ``successors``: the first hypotheses, and a hypothesis after one step, whether it is seen or not;
 * ``merging``: one hypothesis for several, where there are too many;

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from m2c.language import ecmascript
 from m2c.language.certainty import Certainty, Fit
@@ -46,12 +46,10 @@ from m2c.language.operators import OPERATORS
 from m2c.language.typing import Scope, type_of
 from m2c.language.values import converter, zero
 from moon.oracle import unknowns
+from moon.oracle.steps import Step
 from moon.oracle.unknowns import Unknown
 
-if TYPE_CHECKING:
-    from moon.oracle.compiling import Step
-
-Evaluate = Callable[["Step"], Any]
+Evaluate = Callable[[Step], Any]
 
 _SYMBOLIC = {
     operator: unknowns.arithmetic(operator, OPERATORS[operator])

@@ -29,14 +29,13 @@ from m2c.model.scopes import event_parts, interface_kind_of, readable_ports
 from m2c.model.walk import chooses, draws, root_of, statements_of
 from moon.oracle.compiling import (
     Compiler,
-    Delayed,
     StateProgram,
-    Step,
     TransitionProgram,
     holds,
     live_variables,
 )
 from moon.oracle.expressions import Closures
+from moon.oracle.steps import Delayed, Step
 from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import unknown_of
 from transports.bounded import BoundedDict

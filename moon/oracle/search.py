@@ -25,7 +25,6 @@ from moon.oracle.bounds import (
     TooManyError,
 )
 from moon.oracle.calls import Call
-from moon.oracle.compiling import Step
 from moon.oracle.merging import is_exact, joined, place_of, vague
 from moon.oracle.program import Program
 from moon.oracle.state import (
@@ -37,6 +36,7 @@ from moon.oracle.state import (
     distinct,
     goal_called,
 )
+from moon.oracle.steps import Step
 from moon.oracle.successors import Inputs, Successors
 from moon.oracle.trace_events import Channels, Role, TraceEvent, stamp_of
 from moon.oracle.unknowns import Unknown, agree, filled_in, is_unknown, learned

@@ -12,7 +12,7 @@ from typing import Any
 from m2c.diagnostics import Position
 from m2c.model.machine import OutputKind
 from moon.oracle.calls import Call
-from moon.oracle.compiling import Output
+from moon.oracle.steps import Output
 from moon.oracle.trace_events import EventKey, TraceEvent
 from moon.oracle.unknowns import SCALARS, Unknown, frozen
 from transports.actions.rules import Act, Phase, Stamp, after, forgotten

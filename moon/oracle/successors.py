@@ -16,7 +16,7 @@ from m2c.language.datatypes import Structure
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.calls import Call
-from moon.oracle.compiling import Delayed, Output, StateProgram, Step
+from moon.oracle.compiling import StateProgram
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
@@ -38,6 +38,7 @@ from moon.oracle.state import (
     served_goal,
     with_goal_changed,
 )
+from moon.oracle.steps import Delayed, Output, Step
 from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier, stamp_of
 from moon.oracle.unknowns import Unknown, anything
 from transports.actions.rules import CancelScope, Phase

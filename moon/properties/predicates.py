@@ -51,19 +51,16 @@ class PredicateError(ValueError):
     """An expression that cannot be a predicate."""
 
 
-def expression_source(expression: Expression, names: dict[str, str]) -> str:
-    """Python source of ``expression``; ``names`` are the Python names of its variables.
+def truth_source(expression: Expression, names: dict[str, str]) -> str:
+    """Python source of ``expression``, for a place where a boolean is needed.
 
-    The source uses the names of :data:`ENVIRONMENT`.
+    Args:
+        expression: over names of :data:`ENVIRONMENT`, too.
+        names: the Python names of its variables.
 
     Raises:
         PredicateError: it uses something that only a model has, randomness, or an unknown variable.
     """
-    return _Source(names).value(expression)
-
-
-def truth_source(expression: Expression, names: dict[str, str]) -> str:
-    """Like :func:`expression_source`, for a place where a boolean is needed."""
     return _Source(names).truth(expression)
 
 

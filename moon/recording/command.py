@@ -14,7 +14,6 @@ import click
 from m2c.inputs import interface_folders, options_as
 from m2c.printable import printable
 from m2c.terminal import fail, say
-from moon.beside import system_beside
 from moon.connection import (
     Network,
     Watching,
@@ -24,6 +23,7 @@ from moon.connection import (
     network_options,
     ready_option,
     say_ready,
+    system_beside,
 )
 
 if TYPE_CHECKING:

@@ -33,8 +33,8 @@ from m2c.model.system import System
 from m2c.model.walk import events_of, statements_of
 from m2c.runtime.machine import EndlessLoopError
 from m2c.simulation.program import compile_node
-from moon.oracle.compiling import Delayed, Step
 from moon.oracle.program import MachineProgram, TooOpenError
+from moon.oracle.steps import Delayed, Step
 from moon.oracle.unknowns import Unknown
 from tests.campaign.marks import marked
 from tests.campaign.plans import read

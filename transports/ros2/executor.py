@@ -137,10 +137,6 @@ class Executor:
         """Whether the calling thread is the one that spins."""
         return threading.get_ident() == self._thread
 
-    def is_spinning(self) -> bool:
-        """Whether any thread spins."""
-        return self._thread != 0
-
     def handle(
         self, entity: Any, take: Take, most: int = _AT_ONCE, is_patient: bool = False
     ) -> None:

@@ -58,12 +58,3 @@ def _missing(type_name: str, package: str, error: str) -> str:
         f"loaded ({error}); install it, or build it with `m2c interfaces build DIRECTORY` and put "
         "the result on PYTHONPATH, LD_LIBRARY_PATH and AMENT_PREFIX_PATH"
     )
-
-
-def is_installed(type_name: str) -> bool:
-    """Whether ``ros_class`` finds the type."""
-    try:
-        ros_class(type_name)
-    except TransportError:
-        return False
-    return True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -52,8 +52,6 @@ MAX_PATH = 32
 """Fields inside each other: what reads them is compiled, and may not nest without limit."""
 MAX_SHOWN = 80
 """Characters of a text that a message quotes."""
-
-Resolver = Callable[[str, int], Formula | None]
 
 MESSAGES = (ObservationKind.MESSAGE,)
 
