@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from transports.sequences import Sequel, Sequences
+from transports.bounded import BoundedDict
+from transports.sequences import Sequel, Sequence
 
 KEPT_PLACES = 10_000
 """Channels and sources that are distinguished; their names come from the wire, and never end."""
@@ -22,7 +23,7 @@ class Losses:
     """Counts of what a tap missed or could not decode, per channel and source."""
 
     def __init__(self) -> None:
-        self._sequences = Sequences(KEPT_PLACES)
+        self._sequences: BoundedDict[_Place, Sequence] = BoundedDict(KEPT_PLACES)
         self._missed: dict[_Place, int] = {}
         self._undecodable: dict[_Place, tuple[int, str]] = {}
         self._elsewhere = 0
@@ -33,11 +34,15 @@ class Losses:
     ) -> None:
         """Take the sequence number of something received into account."""
         place = (channel, source)
-        sequel, last = self._sequences.follow(place, sequence, stamp_ns, life)
+        numbers = self._sequences.get(place)
+        if numbers is None:
+            numbers = self._sequences[place] = Sequence()
+        following = numbers.next
+        sequel = numbers.follow(sequence, stamp_ns, life)
         if sequel is _LATE and (missed := self._missed.pop(place, 0)) > 1:
             self._missed[place] = missed - 1
-        if sequel is _AFTER_A_GAP and last is not None:
-            missed = sequence - last[0] - 1
+        if sequel is _AFTER_A_GAP:
+            missed = sequence - following
             if self._has_room(self._missed, place, missed):
                 self._missed[place] = self._missed.get(place, 0) + missed
 

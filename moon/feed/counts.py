@@ -33,13 +33,3 @@ class Counts(msgspec.Struct):
     before: int = 0
     stalls: int = 0
     unknown: Counter[str] = msgspec.field(default_factory=Counter)
-
-
-class Rejected(msgspec.Struct, frozen=True):
-    """An observation that cannot be judged.
-
-    Attributes:
-        reason: what its machines missed by that; "" if they missed nothing.
-    """
-
-    reason: str = ""

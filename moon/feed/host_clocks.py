@@ -45,27 +45,6 @@ class HostClock:
         is_confirmed: whether it answered since then that its clock agrees.
     """
 
-    __slots__ = (
-        "_count",
-        "_least",
-        "_most",
-        "agreed",
-        "agreed_ns",
-        "answers",
-        "differs",
-        "is_confirmed",
-        "is_known",
-        "least",
-        "most",
-        "open",
-        "set_ns",
-        "since_ns",
-        "until_ns",
-        "unusual",
-        "usual_ns",
-        "went_back_ns",
-    )
-
     def __init__(self) -> None:
         self.usual_ns = self.went_back_ns = self.set_ns = 0
         self.since_ns = self.until_ns = self.open = 0

@@ -6,18 +6,18 @@ that a monitor may stand still. Live, recorded and simulated runs go through it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import msgspec
 
 from moon.feed.clock import NS, PERIOD_NS, SET_NS, EventTimeClock, read_together
-from moon.feed.counts import Counts, Rejected
+from moon.feed.counts import Counts
 from moon.feed.nodes import Nodes
-from moon.feed.numbers import Count, Numbers
+from moon.feed.numbers import Numbers
 from moon.feed.reception import Reception
 from moon.judge import Gap, Intake, Missing
 from transports.interface import Observation, ObservationKind, Tap
-from transports.sequences import Sequel
+from transports.sequences import Sequel, Sequence
 
 _TAKEN = ObservationKind.MESSAGE_TAKEN
 
@@ -111,9 +111,9 @@ class Feed:
         if seen.stamp_ns < self.since_ns:
             self._counts.before += 1
             return intake
-        if isinstance(judged, Rejected):
-            if judged.reason:
-                intake.miss(_not_judged(seen, clock.clock_ns, now_ns, judged.reason))
+        if isinstance(judged, str):
+            if judged:
+                intake.miss(_not_judged(seen, clock.clock_ns, now_ns, judged))
             return intake
         lag_ns = now_ns - judged.stamp_ns
         if lag_ns > clock.limit_ns:
@@ -170,8 +170,7 @@ class Feed:
         number, stamp = seen.sequence, seen.stamp_ns
         if number < 0:
             return True
-        count = self.numbers.of(seen)
-        sequence = count.sequence
+        sequence = self.numbers.of(seen)
         if number == sequence.next and seen.life == sequence.life:
             if stamp < sequence.stamp - SET_NS and self.sources.clocks.went_back(seen.source):
                 back_ns = stamp - sequence.stamp
@@ -179,17 +178,17 @@ class Feed:
             sequence.next, sequence.stamp = number + 1, stamp
             return True
         before_ns = sequence.stamp
-        intake.sequel = sequel = count.sequel(number, stamp, seen.life)
+        intake.sequel = sequel = sequence.follow(number, stamp, seen.life)
         match sequel:
             case Sequel.AGAIN:
                 self._counts.repeated += 1
                 return False
-            case Sequel.FIRST if 0 <= count.left_at < number:
+            case Sequel.FIRST if 0 <= sequence.left_at < number:
                 intake.miss(_lost(seen, self.since_ns, stamp))
             case Sequel.FIRST if number and seen.kind is ObservationKind.MESSAGE:
                 intake.miss(self._before_first(seen))
             case Sequel.FIRST if seen.call > 1 and seen.order < 0 and seen.kind is not _TAKEN:
-                intake.miss(self._before_first_call(seen, count))
+                intake.miss(self._before_first_call(seen, sequence))
             case Sequel.AFTER_A_GAP:
                 for from_ns, until_ns in self.sources.missing_between(
                     seen.source, before_ns, stamp
@@ -205,9 +204,9 @@ class Feed:
         """Nobody knows when ``seen`` happened; its number counts, so that the next one follows."""
         if seen.sequence < 0:
             return
-        count = self.numbers.of(seen)
-        count.sequel(seen.sequence, min(seen.stamp_ns, self.since_ns - 1), seen.life)
-        count.unknown_until = min(count.unknown_until, self.since_ns)
+        sequence = self.numbers.of(seen)
+        sequence.follow(seen.sequence, min(seen.stamp_ns, self.since_ns - 1), seen.life)
+        sequence.unknown_until = min(sequence.unknown_until, self.since_ns)
 
     def _before_first(self, seen: Observation) -> Gap | None:
         """The first message of a node that came up while the monitor listened has number 0."""
@@ -215,7 +214,7 @@ class Feed:
         why = f"what {seen.source} sent first on {seen.channel} was missed"
         return _not_judged(seen, started_ns, seen.stamp_ns, why) if started_ns else None
 
-    def _before_first_call(self, seen: Observation, count: Count) -> Gap | None:
+    def _before_first_call(self, seen: Observation, sequence: Sequence) -> Gap | None:
         """A client numbers its calls from 1. Nothing is reported of a call before who reports it knows of the
         monitor, so that the first report has number 0 all the same.
         """
@@ -226,7 +225,7 @@ class Feed:
             client = self.numbers.counts.get((seen.client, seen.channel, False))
             if client is not None and client.next >= 0 and not client.unknown_until:
                 return None  # it was heard from its first call on: another life of this server had those
-        count.unknown_until = seen.stamp_ns
+        sequence.unknown_until = seen.stamp_ns
         why = f"the first calls of {seen.client} to {seen.channel} were missed"
         return _not_judged(seen, client_ns, seen.stamp_ns, why)
 
@@ -241,7 +240,7 @@ class Feed:
         """The time of day and of the clock that nobody sets, at one moment (ns)."""
         return read_together(self._now_ns, self._read_monotonic)
 
-    def tick(self, now_ns: int, monotonic_ns: int) -> tuple[int, Sequence[Gap]]:
+    def tick(self, now_ns: int, monotonic_ns: int) -> tuple[int, list[Gap]]:
         """Time has passed, and all that the tap had by then was taken.
 
         Returns:

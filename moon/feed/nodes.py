@@ -38,11 +38,6 @@ class Node:
         is_out_of_reach: whether it has gone, and may do something all the same.
     """
 
-    __slots__ = (
-        *("anew_ns", "answers", "is_numbered", "is_out_of_reach", "is_up", "lives", "progress"),
-        "since_ns",
-    )
-
     def __init__(self) -> None:
         self.progress = Progress()
         self.lives = Lives()

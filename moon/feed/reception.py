@@ -13,7 +13,7 @@ import msgspec
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.runtime.messages import message_class
-from moon.feed.counts import Counts, Rejected
+from moon.feed.counts import Counts
 from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from transports.actions import parts_of
 from transports.interface import Action, Observation, ObservationKind, Service
@@ -90,8 +90,12 @@ class Reception:
                 f"{service.type_name}_Response", service.response
             )
 
-    def judge(self, seen: Observation, now_ns: int) -> Observation | Rejected:
-        """``seen``, perhaps with a more careful stamp, or why it cannot be judged."""
+    def judge(self, seen: Observation, now_ns: int) -> Observation | str:
+        """``seen``, perhaps with a more careful stamp.
+
+        Returns:
+            If it cannot be judged: what its machines missed by that, for people; "" if they missed nothing.
+        """
         counts = self._counts
         counts.received += 1
         channel = seen.channel
@@ -100,7 +104,7 @@ class Reception:
         ahead_ns = seen.stamp_ns - now_ns
         if self.is_future(seen.stamp_ns, now_ns):
             counts.future += 1
-            return Rejected(
+            return (
                 f"an event on {channel} is stamped {ahead_ns / 1e9:.1f} s in the future: "
                 "the clocks of its node and of this monitor differ"
             )
@@ -113,8 +117,8 @@ class Reception:
             if read is None:
                 counts.mistyped += 1
                 if is_message:
-                    return Rejected()
-                return Rejected(f"an event on {channel} is not of its type, {shape.type_name}")
+                    return ""
+                return f"an event on {channel} is not of its type, {shape.type_name}"
             seen = read
         if not is_message:
             return seen

@@ -18,24 +18,6 @@ _KEPT_LAGS = 64
 class WatchedNode:
     """A node that runs a monitored machine."""
 
-    __slots__ = (
-        "_suspected",
-        "_violated",
-        "_why_violated",
-        "earlier",
-        "gone_ns",
-        "lags",
-        "last",
-        "received_ns",
-        "reported",
-        "resynchronising",
-        "since",
-        "up",
-        "violations",
-        "was_last",
-        "was_reported",
-    )
-
     def __init__(self) -> None:
         self.up = False
         self.gone_ns: int | None = None

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+import msgspec
+
 from m2c.model.machine import EventKind
 from moon.feed.nodes import Nodes
-from moon.feed.numbers import Count, Place
+from moon.feed.numbers import Place
 from moon.feed.progress import Progress
 from moon.oracle.bounds import Bounds
 from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
@@ -25,6 +27,7 @@ from moon.oracle.in_transit import TakenMessages
 from moon.oracle.trace_events import SourceStreams
 from moon.verdict import Cause, Outcome, Verdict
 from transports.interface import ObservationKind
+from transports.sequences import Sequence
 
 KEPT_VIOLATIONS = 16
 """More of them do not wait; the oldest go."""
@@ -50,7 +53,7 @@ class Losses:
         self.possible = possible
 
 
-class Violation:
+class Violation(msgspec.Struct):
     """What a machine cannot have done, if nothing is missing.
 
     Attributes:
@@ -64,36 +67,17 @@ class Violation:
         asked_ns: when that was to be answered at the earliest.
     """
 
-    __slots__ = (
-        "asked_ns",
-        "call",
-        "expected",
-        "is_certain",
-        "is_silence",
-        "since_ns",
-        "until_ns",
-        "verdict",
-    )
-
-    def __init__(
-        self,
-        verdict: Verdict,
-        since_ns: int,
-        until_ns: int,
-        is_silence: bool,
-        expected: list[Place],
-    ) -> None:
-        self.verdict = verdict
-        self.since_ns = since_ns
-        self.until_ns = until_ns
-        self.is_silence = is_silence
-        self.expected = expected
-        self.is_certain = False
-        self.call: Call | None = None
-        self.asked_ns = 0
+    verdict: Verdict
+    since_ns: int
+    until_ns: int
+    is_silence: bool
+    expected: list[Place]
+    is_certain: bool = False
+    call: Call | None = None
+    asked_ns: int = 0
 
 
-class Waiting:
+class Waiting(msgspec.Struct):
     """What has to be received before a violation is certain.
 
     Attributes:
@@ -112,37 +96,16 @@ class Waiting:
         is_asked: whether those that may show that it is certain were asked how far they have reported.
     """
 
-    __slots__ = (
-        "answer",
-        "call",
-        "clocks",
-        "ends",
-        "is_asked",
-        "places",
-        "reported_ns",
-        "since_ns",
-        "until_ns",
-        "verdict",
-    )
-
-    def __init__(
-        self,
-        verdict: Verdict,
-        places: dict[Place, int] | None = None,
-        reported_ns: int = NOT_NEEDED,
-        since_ns: int = 0,
-        until_ns: int = 0,
-    ) -> None:
-        self.verdict = verdict
-        self.places = {} if places is None else places
-        self.reported_ns = reported_ns
-        self.since_ns = since_ns
-        self.until_ns = until_ns
-        self.is_asked = False
-        self.clocks: set[str] = set()
-        self.ends: set[tuple[Where, Call]] = set()
-        self.call: Call | None = None
-        self.answer: Place | None = None
+    verdict: Verdict
+    places: dict[Place, int] = {}
+    reported_ns: int = NOT_NEEDED
+    since_ns: int = 0
+    until_ns: int = 0
+    call: Call | None = None
+    answer: Place | None = None
+    ends: set[tuple[Where, Call]] = set()
+    clocks: set[str] = set()
+    is_asked: bool = False
 
     @property
     def is_over(self) -> bool:
@@ -419,16 +382,15 @@ class Confirmation:
         else:
             reported = NOT_NEEDED
             known = known and not self._other_ends.are_missing(since, after + self._skew)
-            own = [c for c in self._streams.counts.values() if c.place[0] == self._node]
+            own = {p: c for p, c in self._streams.counts.items() if p[0] == self._node}
             if not own:  # nothing was received from it, so it is not known how it numbers
                 reported = after + 1
-            if not own or any(count.next >= 0 for count in own):
-                received = {count.place for count in own}
-                places.update((p, 0) for p in expected if p[2] and p not in received)
-            for count in own:
-                wanted = count.place[2] or self._losses.happen
-                if wanted or (is_silence and count.place in expected):
-                    known = self._wait_for(places, count, after, since) and known
+            if not own or any(count.next >= 0 for count in own.values()):
+                places.update((p, 0) for p in expected if p[2] and p not in own)
+            for place, count in own.items():
+                wanted = place[2] or self._losses.happen
+                if wanted or (is_silence and place in expected):
+                    known = self._wait_for(places, place, count, after, since) and known
         heard = {self._node, *(place[0] for place in self._streams.counts)}
         if not known or self._sources.reachability.may_be_late(heard, after - self._latency):
             return None
@@ -461,10 +423,10 @@ class Confirmation:
             for channel, kind in self._taken_topics.items()
             if evidence_of(kind, reported) is Shown.BY_SENDER
         }
-        for count in counts.values():
-            source, channel, is_message = count.place
+        for numbered, count in counts.items():
+            source, channel, is_message = numbered
             if source != self._node and is_message and channel in shown:
-                known = self._wait_for(places, count, after, since) and known
+                known = self._wait_for(places, numbered, count, after, since) and known
         for channel in shown:
             for source in self._publishers.on(channel):
                 place = (source, channel, True)
@@ -476,7 +438,9 @@ class Confirmation:
                 del places[place]
         return known
 
-    def _wait_for(self, places: dict[Place, int], count: Count, after: int, since: int) -> bool:
+    def _wait_for(
+        self, places: dict[Place, int], place: Place, count: Sequence, after: int, since: int
+    ) -> bool:
         """Add the next number of one place; False: some of what came there is not known.
 
         What is not numbered (a bag's, a stranger's) is taken for whole.
@@ -486,7 +450,7 @@ class Confirmation:
         if count.unknown_until > since:
             return False
         if count.stamp <= after + self._skew:
-            places[count.place] = count.next
+            places[place] = count.next
         return True
 
 
@@ -507,17 +471,6 @@ class Conclusion:
         unconfirmed: those that are not certain yet.
         suspected: the violation that makes the verdict inconclusive, as it is not certain; None: none does.
     """
-
-    __slots__ = (
-        "_confirmation",
-        "_machine",
-        "_node",
-        "_reason",
-        "outcome",
-        "suspected",
-        "unconfirmed",
-        "violations",
-    )
 
     def __init__(self, machine: str, node: str, confirmation: Confirmation) -> None:
         self.outcome = Outcome.CONFORMING

@@ -556,7 +556,7 @@ class Topics:
         is_known = self._takes.has_contents(reference)
         if not is_known and reference not in map(reference_of, self._messages()):
             count = self._streams.counts.get((client, channel, True))
-            if count is not None and number < count.next and life == count.sequence.life:
+            if count is not None and number < count.next and life == count.life:
                 return False
         self._follow(since_ns)
         return True

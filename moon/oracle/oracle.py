@@ -241,7 +241,7 @@ class Oracle:
                 if number >= 0 and (sequel is not _NEXT or self._unconfirmed.kept):
                     self._look_at_number(observation, stream, sequel, verdicts)
             elif number >= 0:
-                sequel = count.sequel(number, observation.stamp_ns, observation.life)
+                sequel = count.follow(number, observation.stamp_ns, observation.life)
                 if sequel is Sequel.AGAIN:
                     self.repeated += 1
                     return self.advance(observation.received_ns)
@@ -316,7 +316,8 @@ class Oracle:
         """What the number of ``observation`` shows of losses goes to ``verdicts``."""
         stamp, number = observation.stamp_ns, observation.sequence
         if self._unconfirmed.kept and stream.count is not None:
-            verdicts += self._conclusion.numbered(stream.count.place, number, stamp)
+            place = (observation.source, observation.channel, observation.kind is _MESSAGE)
+            verdicts += self._conclusion.numbered(place, number, stamp)
         match sequel:
             case Sequel.FIRST if number > 0 and self._is_expected(stream):
                 # a number above 0 comes first where a tap joins later, or where the first was lost

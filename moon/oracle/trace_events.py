@@ -20,12 +20,13 @@ from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.walk import failure_of_goals
-from moon.feed.numbers import Count, Numbers, Place
+from moon.feed.numbers import Numbers, Place
 from moon.oracle.bounds import FOREVER
 from moon.oracle.calls import Call, is_nameless
 from transports.actions.rules import Stamp
 from transports.bounded import BoundedDict
 from transports.interface import CallOutcome, Observation, ObservationKind
+from transports.sequences import Sequence
 
 EventKey = tuple[EventKind, str]
 
@@ -638,7 +639,7 @@ class SourceStream:
         readers: tuple[Reader, ...],
         own: bool,
         other_end: bool,
-        count: Count | None,
+        count: Sequence | None,
         taken_as: EventKind | None,
     ) -> None:
         self.read = readers[0] if readers else None
@@ -665,7 +666,7 @@ class SourceStreams:
         self.node = node
         self.opened: dict[tuple[str, str, ObservationKind], SourceStream] = {}
         """By source, channel and kind."""
-        self.counts: dict[Place, Count] = {}
+        self.counts: dict[Place, Sequence] = {}
         self._first_ns: dict[str, int] = {}
         """Of each channel, when the first that was received from the machine's node happened (ns)."""
         self.received_since: int | None = None

@@ -486,7 +486,7 @@ class PolicyJudge:
             return self._confirm([verdict])
         lost = "observations were lost; "
         if progress.gap <= self._since:
-            self.unconfirmed.add(Waiting(verdict, None, by, self._since))
+            self.unconfirmed.add(Waiting(verdict, {}, by, self._since))
             lost = ""
             if self.outcome is Outcome.VIOLATED:
                 return []  # it is, whether this one is certain or not

@@ -253,7 +253,7 @@ class PolicyOracle:
         number, stamp, channel = observation.sequence, observation.stamp_ns, observation.channel
         if number >= 0:
             if sequel is None:
-                sequel = self._numbers.of(observation).sequel(number, stamp, observation.life)
+                sequel = self._numbers.of(observation).follow(number, stamp, observation.life)
             if sequel is Sequel.AGAIN:
                 self.repeated += 1
                 return []

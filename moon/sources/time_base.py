@@ -80,17 +80,6 @@ class Range:
         disorder_ns: by how much at most it goes back from one entry to a later one.
     """
 
-    __slots__ = (
-        "_least_ns",
-        "_most_ns",
-        "_newest_ns",
-        "count",
-        "disorder_ns",
-        "first_ns",
-        "last_ns",
-        "senseless",
-    )
-
     def __init__(self) -> None:
         self.first_ns = self.last_ns = -1
         self.count = self.senseless = self.disorder_ns = 0
@@ -127,8 +116,6 @@ class Range:
 
 class _Lags:
     """By how much some entries were recorded after they were stamped (ns)."""
-
-    __slots__ = ("count", "least_ns", "most_ns")
 
     def __init__(self) -> None:
         self.count = 0

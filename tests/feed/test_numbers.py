@@ -26,11 +26,11 @@ def test_a_sources_messages_and_events_of_one_channel_are_numbered_apart() -> No
 def test_what_a_node_sent_before_it_started_again_does_not_count() -> None:
     numbers = Numbers()
     early, late = numbers.of(seen("a", "/early")), numbers.of(seen("a", "/late"))
-    early.sequel(7, 100)
-    late.sequel(0, 300)
+    early.follow(7, 100)
+    late.follow(0, 300)
     numbers.forget("a", 200)
-    assert early.sequel(0, 250) is Sequel.FIRST
-    assert late.sequel(1, 350) is Sequel.NEXT
+    assert early.follow(0, 250) is Sequel.FIRST
+    assert late.follow(1, 350) is Sequel.NEXT
 
 
 def test_the_places_of_known_nodes_stay_when_there_are_too_many() -> None:
@@ -46,5 +46,5 @@ def test_where_all_are_known_more_are_not_remembered() -> None:
     numbers = Numbers(["known"], most=2)
     for channel in ("/a", "/b"):
         numbers.of(seen("known", channel))
-    assert numbers.of(seen("known", "/c")).sequel(4, 10) is Sequel.FIRST
-    assert numbers.of(seen("known", "/c")).sequel(9, 20) is Sequel.FIRST
+    assert numbers.of(seen("known", "/c")).follow(4, 10) is Sequel.FIRST
+    assert numbers.of(seen("known", "/c")).follow(9, 20) is Sequel.FIRST
