@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from array import array
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, zip_longest
 from pathlib import Path
 
@@ -21,8 +21,15 @@ from m2c.diagnostics import DiagnosticLog, Position, shortened
 from m2c.model.file_size import size_of
 from m2c.model.paths import meant
 from m2c.model.xml_encoding import decoded
-from m2c.model.xml_fault import HostileXml, MalformedXml, malformed
-from m2c.model.xml_places import MAX_ATTRIBUTES, MAX_DEPTH, MAX_ELEMENTS, StartTag, start_tags
+from m2c.model.xml_fault import HostileXml, MalformedXml, XmlFault, malformed
+from m2c.model.xml_places import (
+    MAX_ATTRIBUTES,
+    MAX_DEPTH,
+    MAX_ELEMENTS,
+    Mended,
+    StartTag,
+    start_tags,
+)
 
 __all__ = [
     "MAX_ATTRIBUTES",
@@ -120,7 +127,11 @@ def read_xml(path: Path, log: DiagnosticLog) -> Element | None:
 
 
 def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
-    """Parse ``content``, which messages call ``file``; see :func:`read_xml`."""
+    """Parse ``content``, which messages call ``file``; see :func:`read_xml`.
+
+    Where it can be told what was meant, it is read as that, and the log has an error: more is found at once.
+    """
+    mended = Mended()
     try:
         text = decoded(content)
         begin = len(text) - len(text.lstrip(_BLANKS))
@@ -138,18 +149,20 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
                 "blank lines before the XML declaration",
                 "the declaration belongs at the very start of the file",
             )
-        tags = start_tags(text, begin)
-        tree = _parsed(text, begin)
+        tags = start_tags(text, begin, mended)
+    except XmlFault as fault:
+        mended.note(fault)
+        _report(mended.faults, file, log)
+        return None
+    _report(mended.faults, file, log)
+    try:
+        tree = _parsed(mended.meant(text), begin)
         root = _elements_of(tree, tags, places)
-        _note_prefixes(tags, places, log)
     except MalformedXml as fault:
-        at = Position(file, fault.line, fault.column)
-        log.error("malformed-xml", at, "", fault.message, fault.hint)
+        if not mended.faults:  # else it may be of what is not there
+            _report((fault,), file, log)
         return None
-    except HostileXml as fault:
-        at = Position(file, fault.line, fault.column)
-        log.error("hostile-xml", at, "", fault.message, fault.hint)
-        return None
+    _note_prefixes(tags, places, log)
     namespace = tree.nsmap.get(None) or ""
     if namespace != SCXML_NAMESPACE and root.tag in ("scxml", "ascxml"):
         log.warning(
@@ -162,6 +175,15 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
             f'xmlns="{SCXML_NAMESPACE}" is the standard\'s',
         )
     return root
+
+
+def _report(faults: Iterable[XmlFault], file: str, log: DiagnosticLog) -> None:
+    for fault in faults:
+        at = Position(file, fault.line, fault.column)
+        if isinstance(fault, HostileXml):
+            log.error("hostile-xml", at, "", fault.message, fault.hint)
+        else:
+            log.error("malformed-xml", at, "", fault.message, fault.hint)
 
 
 def _note_prefixes(tags: Sequence[StartTag], places: _Places, log: DiagnosticLog) -> None:

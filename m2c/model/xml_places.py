@@ -3,7 +3,9 @@
 A tree of lxml knows the line of an element and nothing of its attributes. So this pass goes over the
 text first: the n-th tag it finds is the n-th element of the tree. It also bounds what lxml is given
 (depth, elements, attributes; no document type, hence no entities), and refuses with its exact place
-whatever it cannot follow: then nothing after that place could be told.
+whatever it cannot follow: then nothing after that place could be told. After a ``<`` or an ``&`` that is
+not escaped, or an element that is not ended before one around it, it can be told what was meant: reading
+goes on there (:class:`Mended`).
 
 Every repetition in its expressions is possessive, so none of them backtracks and the work is
 proportional to the text. Grammar: https://www.w3.org/TR/xml/; names are taken more generously than
@@ -19,7 +21,7 @@ from typing import NoReturn
 import msgspec
 
 from m2c.diagnostics import shortened
-from m2c.model.xml_fault import hostile, malformed, place_of
+from m2c.model.xml_fault import MalformedXml, XmlFault, hostile, malformed, place_of
 
 MAX_DEPTH = 64
 """Executable content nests a handful deep; the bound keeps every later walk recursion-safe."""
@@ -61,6 +63,9 @@ _BROKEN_ATTRIBUTE = re.compile(
 """All of that, if it is an attribute whose value has no opening, or no closing, quote."""
 _BROKEN_END = re.compile(rf"</(?:{_NAME}{_BLANK}*+)?+")
 
+MOST_MENDED = 20
+"""After so many faults of one file reading ends: it is something else than was taken for it."""
+_ESCAPES = {"<": "&lt;", "&": "&amp;"}
 _UNCLOSED = "unclosed token"
 _JUNK = "junk after document element"
 _ALIKE = 0.8
@@ -83,35 +88,93 @@ class StartTag(msgspec.Struct, frozen=True):
     attributes: dict[str, int]
 
 
-def start_tags(text: str, begin: int = 0) -> list[StartTag]:
+class Mended:
+    """The faults of a text after which reading went on, and the text as it was meant.
+
+    Attributes:
+        faults: in their order, one a line at most.
+    """
+
+    def __init__(self) -> None:
+        self.faults: list[XmlFault] = []
+        self._edits: list[tuple[int, int, str]] = []
+
+    def add(self, fault: MalformedXml, offset: int, length: int, meant: str) -> None:
+        """``meant`` belongs in the place of the ``length`` characters at ``offset``."""
+        self.note(fault)
+        self._edits.append((offset, length, meant))
+
+    def note(self, fault: XmlFault) -> None:
+        """``fault`` was found; it is told if it is the first in its line."""
+        if not self.faults or self.faults[-1].line != fault.line:
+            self.faults.append(fault)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more is mended."""
+        return len(self._edits) >= MOST_MENDED
+
+    def meant(self, text: str) -> str:
+        """``text``, mended."""
+        for offset, length, meant in sorted(self._edits, reverse=True):
+            text = text[:offset] + meant + text[offset + length :]
+        return text
+
+
+def start_tags(text: str, begin: int = 0, mended: Mended | None = None) -> list[StartTag]:
     """The start tags of ``text`` from ``begin`` on, in its order.
+
+    Args:
+        text: the document.
+        begin: where it begins.
+        mended: gets the faults after which reading goes on; None: it ends with the first.
 
     Raises:
         XmlFault: ``text`` is hostile, or no XML that this pass can follow.
     """
-    return _Pass(text).run(begin)
+    return _Pass(text, mended).run(begin)
+
+
+class _Unescaped(MalformedXml):
+    """A character that has to be escaped; ``offset``: its place."""
+
+    offset = 0
 
 
 class _Pass:
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, mended: Mended | None) -> None:
         self._text = text
+        self._mended = mended
         self._open: list[StartTag] = []
         self._tags: list[StartTag] = []
 
     def run(self, at: int) -> list[StartTag]:
-        text = self._text
+        first: _Unescaped | None = None
+        """What was mended in the markup that is read now."""
         while True:
+            text = self._text
             between = (_INSIDE if self._open else _OUTSIDE).match(text, at)
             assert between is not None  # it matches nothing, too
             at = between.end()
             if at == len(text):
                 break
-            if text.startswith("</", at):
-                at = self._end(at)
-            elif text[at] == "<" and text[at + 1 : at + 2] not in ("!", "?"):
-                at = self._start(at)
-            else:
-                self._refuse_markup(at)
+            try:
+                if text.startswith("</", at):
+                    at = self._end(at)
+                elif text[at] == "<" and text[at + 1 : at + 2] not in ("!", "?"):
+                    at = self._start(at)
+                else:
+                    self._refuse_markup(at)
+                first = None
+            except _Unescaped as fault:
+                first = first or fault
+                if not self._open and fault.offset == at:  # no element has begun
+                    raise
+                self._mend(fault, first)
+            except MalformedXml:
+                if first is not None:  # it was not what it was taken for
+                    raise first from None
+                raise
         if self._open or not self._tags:
             inner = _shown(self._open[-1].name) if self._open else ""
             hint = f"write </{inner}> where it ends" if inner else ""
@@ -153,11 +216,30 @@ class _Pass:
         if end is None:
             self._refuse_token(_BROKEN_END, at, at)
         if end[1] != self._open[-1].name:
-            self._malformed(
+            fault = self._fault(
                 end.start(1), f"mismatched tag </{_shown(end[1])}>", self._which(end[1])
             )
+            self._end_before(at, end[1], fault)
         self._open.pop()
         return end.end()
+
+    def _end_before(self, at: int, name: str, fault: MalformedXml) -> None:
+        """End what is open within an element ``name``, which ends at ``at``; ``fault`` if there is none."""
+        mended = self._mended
+        if mended is None or mended.is_full or all(tag.name != name for tag in self._open):
+            raise fault
+        ends = ""
+        while self._open[-1].name != name:
+            ends += f"</{self._open.pop().name}>"
+        mended.add(fault, at, 0, ends)
+
+    def _mend(self, fault: _Unescaped, first: _Unescaped) -> None:
+        """Read on as if the character had been escaped; ``first``: what is told of its markup."""
+        mended, offset = self._mended, fault.offset
+        if mended is None or mended.is_full:
+            raise first
+        mended.add(first, offset, 1, _ESCAPES[self._text[offset]])
+        self._text = f"{self._text[:offset]} {self._text[offset + 1 :]}"
 
     def _which(self, name: str) -> str:
         """What would be right where ``</name>`` ends another element than the one that is open."""
@@ -211,16 +293,25 @@ class _Pass:
         """The character at ``at`` may not stand there."""
         if _ENTITY.match(self._text, at):
             self._malformed(at, "undefined entity")
-        hint = {"<": "write &lt; for <", "&": "write &amp; for &"}.get(self._text[at], "")
-        self._malformed(at, "not well-formed (invalid token)", hint)
+        escape = _ESCAPES.get(self._text[at], "")
+        hint = f"write {escape} for {self._text[at]}" if escape else ""
+        fault = self._fault(at, "not well-formed (invalid token)", hint)
+        if not escape:
+            raise fault
+        unescaped = _Unescaped(fault.line, fault.column, fault.message, fault.hint)
+        unescaped.offset = at
+        raise unescaped
 
     def _malformed(self, at: int, reason: str, hint: str = "") -> NoReturn:
+        raise self._fault(at, reason, hint)
+
+    def _fault(self, at: int, reason: str, hint: str) -> MalformedXml:
         opened = ""
         if self._open:
             inner = self._open[-1]
             line, column = place_of(self._text, inner.offset)
             opened = f"; <{_shown(inner.name)}> of {line}:{column} is open"
-        raise malformed(self._text, at, f"{reason}{opened}", hint)
+        return malformed(self._text, at, f"{reason}{opened}", hint)
 
 
 def _shown(name: str) -> str:

@@ -254,3 +254,17 @@ def test_an_array_has_a_length_that_is_one(tmp_path: Path, size: str) -> None:
     )
     (found,) = findings(path)
     assert found.startswith(f"2:31: error: <data>: unknown type `int8[{size}]`")
+
+
+def test_reading_a_model_goes_on_after_a_character_that_is_not_escaped(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    path.write_text(
+        '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="M" initial="a">\n'
+        '  <state id="a">\n'
+        '    <transition event="e" cond="1 < 2" target="b"/>\n'
+        "  </state>\n"
+        "</scxml>\n"
+    )
+    first, *others = findings(path)
+    assert first.startswith("3:35: error: malformed XML: not well-formed (invalid token)")
+    assert any("`b`" in other for other in others)
