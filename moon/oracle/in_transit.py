@@ -123,6 +123,8 @@ class RequestTracking:
         for place, sent in tuple(self.expected.events.items()):
             if place[0] == channel and _answers(call, place[1]):
                 self.expected.remove(place)
+                if place[1] == call:
+                    request.sent = sent.stamp
                 if sent.stamp <= overdue_ns and not may_be_same(call, place[1]):
                     self.passed.append(sent)  # a link keeps its order: it has arrived
         received = self._received
@@ -327,6 +329,6 @@ def reference_of(message: TraceEvent) -> Place:
 
 
 def _fill(taken: TraceEvent, message: TraceEvent) -> None:
-    taken.data, taken.goal = message.data, message.goal
+    taken.data, taken.goal, taken.sent = message.data, message.goal, message.stamp
     taken.observation = message.observation
     taken.stream = message.stream

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from m2c.model.machine import InterfaceKind, OutputKind
 from moon.feed.numbers import Place
 from moon.judge import Gap
-from moon.oracle.bounds import FOREVER, TooManyError
+from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.confirmation import Conclusion, Violation
 from moon.oracle.explain import described, explanation_of, survivors_of
 from moon.oracle.program import TooOpenError
@@ -103,6 +103,9 @@ class ModelOracle:
         self._followed_since = 0
         """Since when (ns) it is followed without a break, from one state or from several."""
         self._linked_ns = 0
+        self._running: list[Hypothesis] | None = None
+        """What the machine might be doing when its node was seen to run last, with the messages since; None:
+        time has changed nothing since then."""
         self._next_try = 0
         """Not before this (ns) is it tried again to find what the machine does."""
 
@@ -125,6 +128,7 @@ class ModelOracle:
         self.gave_up_ns = None
         self.hypotheses = self.search.successors.started(stamp_ns, whole, earliest_ns)
         self.search.last = 0
+        self._running = None
         self._note_due()
 
     def linked(self, since_ns: int) -> None:
@@ -146,11 +150,15 @@ class ModelOracle:
             self.resynchronisation.remember(event)
             return _NOTHING
         search = self.search
-        if len(known) == 1:
+        is_late = event.stamp - search.last > self._bounds.latency and _shows_standstill(
+            known, event, self._bounds
+        )
+        if len(known) == 1 and not is_late:
             only = search.deterministic_successor.of(known[0], event)
             if only is not None:
                 search.last = event.stamp
                 self.hypotheses = [only]
+                self._running = None
                 self._history.append(event)
                 is_open = self._conclusion.outcome is _INCONCLUSIVE
                 self.due_ns = AT_ONCE if is_open else search.next_due(only)
@@ -158,7 +166,7 @@ class ModelOracle:
         event.may_be_lost = event.stamp < self._linked_ns or not event.is_linked
         verdicts: Sequence[Verdict] = _NOTHING
         try:
-            after = search.after(known, event)
+            after = self._after(known, event, is_late)
         except (TooManyError, TooOpenError) as error:
             verdicts = self._give_up(event.stamp, error)
         else:
@@ -169,6 +177,20 @@ class ModelOracle:
                 verdicts = self._unexplained(event)
         self.due_ns = AT_ONCE
         return verdicts
+
+    def _after(self, known: list[Hypothesis], event: TraceEvent, is_late: bool) -> list[Hypothesis]:
+        """What the machine may be doing after ``event``; ``is_late``: its node stood still until then."""
+        search = self.search
+        if event.role is Role.MESSAGE:
+            if self._running is not None:
+                self._running = search.after(self._running, event)
+            return search.after(known, event)
+        running = known if self._running is None else self._running
+        self._running = None
+        if is_late:
+            search.successors.stood_still(search.last, event.stamp)
+            return search.after(running, event)
+        return search.after(known, event)
 
     def gap(self, gap: Gap) -> Sequence[Verdict]:
         """Something is missing: no verdict until the machine's doing is certain again."""
@@ -249,6 +271,8 @@ class ModelOracle:
         """Inputs that must have been taken, outputs that should have come."""
         search = self.search
         known = self.hypotheses or []
+        if self._running is None:
+            self._running = known
         try:
             alive = [h for h in known if not self._owes_since(h, until)]
             grown = search.passed(alive, until)
@@ -351,6 +375,7 @@ class ModelOracle:
             self._forget(stamp)
             return
         self.hypotheses, search.last = found, stamp
+        self._running = None
         self._followed_since = stamp
         self._note_due()
 
@@ -372,7 +397,7 @@ class ModelOracle:
         return self._conclusion.unknown(stamp, str(why) or "too many possibilities to follow")
 
     def _forget(self, stamp: int) -> None:
-        self.hypotheses = None
+        self.hypotheses = self._running = None
         self.since_start = False
         self.gave_up_ns = stamp
         self.due_ns = self._next_try = AT_ONCE
@@ -414,6 +439,21 @@ class ModelOracle:
             self._note_due()
             self._note_knowledge()
         return verdicts
+
+
+def _shows_standstill(known: list[Hypothesis], event: TraceEvent, bounds: Bounds) -> bool:
+    """Whether ``event`` shows that its node stood still, which did nothing for longer than the latency bound.
+
+    That is so if the machine may owe something that would be out else, or if it takes now what was sent
+    longer ago than that.
+    """
+    if event.role is Role.INPUT and 0 < event.sent < event.stamp - bounds.latency - bounds.skew:
+        return True
+    for hypothesis in known:
+        owed = hypothesis.owed
+        if owed and not owed[0].optional and owed[0].high < event.stamp:
+            return True
+    return False
 
 
 # --- resynchronisation ----------------------------------------------------------------------------

@@ -248,7 +248,7 @@ class Search:
         """
         if hypothesis.owed:
             return hypothesis
-        limit = due - self.bounds.latency - self.bounds.skew
+        limit = self.successors.over_by(due) - self.bounds.skew
         for timer in hypothesis.timers:
             if timer.perhaps and timer.high < limit:
                 left = [t for t in hypothesis.timers if not (t.perhaps and t.high < limit)]

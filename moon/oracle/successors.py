@@ -53,7 +53,7 @@ _SENT_AS = {
 
 
 class Successors:
-    """The steps of one machine and of its action threads. It keeps nothing of what it is asked.
+    """The steps of one machine and of its action threads. It keeps when the node stood still.
 
     Args:
         program: the machine.
@@ -67,6 +67,36 @@ class Successors:
         self._draws = program.draws
         self._channels = channels
         self._bounds = bounds
+        self._asleep_ns = self._awake_ns = 0
+
+    # --- a node that stands still --------------------------------------------------------------------
+
+    def stood_still(self, from_ns: int, until_ns: int) -> None:
+        """The node may have stood still between these times: what was due is taken after them, in any order.
+
+        It does not take that in the order in which it came: an executor may run its timers first, or take
+        what arrived first. A node that stands still for longer than the deadline is unresponsive.
+
+        Args:
+            from_ns: it did something then (ns).
+            until_ns: and then again.
+        """
+        self._asleep_ns = max(from_ns, until_ns - self._bounds.deadline)
+        self._awake_ns = until_ns
+
+    def taken_by(self, due: int) -> int:
+        """By when (ns) is taken what was due then: a latency bound later, or after the node stood still."""
+        by = due + self._bounds.latency
+        if due < self._awake_ns and by > self._asleep_ns:
+            return self._awake_ns + self._bounds.latency
+        return by
+
+    def over_by(self, now: int) -> int:
+        """What was due by then (ns) has been taken by ``now``."""
+        latency = self._bounds.latency
+        if self._asleep_ns <= now < self._awake_ns + latency:
+            return self._asleep_ns - latency
+        return now - latency
 
     # --- beginnings --------------------------------------------------------------------------------
 
@@ -226,26 +256,25 @@ class Successors:
         for place, timer in enumerate(hypothesis.timers):
             if timer.low <= min(now, latest) and self._matters(hypothesis, timer):
                 low = max(timer.low, earliest)
-                if timer.perhaps and timer.high + self._bounds.latency < low:
+                if timer.perhaps and self.taken_by(timer.high) < low:
                     continue
                 yield from self._timer_rung(hypothesis, place, timer, low, now)
 
     def latest(self, hypothesis: Hypothesis, certainly: bool = False) -> int:
         """By when the next input has been taken; ``certainly``: of those it certainly gets."""
-        latency = self._bounds.latency
-        latest = FOREVER
+        earliest = FOREVER
         for fact in hypothesis.pending:
             if not (certainly and fact.may_be_lost) and not self._is_held(hypothesis, fact):
-                latest = fact.stamp + latency + self._bounds.skew
+                earliest = fact.stamp + self._bounds.skew
                 break  # the others are newer
         for event in hypothesis.queue:
-            latest = min(latest, event.high + latency)
+            earliest = min(earliest, event.high)
         for timer in hypothesis.timers:
-            if timer.perhaps or timer.high + latency >= latest:
+            if timer.perhaps or timer.high >= earliest:
                 continue
             if self._matters(hypothesis, timer):
-                latest = timer.high + latency
-        return latest
+                earliest = timer.high
+        return FOREVER if earliest == FOREVER else self.taken_by(earliest)
 
     def _is_held(self, hypothesis: Hypothesis, fact: TraceEvent) -> bool:
         """Whether ``fact`` is feedback that is kept until its goal is accepted."""
@@ -263,7 +292,7 @@ class Successors:
             earlier = tuple(item for item in earlier if item.stream != fact.stream)
         rest = hypothesis.with_pending(earlier + hypothesis.pending[place + 1 :])
         assert fact.event is not None
-        high = max(low, min(fact.stamp + self._bounds.latency, now))
+        high = max(low, min(self.taken_by(fact.stamp), now))
         parts: dict[str, Any] = {}
         if fact.event[0] is EventKind.FEEDBACK:
             goal = goal_called(hypothesis, fact.interface, fact.goal, served=False)
@@ -287,7 +316,7 @@ class Successors:
         self, hypothesis: Hypothesis, event: QueuedEvent, low: int, now: int
     ) -> Iterator[Hypothesis]:
         rest = hypothesis.but(queue=hypothesis.queue[1:])
-        high = max(low, min(event.high + self._bounds.latency, now))
+        high = max(low, min(self.taken_by(event.high), now))
         yield from self.run(
             rest, event.instance, event.event, event.message, event.parts, low, high
         )
@@ -295,17 +324,17 @@ class Successors:
     def _timer_rung(
         self, hypothesis: Hypothesis, place: int, timer: PendingTimer, low: int, now: int
     ) -> Iterator[Hypothesis]:
-        latency = self._bounds.latency
-        high = max(low, min(timer.high + latency, now))
+        by = self.taken_by(timer.high)
+        high, most_ns = max(low, min(by, now)), by - timer.high
         others = hypothesis.timers[:place] + hypothesis.timers[place + 1 :]
         if timer.period:
             # ticks slept through are skipped, the phase is kept (see Executor)
             slack = self._bounds.slack(timer.period)
             latest = min(timer.high, now)
-            if latency >= timer.period:
+            if most_ns >= timer.period:
                 latest = max(latest, high)
             following = timer.due(
-                max(timer.low, low - latency) + timer.period - slack,
+                max(timer.low, low - most_ns) + timer.period - slack,
                 latest + timer.period + slack,
             )
             others = (*hypothesis.timers[:place], following, *hypothesis.timers[place + 1 :])
@@ -409,7 +438,7 @@ class Successors:
         """A periodic timer that a step makes matter: it may just have rung without effect, or just not."""
         if not timer.period or self._matters(before, timer) or not self._matters(made, timer):
             return timer
-        rings = timer.not_before(low - self._bounds.latency)
+        rings = timer.not_before(self.over_by(low))
         last = rings.high
         if rings.low <= high:
             last = min(last, high) + rings.period + self._bounds.slack(rings.period)
@@ -577,15 +606,15 @@ class Successors:
 
     def normalised(self, hypothesis: Hypothesis, now: int) -> Hypothesis:
         """Timers that nothing waits for, brought up to ``now``."""
-        latency = self._bounds.latency
+        limit = self.over_by(now)
         timers = hypothesis.timers
-        if not any(a.period and a.high + latency < now for a in timers):
+        if not any(a.period and a.high < limit for a in timers):
             return hypothesis
         return hypothesis.with_timers(
             tuple(
                 timer
                 if not timer.period or self._matters(hypothesis, timer)
-                else timer.not_before(now - latency)
+                else timer.not_before(limit)
                 for timer in timers
             )
         )

@@ -70,6 +70,7 @@ class TraceEvent:
         data: the message.
         call: which; of a message taken, who published it, its number, and in which life.
         goal: a goal's id (32 hex digits).
+        sent: when another node sent it (ns), by that one's report; 0 where that is not known.
         stream: source and channel: the events of one stream keep their order.
         is_linked: whether who sent it certainly was linked to the machine's node.
         may_be_lost: whether the machine may never have got it (set by the oracle).
@@ -89,6 +90,7 @@ class TraceEvent:
         "observation",
         "output",
         "role",
+        "sent",
         "stamp",
         "stream",
     )
@@ -111,6 +113,7 @@ class TraceEvent:
         self.output = output
         self.data = data
         self.goal = goal
+        self.sent = 0
         self.call: Call = (observation.client, observation.call, observation.client_life)
         self.stream = (observation.source, observation.channel)
         self.is_linked = True

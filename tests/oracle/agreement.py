@@ -35,7 +35,8 @@ class Answer(msgspec.Struct, frozen=True):
         outcome: the oracle's worst verdict.
         reason: its reason.
         excused: the oracle lets a timer be off its time anew in each period, so that a clock that was set by
-            some ms is no fault: whether the reference, allowing that, finds the case to conform as well.
+            some ms is no fault, and a machine stand still where what it does shows it: whether the reference,
+            allowing that, finds the case to conform as well.
     """
 
     conforms: bool
@@ -78,7 +79,7 @@ def answer(found: Case, ordered: bool = False, hypotheses: int = Bounds().hypoth
     excused = (
         not conforms
         and worst is Outcome.CONFORMING
-        and found.conforms(check_calls=True, adds_up=True)
+        and found.conforms(check_calls=True, adds_up=True, stands_still=True)
     )
     return Answer(conforms, worst, reason, excused)
 

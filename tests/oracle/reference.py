@@ -13,6 +13,8 @@ What is asked is whether the machine *can* have done what was heard (design, sec
   ``latency_ns`` later; so is tick ``k`` of a timer, whose stamp is ``start_ns + k * period``, give
   or take ``tolerance_ns``; but a machine that was busy then, owing outputs, takes them as soon as
   these are out. Whatever had to be taken before the moment of judging, ``end_ns``, has been taken.
+* A machine that did nothing for longer than ``latency_ns`` may have stood still (``stands_still``): what was
+  due in that time is taken up to ``latency_ns`` after it did something again, and ticks may be skipped.
 * How far a tick may be from its time may add up (``adds_up``): then tick ``k`` may be ``k`` times as far.
 * An output is heard after the moment of its take, and no later than ``deadline_ns`` after it; one
   that is never heard is not overdue at ``end_ns``.
@@ -27,8 +29,9 @@ late output: its deadline counts from the latest. It is slow on purpose.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import msgspec
@@ -59,6 +62,7 @@ class Input(msgspec.Struct, frozen=True, eq=False):
     number: int
     earliest_ns: int
     latest_ns: int
+    may_be_skipped: bool = False
 
 
 def conforms(
@@ -71,6 +75,7 @@ def conforms(
     start_ns: int = 0,
     tolerance_ns: int = 0,
     adds_up: bool = False,
+    stands_still: bool = False,
     check_calls: bool = False,
 ) -> bool:
     """Whether ``machine`` can have done what ``trace`` says.
@@ -84,6 +89,7 @@ def conforms(
         start_ns: when the machine entered its initial state.
         tolerance_ns: how much earlier or later than its period says a timer may tick.
         adds_up: whether that may be so once for each period, not once in all.
+        stands_still: whether it may have stood still.
         check_calls: whether a response must answer the call that decision 2 says.
 
     Raises:
@@ -93,6 +99,8 @@ def conforms(
     ordered = sorted(trace, key=lambda item: item.stamp_ns)
     inputs = inputs_of(machine, ordered, latency_ns, end_ns, start_ns, tolerance_ns, adds_up)
     heard = outputs_of(machine, ordered)
+    if stands_still:
+        inputs = standing_still(machine, ordered, inputs, latency_ns, start_ns)
 
     seen: set[tuple[Any, ...]] = set()
 
@@ -126,6 +134,8 @@ def conforms(
                 continue
             latest_ns = max(moment_ns, min(other.latest_ns for other in left))
             now = frozenset({*taken, item})
+            if item.may_be_skipped and possible(at, now, clock_ns, free_ns, count):
+                return True
             for then, sent in stepper.take(at, item.event, item.data, item.call):
                 if explained(then, now, moment_ns, latest_ns, free_ns, count, sent):
                     return True
@@ -215,6 +225,32 @@ def inputs_of(
             )
             number += 1
     return found
+
+
+def standing_still(
+    machine: Machine,
+    ordered: Sequence[Observation],
+    inputs: Iterable[Input],
+    latency_ns: int,
+    start_ns: int,
+) -> list[Input]:
+    """The same inputs, taken later where the machine may have stood still."""
+    own = [start_ns, *(item.stamp_ns for item in ordered if item.source == machine.name)]
+    stills = [(one, two) for one, two in itertools.pairwise(own) if two - one > latency_ns]
+
+    def later(item: Input) -> Input:
+        until = [
+            awake_ns + latency_ns
+            for asleep_ns, awake_ns in stills
+            if item.earliest_ns < awake_ns and item.latest_ns > asleep_ns
+        ]
+        if item.line == OWN_EARS or not until:
+            return item
+        is_tick = item.event.kind is EventKind.TIMER
+        replace = msgspec.structs.replace
+        return replace(item, latest_ns=max(until), may_be_skipped=is_tick)
+
+    return [later(item) for item in inputs]
 
 
 def _event(machine: Machine, item: Observation) -> Event | None:

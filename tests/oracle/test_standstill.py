@@ -1,0 +1,116 @@
+"""A node that stood still for longer than the latency bound takes what is overdue afterwards, in any order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+
+from moon.oracle.oracle import Oracle
+from moon.verdict import Outcome
+from tests.oracle.machines import library, read
+from transports.interface import Observation, ObservationKind
+
+BEGAN_NS = 10**18
+MACHINE = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="counting">
+  <datamodel><data id="n" type="int32" expr="0"/></datamodel>
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_topic_publisher name="first" topic="/first" type="std_msgs/Int32"/>
+  <ros_topic_publisher name="second" topic="/second" type="std_msgs/Int32"/>
+  <ros_time_rate name="one" rate_hz="1"/>
+  <ros_time_rate name="other" rate_hz="1"/>
+  <state id="counting">
+    <ros_rate_callback name="one">{one}</ros_rate_callback>
+    <ros_rate_callback name="other">{other}</ros_rate_callback>
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="n"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+PUBLISHES = '<ros_topic_publish name="{}"><field name="data" expr="n"/></ros_topic_publish>'
+COUNTS = '<assign location="n" expr="n + 1"/>'
+NOTHING = ""
+
+Seen = tuple[float, str, ObservationKind, object]
+SENT = ObservationKind.REQUEST_SENT
+RECEIVED = ObservationKind.REQUEST_RECEIVED
+ANSWERED = ObservationKind.RESPONSE_SENT
+MESSAGE = ObservationKind.MESSAGE
+ASKED = {"value": 0}
+
+
+def observation(at_s: float, channel: str, kind: ObservationKind, data: object) -> Observation:
+    stamp_ns = BEGAN_NS + round(at_s * 1e9)
+    is_call = kind is not MESSAGE
+    return Observation(
+        stamp_ns=stamp_ns,
+        received_ns=stamp_ns + 1000,
+        channel=channel,
+        kind=kind,
+        type_name="probe_interfaces/srv/Ask_" if is_call else "std_msgs/msg/Int32",
+        data=data,
+        source="somebody" if kind is SENT else "Probe",
+        sequence=-1,
+        client="somebody" if is_call else "",
+        call=1 if is_call else 0,
+    )
+
+
+def outcome(one: str, other: str, seen: Iterable[Seen]) -> Outcome:
+    """What is said of a machine whose timers do this, of which that is seen."""
+    machine = read(MACHINE.replace("{one}", one).replace("{other}", other))
+    oracle = Oracle(machine, library(), "Probe")
+    oracle.start(BEGAN_NS, whole=True)
+    last_s = 0.0
+    for at_s, channel, kind, data in seen:
+        while last_s + 0.05 < at_s:  # as a monitor does that looks at its clock
+            last_s += 0.05
+            oracle.advance(BEGAN_NS + round(last_s * 1e9))
+        oracle.feed(observation(at_s, channel, kind, data))
+    oracle.advance(BEGAN_NS + 3 * 10**9)
+    return oracle.outcome
+
+
+@pytest.mark.parametrize("awake_s", [1.1, 1.35, 1.7])
+def test_of_two_timers_that_are_overdue_each_keeps_its_phase(awake_s: float) -> None:
+    seen: list[Seen] = [
+        (awake_s, "/first", MESSAGE, {"data": 0}),
+        (awake_s + 1e-6, "/second", MESSAGE, {"data": 0}),
+        (2.0, "/first", MESSAGE, {"data": 0}),
+        (2.0 + 1e-6, "/second", MESSAGE, {"data": 0}),
+    ]
+    one, other = PUBLISHES.format("first"), PUBLISHES.format("second")
+    assert outcome(one, other, seen) is Outcome.CONFORMING
+    assert outcome(one, other, [*seen[:2], (1.9, *seen[2][1:])]) is Outcome.VIOLATED
+
+
+def test_a_request_is_taken_before_a_tick_that_is_overdue() -> None:
+    seen: list[Seen] = [
+        (1.35, "/Probe/ask", RECEIVED, ASKED),
+        (1.3501, "/Probe/ask", ANSWERED, {"value": 0, "ok": False}),
+        (1.3502, "/first", MESSAGE, {"data": 0}),
+        (2.0, "/first", MESSAGE, {"data": 0}),
+    ]
+    one = PUBLISHES.format("first")
+    assert outcome(one, NOTHING, seen) is Outcome.CONFORMING
+    assert outcome(one, NOTHING, seen[:2]) is Outcome.VIOLATED
+
+
+def test_a_request_that_waited_is_taken_before_a_tick_that_nobody_sees() -> None:
+    seen: list[Seen] = [
+        (0.99, "/Probe/ask", SENT, ASKED),
+        (1.35, "/Probe/ask", RECEIVED, ASKED),
+        (1.3501, "/Probe/ask", ANSWERED, {"value": 0, "ok": False}),
+    ]
+    assert outcome(COUNTS, NOTHING, seen) is Outcome.CONFORMING
+
+
+def test_a_tick_is_missing_where_nothing_shows_that_the_node_stood_still() -> None:
+    seen: list[Seen] = [
+        (1.34, "/Probe/ask", SENT, ASKED),
+        (1.35, "/Probe/ask", RECEIVED, ASKED),
+        (1.3501, "/Probe/ask", ANSWERED, {"value": 0, "ok": False}),
+    ]
+    assert outcome(COUNTS, NOTHING, seen) is Outcome.VIOLATED
