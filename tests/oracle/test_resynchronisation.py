@@ -149,3 +149,45 @@ def test_what_was_sent_tells_nothing_of_what_was_changed_since() -> None:
     oracle.reported(order + 1, now_ns, now_ns)
     oracle.advance(now_ns)
     assert oracle.outcome is Outcome.CONFORMING
+
+
+ASKED = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <state id="idle">
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+MS = 1_000_000
+
+
+def test_what_was_dropped_happened_at_its_stamp_where_the_clock_of_judges_is_behind() -> None:
+    """The request is dropped; its answer, received later, is not the first thing that is known of the run."""
+    oracle = Oracle(read(ASKED), library(), "Probe", synchronised=False)
+    began_ns = 10**18
+    oracle.listen(began_ns)
+
+    def seen(at_ms: int, behind_ms: int, kind: ObservationKind) -> Observation:
+        stamp_ns = began_ns + at_ms * MS
+        return Observation(
+            stamp_ns=stamp_ns,
+            received_ns=stamp_ns - behind_ms * MS,
+            channel="/Probe/ask",
+            kind=kind,
+            type_name="probe_interfaces/srv/Ask_",
+            data={"value": 1, "ok": False},
+            source="Probe",
+            sequence=-1,
+            client="somebody",
+            call=1,
+        )
+
+    oracle.advance(began_ns + 500 * MS)
+    oracle.feed(seen(1000, 300, ObservationKind.REQUEST_RECEIVED))
+    oracle.lose(began_ns + 600 * MS, "something else was lost")
+    oracle.feed(seen(1001, 300, ObservationKind.RESPONSE_SENT))
+    oracle.advance(began_ns + 3000 * MS)
+    assert oracle.outcome is not Outcome.VIOLATED
