@@ -20,10 +20,11 @@ from m2c.model.machine import EventKind
 from moon.feed.nodes import Nodes
 from moon.feed.numbers import Place
 from moon.feed.progress import Progress
+from moon.feed.reachability import Reachability
 from moon.oracle.bounds import Bounds
 from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
 from moon.oracle.evidence import Shown, evidence_of
-from moon.oracle.in_transit import TakenMessages
+from moon.oracle.in_transit import RequestTracking, TakenMessages
 from moon.oracle.trace_events import SourceStreams
 from moon.verdict import Cause, Outcome, Verdict
 from transports.interface import ObservationKind
@@ -324,6 +325,25 @@ class Publishers:
 # --- what has to be received first ----------------------------------------------------------------
 
 
+class Tracked(msgspec.Struct):
+    """What is kept of what is received of one machine; never replaced.
+
+    Attributes:
+        streams: the numbers of what was received.
+        progress: of all that its node reports, where it numbers that.
+        other_ends: of its calls.
+        requests, takes: what others sent to it.
+        reachability: when nodes were heard in time; None: they always can be reached.
+    """
+
+    streams: SourceStreams
+    progress: Progress
+    other_ends: OtherEnds
+    requests: RequestTracking
+    takes: TakenMessages
+    reachability: Reachability | None
+
+
 class Confirmation:
     """Decides what would show that nothing is missing which explains a violation.
 
@@ -331,12 +351,9 @@ class Confirmation:
         node: the node that runs the machine.
         bounds: what is assumed of the middleware.
         taken_topics: the channels of the topics that can make a difference to the machine; as which input.
-        streams: what was received, and its numbers.
-        progress: of all that the node reports, where it numbers that.
-        other_ends: what others report of the node's calls.
+        tracked: what was received of the machine.
         publishers: who may publish although nothing was received from them.
         losses: what is known of the tap.
-        takes: whether the node reports which messages it takes.
         sources: how far all nodes have reported, where they number that.
     """
 
@@ -345,12 +362,9 @@ class Confirmation:
         node: str,
         bounds: Bounds,
         taken_topics: Mapping[str, EventKind],
-        streams: SourceStreams,
-        progress: Progress,
-        other_ends: OtherEnds,
+        tracked: Tracked,
         publishers: Publishers,
         losses: Losses,
-        takes: TakenMessages,
         sources: Nodes,
     ) -> None:
         self._node = node
@@ -358,12 +372,12 @@ class Confirmation:
         self._skew, self._latency = bounds.skew, bounds.latency
         self._silent_ns = bounds.deadline + bounds.latency
         self._taken_topics = taken_topics
-        self._streams = streams
-        self._progress = progress
-        self._other_ends = other_ends
+        self._streams = tracked.streams
+        self._progress = tracked.progress
+        self._other_ends = tracked.other_ends
         self._publishers = publishers
         self._losses = losses
-        self._takes = takes
+        self._takes = tracked.takes
 
     def needed(self, violation: Violation) -> Waiting | None:
         """What has to be received before ``violation`` is certain; None if something was lost already."""

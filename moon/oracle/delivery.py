@@ -12,13 +12,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from moon.feed.held import Held
-from moon.feed.progress import Progress
-from moon.feed.reachability import Reachability
 from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, LINKED_NS
-from moon.oracle.confirmation import Conclusion, Publishers
+from moon.oracle.confirmation import Conclusion, Publishers, Tracked
 from moon.oracle.evidence import Shown, evidence_of
-from moon.oracle.in_transit import Expected, Place, RequestTracking, TakenMessages, reference_of
+from moon.oracle.in_transit import Expected, Place, TakenMessages, reference_of
 from moon.oracle.model_oracle import TRIES, ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
@@ -48,13 +46,10 @@ class Delivery:
         judge: of the machine.
         conclusion: what is concluded of it.
         held: what is received and not handed over yet.
-        streams: what was received, and its numbers.
-        progress: of all that the node reports, where it numbers that.
-        requests, takes: what others sent to the machine.
+        tracked: what was received, and what others sent to the machine.
         clock: how far time has passed, for all oracles of one monitor.
         latency: what is received later than this after its stamp is late (ns).
         synchronised: whether what is received first comes from a machine that has just started.
-        reachability: when nodes were heard in time; None: they always can be reached.
 
     Attributes:
         watermark: all that happened until then was handed over (ns).
@@ -68,14 +63,10 @@ class Delivery:
         judge: ModelOracle,
         conclusion: Conclusion,
         held: Held[TraceEvent],
-        streams: SourceStreams,
-        progress: Progress,
-        requests: RequestTracking,
-        takes: TakenMessages,
+        tracked: Tracked,
         clock: Clock,
         latency: int,
         synchronised: bool,
-        reachability: Reachability | None = None,
     ) -> None:
         self.watermark = 0
         self.wake = 0
@@ -85,15 +76,15 @@ class Delivery:
         self._conclusion = conclusion
         self._unconfirmed = conclusion.unconfirmed
         self._held = held
-        self._streams = streams
-        self._progress = progress
-        self._tracking = requests
-        self._requests = requests.expected
-        self._takes = takes
-        self._taken = takes.expected
+        self._streams = tracked.streams
+        self._progress = tracked.progress
+        self._tracking = tracked.requests
+        self._requests = tracked.requests.expected
+        self._takes = tracked.takes
+        self._taken = tracked.takes.expected
         self._clock = clock
         self._latency = latency
-        self._reachability = reachability
+        self._reachability = tracked.reachability
         self.unreached: set[str] = set()
         """Nodes that have to be asked whether they are there."""
         self._under_way: dict[Place, TraceEvent] = {}

@@ -21,7 +21,14 @@ from moon.feed.nodes import Nodes
 from moon.feed.numbers import Numbers
 from moon.feed.progress import Progress
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.confirmation import Conclusion, Confirmation, Losses, OtherEnds, Publishers
+from moon.oracle.confirmation import (
+    Conclusion,
+    Confirmation,
+    Losses,
+    OtherEnds,
+    Publishers,
+    Tracked,
+)
 from moon.oracle.delivery import Clock, Delivery, Topics
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import RequestTracking, TakenMessages
@@ -113,16 +120,21 @@ class Oracle:
             presumes_links=sources is None,
         )
         self._requests = RequestTracking(bounds.deadline)
+        tracked = Tracked(
+            streams=self._streams,
+            progress=self._progress,
+            other_ends=self._other_ends,
+            requests=self._requests,
+            takes=self._takes,
+            reachability=None if sources is None else sources.reachability,
+        )
         confirmation = Confirmation(
             self.node,
             bounds,
             program.taken_topics(),
-            self._streams,
-            self._progress,
-            self._other_ends,
+            tracked,
             publishers,
             self.losses,
-            self._takes,
             self._sources,
         )
         self._conclusion = Conclusion(machine.name, self.node, confirmation)
@@ -132,14 +144,10 @@ class Oracle:
             self.judge,
             self._conclusion,
             held,
-            self._streams,
-            self._progress,
-            self._requests,
-            self._takes,
+            tracked,
             self._clock,
             bounds.latency,
             synchronised,
-            None if sources is None else sources.reachability,
         )
         self.outputs = 0
         self.repeated = 0
