@@ -19,7 +19,7 @@ from moon.cli import main as moon
 from moon.monitor.reading import judgeable
 from tests.transports import ros2_network
 from transports.simulated import Conditions, SimulatedWorld
-from transports.simulated.transport import SimulatedTransport
+from transports.simulated.world import SimulatedTransport
 
 HEAD = '<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="{0}" initial="a">'
 TALKER = (

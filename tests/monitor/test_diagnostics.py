@@ -13,8 +13,7 @@ from moon.sinks.diagnostics import DIAGNOSTICS, DiagnosticArray, Diagnostics, st
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from tests.transports import ros2_network
 from transports.interface import TransportError
-from transports.simulated.transport import SimulatedTransport
-from transports.simulated.world import SimulatedWorld
+from transports.simulated.world import SimulatedTransport, SimulatedWorld
 
 ROOT = Path(__file__).parents[2]
 LAB_TOUR = ROOT / "examples" / "lab_tour"

@@ -10,8 +10,7 @@ import pytest
 from moon.sinks.file import VerdictFile
 from moon.sinks.topic import VERDICTS, VerdictMessage, VerdictTopic, message_of
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
-from transports.simulated.transport import SimulatedTransport
-from transports.simulated.world import SimulatedWorld
+from transports.simulated.world import SimulatedTransport, SimulatedWorld
 
 WHY = Explanation(("A", "B"), "C", ("idle",), (Evidence(7, "a message"),), ("m.scxml:1:2",))
 WRONG = Verdict("Level", "Level", Outcome.VIOLATED, 9, "expected A or B, observed C", WHY)

@@ -15,8 +15,7 @@ from moon.properties.syntax import parse_formula
 from tests.properties.differential import random_formula
 from transports.interface import Observation, Topic
 from transports.simulated.conditions import Conditions
-from transports.simulated.transport import SimulatedTransport
-from transports.simulated.world import START_NS, SimulatedWorld
+from transports.simulated.world import START_NS, SimulatedTransport, SimulatedWorld
 
 MS = 1_000_000
 LATENCY = 50 * MS

@@ -28,7 +28,8 @@ from transports.service_events import (
 )
 from transports.simulated import SimulatedWorld
 from transports.simulated.routes import Sent
-from transports.simulated.transport import Publisher, SimulatedTransport
+from transports.simulated.topics import Publisher
+from transports.simulated.world import SimulatedTransport
 from transports.zenoh import presence, services, tap, tokens, wire
 from transports.zenoh.tokens import LinkToken, NodeToken, ServerToken, TokenError
 from transports.zenoh_link.executor import Executor
@@ -370,7 +371,7 @@ def test_a_simulated_node_and_tap_take_anything(payload: bytes, type_name: str) 
     topic = Topic("/x", "std_msgs/msg/Int32", peer.Number)
     node.subscribe(topic, got.append)
     publisher = Publisher(SimulatedTransport(world, "evil"), topic)
-    for subscription in node.routes.subscriptions("/x"):
+    for subscription in node.topics.subscriptions("/x"):
         subscription.take(publisher, Sent("evil", 0, type_name, payload, 1))
         subscription.take(publisher, Sent("evil", 1, topic.type_name, payload, 1))
     node.routes.message(Sent("evil", 0, type_name, payload, 1), "/x")

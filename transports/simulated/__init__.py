@@ -11,8 +11,7 @@ from transports.simulated.conditions import (
     Rules,
 )
 from transports.simulated.connecting import connect
-from transports.simulated.transport import SimulatedTransport
-from transports.simulated.world import SimulatedWorld
+from transports.simulated.world import SimulatedTransport, SimulatedWorld
 
 __all__ = [
     "Conditions",

@@ -8,8 +8,7 @@ from typing import Any
 from transports.interface import TransportError
 from transports.options import refuse_unknown
 from transports.simulated.conditions import Conditions
-from transports.simulated.transport import SimulatedTransport
-from transports.simulated.world import SimulatedWorld
+from transports.simulated.world import SimulatedTransport, SimulatedWorld
 
 
 def _bounds(text: str) -> tuple[float, float]:

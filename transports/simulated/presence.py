@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import Protocol
 
 from transports.simulated.conditions import Cut, Rules
-
-if TYPE_CHECKING:
-    from transports.simulated.transport import SimulatedTransport
-    from transports.simulated.world import SimulatedWorld
+from transports.simulated.parts import Node, World
 
 CONTESTED_NS = 5 * 10**9
 """So long after one of two nodes of a name has gone, what comes may still be of either."""
@@ -28,9 +25,9 @@ class View:
         of: whose view it is.
     """
 
-    def __init__(self, of: SimulatedTransport) -> None:
+    def __init__(self, of: Node) -> None:
         self._of = of
-        self._there: dict[str, list[SimulatedTransport]] = {}
+        self._there: dict[str, list[Node]] = {}
         self._since: dict[str, int] = {}
         self._contested_until: dict[str, float] = {}
         self._watchers: list[Watcher] = []
@@ -53,7 +50,7 @@ class View:
         """Whether ``name`` is there twice, or was of late."""
         return self._contested_until.get(name, 0.0) >= self._of.world.now_ns
 
-    def appear(self, other: SimulatedTransport) -> None:
+    def appear(self, other: Node) -> None:
         """``other`` is found."""
         there = self._there.setdefault(other.node, [])
         if not self._of.alive or other in there:
@@ -66,7 +63,7 @@ class View:
         self._since[other.node] = other.since_ns
         self._report(other.node, True)
 
-    def disappear(self, other: SimulatedTransport) -> None:
+    def disappear(self, other: Node) -> None:
         """``other`` is missed."""
         there = self._there.get(other.node, [])
         if other not in there:
@@ -83,35 +80,42 @@ class View:
             self._of.post(functools.partial(handler, name, up))
 
 
+class Viewer(Node, Protocol):
+    """A node with a view of the others."""
+
+    view: View
+
+
 class Presence:
     """What all nodes of a world learn of each other: after a while, and not across a cut."""
 
-    def __init__(self, world: SimulatedWorld) -> None:
+    def __init__(self, world: World, nodes: Mapping[str, Viewer]) -> None:
         self._world = world
+        self._nodes = nodes
         self._network = world.network
         for cut, from_ns, until_ns in self._network.long_cuts():
             world.schedule(from_ns - world.now_ns, self._part, cut)
             world.schedule(until_ns - world.now_ns, self._join, cut)
 
-    def connected(self, node: SimulatedTransport) -> None:
+    def connected(self, node: Viewer) -> None:
         """``node`` is new: it finds those who are up."""
-        for other in self._world.nodes.values():
+        for other in self._nodes.values():
             if other.is_announced:
                 self._find(node, other)
 
-    def announced(self, node: SimulatedTransport) -> None:
+    def announced(self, node: Viewer) -> None:
         """``node`` is up: the others find it."""
-        for viewer in tuple(self._world.nodes.values()):
+        for viewer in tuple(self._nodes.values()):
             self._find(viewer, node)
 
-    def left(self, node: SimulatedTransport, killed: bool) -> None:
+    def left(self, node: Viewer, killed: bool) -> None:
         """``node`` has gone; where ``killed``, without a word."""
         is_missed_late = killed and self._world.conditions.rules is Rules.ROS2
         lease_ns = round(self._world.conditions.lease_s * 1e9) if is_missed_late else 0
-        for viewer in tuple(self._world.nodes.values()):
+        for viewer in tuple(self._nodes.values()):
             self._later(lease_ns, viewer.view.disappear, node)
 
-    def _find(self, viewer: SimulatedTransport, other: SimulatedTransport) -> None:
+    def _find(self, viewer: Viewer, other: Viewer) -> None:
         world, network = self._world, self._network
         now_ns = world.now_ns
         found_ns = now_ns
@@ -127,8 +131,8 @@ class Presence:
     def _later(
         self,
         delay_ns: int,
-        event: Callable[[SimulatedTransport], None],
-        node: SimulatedTransport,
+        event: Callable[[Viewer], None],
+        node: Viewer,
     ) -> None:
         if delay_ns:
             self._world.schedule(delay_ns, event, node)
@@ -146,8 +150,8 @@ class Presence:
             if other.is_announced:
                 self._find(viewer, other)
 
-    def _across(self, cut: Cut) -> list[tuple[SimulatedTransport, SimulatedTransport]]:
-        nodes = tuple(self._world.nodes.values())
+    def _across(self, cut: Cut) -> list[tuple[Viewer, Viewer]]:
+        nodes = tuple(self._nodes.values())
         return [
             (one, other)
             for one in nodes
@@ -156,6 +160,6 @@ class Presence:
         ]
 
 
-def _appear(viewer: SimulatedTransport, other: SimulatedTransport) -> None:
+def _appear(viewer: Viewer, other: Node) -> None:
     if other.alive:
         viewer.view.appear(other)

@@ -1,9 +1,9 @@
-"""Who receives what in a simulated world: subscribers, servers, and taps with their observations."""
+"""What is observed in a simulated world: taps, and what they receive."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from transports.channel_filter import channel_filter
 from transports.interface import NAMELESS, Answer, Closes, Observation, ObservationKind, Service
@@ -12,11 +12,8 @@ from transports.payloads import PayloadError, plain
 from transports.service_events import EVENT_SUFFIX, TAKEN_SUFFIX
 from transports.simulated.conditions import Rules
 from transports.simulated.network import Link
-
-if TYPE_CHECKING:
-    from transports.simulated.services import Server
-    from transports.simulated.transport import Publisher, SimulatedTransport, Subscription
-    from transports.simulated.world import SimulatedWorld
+from transports.simulated.parts import Node, World
+from transports.simulated.presence import View
 
 _REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
 _SUFFIXES = {ObservationKind.MESSAGE: "", ObservationKind.MESSAGE_TAKEN: TAKEN_SUFFIX}
@@ -61,28 +58,16 @@ class Numbers:
 
 
 class Routes:
-    """The routing table of one world, and what is reported to its taps."""
+    """The taps of one world, and what is reported to them."""
 
-    def __init__(self, world: SimulatedWorld) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
         self._rules = world.conditions.rules
-        self._subscriptions: dict[str, list[Subscription]] = {}
-        self._servers: dict[str, list[Server]] = {}
-        self.transient_local: dict[str, dict[Publisher, Sent]] = {}
-        """Channel → publisher → its last message."""
         self._taps: list[Tap] = []
         self.numbers = Numbers()
         self.witnesses: list[Callable[[Observation], None]] = []
         """Who is told of all that happens (``SimulatedWorld.witness``)."""
         self._true_numbers = Numbers()
-
-    def subscriptions(self, channel: str) -> list[Subscription]:
-        """Who is subscribed to ``channel``."""
-        return self._subscriptions.setdefault(channel, [])
-
-    def servers(self, channel: str) -> list[Server]:
-        """Who serves ``channel``; a call reaches the first."""
-        return self._servers.setdefault(channel, [])
 
     def add(self, tap: Tap) -> None:
         """``tap`` listens from now on."""
@@ -139,7 +124,7 @@ class Routes:
         service: Service,
         kind: ObservationKind,
         payload: bytes | None,
-        client: SimulatedTransport,
+        client: Node,
         call: int,
         error: str = "",
     ) -> None:
@@ -218,12 +203,19 @@ class Routes:
             witness(seen)
 
 
+class Listening(Node, Protocol):
+    """A node that may have taps."""
+
+    routes: Routes
+    view: View
+
+
 class Tap(Closes):
     """A passive listener; see ``transports.interface.Tap``."""
 
     def __init__(
         self,
-        node: SimulatedTransport,
+        node: Listening,
         globs: Sequence[str],
         handler: Callable[[Observation], None],
     ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from transports import calls
 from transports.interface import (
@@ -17,10 +17,27 @@ from transports.interface import (
 )
 from transports.payloads import PayloadError, TypedCodec
 from transports.simulated.network import Link
-from transports.simulated.world import Completion
+from transports.simulated.parts import Node
+from transports.simulated.routes import Routes
+from transports.simulated.waiting import Completion
 
-if TYPE_CHECKING:
-    from transports.simulated.transport import SimulatedTransport
+
+class Services:
+    """Who serves what in one world."""
+
+    def __init__(self) -> None:
+        self._servers: dict[str, list[Server]] = {}
+
+    def servers(self, channel: str) -> list[Server]:
+        """Who serves ``channel``; a call reaches the first."""
+        return self._servers.setdefault(channel, [])
+
+
+class Calling(Node, Protocol):
+    """A node with services."""
+
+    routes: Routes
+    services: Services
 
 
 class Call:
@@ -74,9 +91,7 @@ class Request:
 class Server:
     """Serves one service."""
 
-    def __init__(
-        self, node: SimulatedTransport, service: Service, handler: Callable[[Request], None]
-    ) -> None:
+    def __init__(self, node: Calling, service: Service, handler: Callable[[Request], None]) -> None:
         self.node = node
         self.node_name = node.node
         self.name = service.name
@@ -138,9 +153,7 @@ class Server:
 class Client:
     """Calls one service."""
 
-    def __init__(
-        self, node: SimulatedTransport, service: Service, numbers: itertools.count[int]
-    ) -> None:
+    def __init__(self, node: Calling, service: Service, numbers: itertools.count[int]) -> None:
         self.node = node
         self.node_name = node.node
         self.service = service
@@ -169,7 +182,7 @@ class Client:
             call.number,
         )
         node.world.schedule(max(0, round(timeout_s * 1e9)), self._time_out, call)
-        servers = node.routes.servers(name)
+        servers = node.services.servers(name)
         if not servers:
             node.world.schedule(0, self._end_unavailable, call)
             return

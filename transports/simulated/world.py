@@ -1,4 +1,4 @@
-"""The simulated world: one queue of events, one clock, one source of randomness.
+"""The simulated world, and its nodes: one queue of events, one clock, one source of randomness.
 
 Everything that happens is an event at a virtual time. Nothing else decides what happens next, so a
 run is a pure function of the seed, the conditions and the nodes' code.
@@ -7,91 +7,47 @@ run is a pure function of the seed, the conditions and the nodes' code.
 from __future__ import annotations
 
 import heapq
+import itertools
+import logging
 import random
 import threading
-from collections.abc import Callable, Iterable
-from enum import IntEnum
+from collections.abc import Callable, Iterable, Sequence
 from queue import Empty
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from transports.interface import Closes, Observation, TransportError
+from transports import actions
+from transports.interface import (
+    Action,
+    ActionClient,
+    Closes,
+    GoalHandle,
+    Observation,
+    Service,
+    Topic,
+    TransportError,
+)
+from transports.refusals import Refusals
 from transports.simulated.clocks import Clocks
-from transports.simulated.conditions import Conditions, Kill
+from transports.simulated.conditions import Conditions, Kill, Rules
 from transports.simulated.network import NS, Link, Network, Pauses, Range
 from transports.simulated.pace import Pace
-from transports.simulated.presence import Presence
-from transports.simulated.routes import Routes
+from transports.simulated.parts import Event, Rank
+from transports.simulated.presence import Presence, View
+from transports.simulated.routes import Routes, Tap
+from transports.simulated.services import Client, Request, Server, Services
 from transports.simulated.tasks import Task, current_task
+from transports.simulated.topics import Publisher, Subscription, Topics
+from transports.simulated.waiting import Completion, Timer
+from transports.timers import period_ns
 from transports.work_queue import WorkQueue
 
-if TYPE_CHECKING:
-    from transports.simulated.transport import SimulatedTransport
-
+LOG = logging.getLogger("transports.simulated")
 START_NS = 1_700_000_000 * 10**9
 """Virtual time of the first event, ns since the epoch."""
-
-Event = Callable[[Any], None]
-
-
-class Rank(IntEnum):
-    """What happens first of all that is due at one time, in a world that ranks it."""
-
-    MESSAGE = 0
-    STEP = 1
-    TIMER = 2
 
 
 _BELOW = 62
 """A rank decides before the order does, which never has so many bits."""
-
-
-class Completion:
-    """A value that one caller waits for; see ``transports.interface.Completion``."""
-
-    __slots__ = ("_task", "_value", "_world", "ready")
-
-    def __init__(self, world: SimulatedWorld) -> None:
-        self._world = world
-        self._value: Any = None
-        self._task: Task | None = None
-        self.ready = False
-
-    def set(self, value: Any) -> None:
-        """Deliver ``value``; only the first delivery counts. From any thread."""
-        self._world.enter(self._set, value)
-
-    def _set(self, value: Any) -> None:
-        if self.ready:
-            return
-        self.ready = True
-        self._value = value
-        if self._task is not None:
-            self._world.schedule(0, Task.resume, self._task)
-
-    def wait(self, timeout_s: float) -> Any:
-        """The value, or None after ``timeout_s`` virtual seconds, whose events run meanwhile."""
-        world = self._world
-        if world.running is not None:
-            raise TransportError(
-                f"{world.running} waits in a handler: nothing else of it would run meanwhile"
-            )
-        deadline_ns = world.now_ns + max(0, round(timeout_s * 1e9))
-        task = current_task()
-        if task is None:
-            world.run(lambda: self.ready, deadline_ns)
-        elif not self.ready:
-            self._task = task
-            waiting = [True]
-
-            def give_up(_: object) -> None:
-                if waiting and not self.ready:
-                    task.resume()
-
-            world.schedule(deadline_ns - world.now_ns, give_up, None, Rank.TIMER)
-            task.pause()
-            waiting.clear()
-            self._task = None
-        return self._value
 
 
 class SimulatedWorld(Closes):
@@ -133,7 +89,9 @@ class SimulatedWorld(Closes):
         self.clocks = Clocks(conditions, START_NS, lambda: self.now_ns)
         self.pauses = Pauses(conditions.pauses, START_NS)
         self.routes = Routes(self)
-        self.presence = Presence(self)
+        self.topics = Topics()
+        self.services = Services()
+        self.presence = Presence(self, self.nodes)
         self._busy = Range(conditions.busy_s, self.random)
         # put() may come from a signal's handler while get() waits on the same thread
         self._entered: WorkQueue[tuple[Event, Any]] = WorkQueue()
@@ -307,8 +265,6 @@ class SimulatedWorld(Closes):
         Raises:
             TransportError: the world has a node of that name.
         """
-        from transports.simulated.transport import SimulatedTransport
-
         return SimulatedTransport(self, node)
 
     def spawn(self, work: Callable[[], None], name: str) -> Task:
@@ -358,3 +314,271 @@ def _nothing(_: object) -> None:
 
 def _start(starter: Callable[[], object]) -> None:
     starter()
+
+
+class SimulatedTransport(Closes):
+    """A node in a simulated world; see ``transports.interface.Transport`` for every method.
+
+    ``spin`` runs the whole world, so one thread drives any number of nodes.
+    """
+
+    def __init__(self, world: SimulatedWorld, node: str) -> None:
+        if not node:
+            raise TransportError("a node needs a name")
+        if node in world.nodes:
+            raise TransportError(f"two nodes are named {node} in this world")
+        self.world = world
+        self.routes, self.topics, self.services = world.routes, world.topics, world.services
+        self.alive = True
+        is_ros = world.conditions.rules is Rules.ROS2
+        self.repair_s = _ROS2_REPAIR_S if is_ros else 0.0
+        self.reports_takes = not is_ros
+        self.refusals = Refusals(LOG)
+        self.listens = False
+        """Whether a tap is its."""
+        self._node = node
+        self._calls = itertools.count(1)
+        self._subscriptions: list[tuple[str, Subscription]] = []
+        self._servers: dict[str, Server] = {}
+        self._clients: list[Client] = []
+        self._own_taps: list[Tap] = []
+        self._beside: list[SimulatedTransport] = []
+        self._announced = False
+        self._free_ns = 0
+        self.connected_ns = world.now_ns
+        """Virtual time."""
+        self.since_ns = SimulatedTransport.now_ns(self)
+        """The same by its own clock."""
+        self.life = world.next_life()
+        self.view = View(self)
+        world.nodes[node] = self
+        self.routes.begin(node)
+        world.presence.connected(self)
+
+    @property
+    def node(self) -> str:
+        """The name of this node."""
+        return self._node
+
+    def beside(self, node: str) -> SimulatedTransport:
+        """Another node in the same world."""
+        other = SimulatedTransport(self.world, node)
+        self._beside.append(other)
+        return other
+
+    def now_ns(self) -> int:
+        """The clock of this node's host, ns since the epoch."""
+        world = self.world
+        return world.now_ns + (world.clocks.ahead_ns(self._node) if world.clocks.differ else 0)
+
+    def still_ns(self) -> int:
+        """How long this node stands still from now on."""
+        return self.world.pauses.after(self._node, self.world.now_ns) - self.world.now_ns
+
+    def steady_ns(self) -> int:
+        """See ``transports.interface.VirtualTime``."""
+        return self.world.now_ns
+
+    def work(self, handler: Callable[[Any], None], argument: Any) -> None:
+        """Run ``handler(argument)`` as this node's next piece of work, when it has time for it."""
+        world = self.world
+        start = world.pauses.after(self._node, max(world.now_ns, self._free_ns))
+        self._free_ns = start + world.busy_ns()
+        if start > world.now_ns:
+            world.schedule(start - world.now_ns, self._run, (handler, argument))
+        else:
+            self._run((handler, argument))
+
+    def _run(self, item: tuple[Callable[[Any], None], Any]) -> None:
+        if not self.alive:
+            return
+        world = self.world
+        before = world.running
+        world.running = world.acted = self._node
+        try:
+            item[0](item[1])
+        except Exception:
+            world.failed = world.failed or self._node
+            raise
+        finally:
+            world.running = before
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """Declare a publisher."""
+        _check_name(topic.name)
+        return Publisher(self, topic)
+
+    def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
+        """Call ``handler(message)`` for every message."""
+        _check_name(topic.name)
+        subscription = Subscription(self, topic, handler)
+        self._subscriptions.append((topic.name, subscription))
+        self.topics.subscriptions(topic.name).append(subscription)
+        if topic.transient_local:
+            for publisher in self.topics.transient_local.get(topic.name, {}):
+                subscription.take_last(publisher)
+
+    def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
+        """Serve ``service``; a second server of it, here or in another node, is reported."""
+        _check_name(service.name)
+        if service.name in self._servers:
+            raise TransportError(f"{service.name} is served by {self._node} already")
+        server = Server(self, service, handler)
+        servers = self.services.servers(service.name)
+        for other in servers:
+            LOG.error(
+                "two nodes serve %s: %s and %s; a call reaches only one of them",
+                service.name,
+                self._node,
+                other.node.node,
+            )
+        servers.append(server)
+        self._servers[service.name] = server
+
+    def client(self, service: Service) -> Client:
+        """A client of ``service``."""
+        _check_name(service.name)
+        is_ros = self.world.conditions.rules is Rules.ROS2
+        client = Client(self, service, itertools.count(1) if is_ros else self._calls)
+        self._clients.append(client)
+        return client
+
+    def serve_action(
+        self,
+        action: Action,
+        goal: Callable[[GoalHandle], None],
+        cancel: Callable[[GoalHandle], None],
+    ) -> None:
+        """Serve ``action``."""
+        actions.serve_action(self, action, goal, cancel)
+
+    def action_client(self, action: Action) -> ActionClient:
+        """A client of ``action``, whose goal ids come from the world's seed."""
+        return actions.action_client(self, action, self._goal_id)
+
+    def _goal_id(self) -> str:
+        return f"{self.world.random.getrandbits(128):032x}"
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` every ``period_s`` seconds, without drift."""
+        period = period_ns(period_s)
+        return Timer(self, period, period, handler)
+
+    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
+        """Call ``handler`` once, ``delay_s`` seconds from now."""
+        return Timer(self, max(0, round(delay_s * 1e9)), 0, handler)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` as this node's work; callable from any thread."""
+        self.world.enter(self._post, handler)
+
+    def post_step(self, handler: Callable[[], None]) -> None:
+        """Run ``handler`` as this node's work once no message is due (in a world that ranks)."""
+        self.world.schedule(0, self._posted, handler, Rank.STEP)
+
+    def _post(self, handler: Callable[[], None]) -> None:
+        self.world.schedule(0, self._posted, handler)
+
+    def _posted(self, handler: Callable[[], None]) -> None:
+        self.work(_call, handler)
+
+    def completion(self) -> Completion:
+        """A fresh completion; waiting for it runs the world."""
+        return Completion(self.world)
+
+    def tick_complete(self) -> None:
+        """Nothing to do: taps receive everything at once, and take no time."""
+
+    def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
+        """Run the world until all ``names`` are up; returns those still missing at the end."""
+
+        def missing() -> list[str]:
+            there = self.view.names()
+            return [name for name in names if name not in there]
+
+        self.world.run_until(lambda: not missing(), timeout_s)
+        return missing()
+
+    @property
+    def is_announced(self) -> bool:
+        """Whether this node counts as up."""
+        return self._announced
+
+    def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
+        """``handler(name, up)`` whenever a node announces itself or goes away."""
+        self.view.watch(handler)
+
+    def up_since(self, name: str) -> int:
+        """When ``name`` joined the world (ns, on its clock); 0 if it is not up, to this node."""
+        return self.view.up_since(name)
+
+    def announce(self) -> None:
+        """Say that this node has declared everything and is ready."""
+        if not self._announced:
+            self._announced = True
+            self.world.presence.announced(self)
+
+    def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
+        """Receive everything on channels that match one of the globs (empty: all), passively."""
+        tap = Tap(self, channels, handler)
+        self._own_taps.append(tap)
+        return tap
+
+    def spin(self, until: Callable[[], bool] | None = None) -> None:
+        """Run the world on the calling thread until ``close()`` (or until ``until()`` holds)."""
+        world = self.world
+
+        def over() -> bool:
+            return not self.alive or (until is not None and until())
+
+        while not over():
+            if world.idle():
+                world.wait_for_threads()
+            world.run_until(lambda: over() or world.idle(), _FOREVER_S)
+
+    def close(self) -> None:
+        """Leave the world; idempotent, from any thread."""
+        self.world.enter(lambda _: self.vanish(), None)
+
+    def vanish(self, killed: bool = False) -> None:
+        """Be gone: nothing arrives here any more, and who called this node gets an error.
+
+        Args:
+            killed: without a word.
+        """
+        if not self.alive:
+            return
+        for other in self._beside:
+            other.vanish(killed)
+        self.alive = False
+        del self.world.nodes[self._node]
+        for tap in self._own_taps:
+            tap.close()
+        for channel, subscription in self._subscriptions:
+            self.topics.subscriptions(channel).remove(subscription)
+        for channel, server in self._servers.items():
+            self.services.servers(channel).remove(server)
+            server.vanish()
+        for client in self._clients:
+            client.close()
+        for publishers in self.topics.transient_local.values():
+            for publisher in [one for one in publishers if one.node is self]:
+                del publishers[publisher]
+        if self._announced:
+            self.world.presence.left(self, killed)
+
+
+_ROS2_REPAIR_S = 3.2
+"""As ``transports.ros2`` says of Fast DDS."""
+_FOREVER_S = 3600.0 * 24 * 365 * 100
+
+
+def _call(handler: Callable[[], None]) -> None:
+    handler()
+
+
+def _check_name(channel: str) -> None:
+    if not channel.startswith("/") or "" in channel[1:].split("/"):
+        raise TransportError(
+            f"channel {channel!r} must be absolute, like /a/b, and without empty parts"
+        )
