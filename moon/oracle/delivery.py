@@ -20,7 +20,7 @@ from moon.oracle.in_transit import Expected, Place, TakenMessages, reference_of
 from moon.oracle.model_oracle import TRIES, ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
-from moon.oracle.trace_events import Channels, Role, SourceStreams, TraceEvent
+from moon.oracle.trace_events import Channels, Role, TraceEvent
 from moon.verdict import Verdict
 
 
@@ -452,10 +452,10 @@ class Topics:
     Args:
         program: the machine.
         channels: its channels.
-        streams: what was received, and its numbers.
         publishers: whose word is taken for it that they published.
         takes: the messages, where the node reports which of them it takes.
         held: what is not judged yet.
+        latency: a node that does not say what it takes is presumed to take it so soon (ns).
         presumes_links: whether publishers are linked to the node from the beginning: nobody says when each
             of them came.
 
@@ -468,16 +468,16 @@ class Topics:
         self,
         program: Program,
         channels: Channels,
-        streams: SourceStreams,
         publishers: Publishers,
         takes: TakenMessages,
         held: Held[TraceEvent],
+        latency: int,
         presumes_links: bool,
     ) -> None:
+        self._latency = latency
         self._presumes_links = presumes_links
         self._program = program
         self._channels = channels
-        self._streams = streams
         self._publishers = publishers
         self._takes = takes
         self._held = held
@@ -504,6 +504,8 @@ class Topics:
         reported = self._takes.reported
         if not reported or event.event is None:
             event.is_linked = self._takes.is_linked(event) or self._presumes_links
+            if not reported:
+                self._takes.presumed[reference_of(event)] = event.stamp
             return event
         match evidence_of(event.event[0], reported, event.observation.sequence >= 0):
             case Shown.BY_NODE:
@@ -537,17 +539,16 @@ class Topics:
     def _begin_to_follow(self, event: TraceEvent, since_ns: int) -> bool:
         """The node's first report of what it takes: whether its reports are what counts from here on.
 
-        They are not, while the message has been judged already by when it was published.
+        They are not, while the message has been judged already as taken within the latency bound, and was. If
+        it was taken later, what was judged is not what happened: the machine takes something unknown.
         """
         if not self._channels.is_plain:
             return False
-        client, number, life = event.call
-        channel = event.observation.channel
-        reference = (channel, event.call)
-        is_known = self._takes.has_contents(reference)
-        if not is_known and reference not in map(reference_of, self._messages()):
-            count = self._streams.counts.get((client, channel, True))
-            if count is not None and number < count.next and life == count.life:
+        reference = (event.observation.channel, event.call)
+        is_to_come = reference in map(reference_of, self._messages())
+        if not is_to_come and not self._takes.has_contents(reference):
+            published_ns = self._takes.presumed.get(reference)
+            if published_ns is not None and event.stamp <= published_ns + self._latency:
                 return False
         self._follow(since_ns)
         return True
@@ -559,6 +560,7 @@ class Topics:
     def _follow(self, since_ns: int) -> None:
         messages = self._messages()
         self._takes.reported = True
+        self._takes.presumed.clear()
         self.is_ordered = self._is_reported_whole
         for message in messages:
             self._held.remove(message)

@@ -179,6 +179,7 @@ class TakenMessages:
         expected: by source and channel of a message, and its number there.
         awaited_ns: the first that was taken and whose contents were not received yet, was taken then (ns).
         lost: those that were lost on their way; who says so empties it.
+        presumed: those that were judged by when they were published (ns), as nobody said what is taken.
     """
 
     __slots__ = (
@@ -189,6 +190,7 @@ class TakenMessages:
         "awaited_ns",
         "expected",
         "lost",
+        "presumed",
         "reported",
         "started_ns",
     )
@@ -204,6 +206,7 @@ class TakenMessages:
         """When each publisher came up last, where that is known (ns)."""
         self.lost: list[TraceEvent] = []
         self.started_ns = 0
+        self.presumed: BoundedDict[Place, int] = BoundedDict(KEPT_MESSAGES)
 
     def publish(self, message: TraceEvent, is_expected: bool) -> None:
         """A message was published; what was taken already, and awaited, has its contents now.

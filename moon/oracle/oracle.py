@@ -113,10 +113,10 @@ class Oracle:
         self._topics = Topics(
             program,
             self.channels,
-            self._streams,
             publishers,
             self._takes,
             held,
+            latency=bounds.latency,
             presumes_links=sources is None,
         )
         self._requests = RequestTracking(bounds.deadline)

@@ -274,6 +274,16 @@ def test_a_message_judged_before_the_first_report_is_not_judged_twice(late: int)
     assert said + probe.passed(3000) == []
 
 
+def test_a_message_that_was_presumed_taken_and_was_taken_later_leaves_the_machine_unknown() -> None:
+    """What was under way for longer than the latency bound, before its taker is known to report what it takes."""
+    probe = Probe()
+    probe.published(1, 1, 2)
+    probe.passed(1 + BOUNDS.latency / MS + 10)
+    at = 1 + BOUNDS.latency / MS + 50
+    said = probe.took(0, at, at + 1) + probe.sent(2, at + 1, at + 1) + probe.passed(at + 1000)
+    assert said == [Outcome.INCONCLUSIVE]
+
+
 def test_a_message_that_is_never_taken_is_one_though_the_node_goes_on_to_take_others() -> None:
     """What is judged at once does not make it forgotten when the message is overdue."""
     probe = Probe()
