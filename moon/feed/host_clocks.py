@@ -18,7 +18,7 @@ from moon.feed.clock import PERIOD_NS, SET_NS
 KEPT_LAGS = 32
 """The lags of so many reports, and of up to as many before them, say what is usual of a node."""
 FEW_LAGS = 4
-"""Fewer say nothing."""
+"""So many that are usual, one after the other, end a doubt."""
 MANY_LAGS = 2 * FEW_LAGS
 """So many, one after the other, tell that it is so from now on."""
 MOST_NODES = 1000
@@ -32,7 +32,7 @@ class HostClock:
     Attributes:
         differs: whether it does from the monitor's, by more than delays can be mistaken for.
         least, most: of the lags that are usual (ns).
-        is_known: whether there are enough to say what is usual.
+        is_known: whether there are any: what comes much later than the first report is a doubt.
         unusual: the lags of the last reports, of which none was usual (ns).
         open: so many reports have to be usual before there is no doubt.
         since_ns: when the first of ``unusual`` was received (ns).
@@ -61,8 +61,7 @@ class HostClock:
             self.least, self.most = self._least, self._most
             self._least, self._most, self._count = _MOST, _LEAST, 0
         self._count += 1
-        if self._count >= FEW_LAGS:
-            self.is_known = True
+        self.is_known = True
         if lag_ns < self._least:
             self._least = lag_ns
             self.least = min(lag_ns, self.least)
@@ -230,6 +229,11 @@ class HostClocks:
     def _went_back_lately(self, clock: HostClock) -> bool:
         """Whether what its other channels show now is of the same time that it was set."""
         return self.now_ns - clock.went_back_ns < 5 * self._latency_ns
+
+    def differs(self, node: str) -> bool:
+        """Whether the clock of ``node`` is known to differ from the monitor's."""
+        clock = self._known.get(node)
+        return clock is not None and clock.differs
 
     def doubtful(self, nodes: Iterable[str]) -> set[str]:
         """Those of ``nodes`` whose clocks differ from the monitor's, or perhaps do since a short time."""

@@ -186,3 +186,14 @@ def test_stamps_that_go_back_are_news_once() -> None:
     assert heard.clocks.went_back("far")
     assert not heard.clocks.went_back("far")
     assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+
+
+@pytest.mark.parametrize("reports", [1, 3])
+def test_a_clock_that_is_set_soon_after_its_node_was_found_is_a_doubt(reports: int) -> None:
+    heard = Heard().hear(reports)
+    heard.ahead = -36 * MS
+    heard.hear(1)
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+    heard.hear()
+    ((node, _),) = heard.steps
+    assert node == "far"
