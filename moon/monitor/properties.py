@@ -248,6 +248,9 @@ class PropertyWatch:
         node, up, now_ns = change.node, change.is_up, change.now_ns
         if self._is_anybody and up:
             self._unreceived.expect(node)
+        if up and node in self._unreceived.channels:
+            # whether it answers has to be known before it may be out of reach
+            self._to_ask = sorted({*self._to_ask, node})
         if up:
             for channel, from_ns, until_ns in self._unreceived.started(
                 node, self._sources.up_since(node)

@@ -251,6 +251,22 @@ def test_who_is_gone_after_it_was_not_heard_for_long_may_be_out_of_reach(watched
         assert "violated" not in watched.of("answers")
 
 
+def test_who_comes_up_is_asked_before_anything_is_presumed_of_properties(tmp_path) -> None:
+    """Whether it answers is to be known before it is cut off, with no model of it, too."""
+    watched = Watched(tmp_path, monitored=False)
+    watched.numbers = True
+    watched.node("Level", True)
+    watched.node("policy", True)
+    watched.pass_time(100)
+    watched.reply("Level")
+    watched.message(90)
+    watched.pass_time(1200)
+    watched.node("Level", False)
+    watched.hear(*ASKED, call=1, client="policy")
+    watched.pass_time(2000)
+    assert "violated" not in watched.of("answers")
+
+
 def test_what_was_lost_is_known_before_what_comes_later_counts(watched) -> None:
     """It may have been the answer, though no later number of that channel has come."""
     numbered_tick(watched)
