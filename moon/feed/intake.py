@@ -160,6 +160,7 @@ class Feed:
         why = f"observations arrive {lag_ns / NS:.1f} s late"
         recent = [source for source, at in self._late.items() if now_ns - at < NS]
         if len(recent) == 1:
+            self.sources.reachability.too_late(seen.source, lag_ns, now_ns)
             return _not_judged(seen, seen.stamp_ns, now_ns, f"{why} from {seen.source}")
         self._late.clear()
         return self._start_anew(*self.read_clocks(), why, held_up=True, is_late=True)

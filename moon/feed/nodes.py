@@ -122,6 +122,18 @@ class Nodes:
         source.answers = True
         source.progress.answered(number, stamp_ns)
 
+    def take_findings(self, now_ns: int) -> list[str]:
+        """What was found of the links of this monitor up to now (ns), one sentence each.
+
+        Who stamps by a clock that differs may seem to come late.
+        """
+        return [
+            f"what {name} reported came up to {lag_ns / 1e9:.1f} s late: the link between it and this "
+            "monitor was down or slow, or its host was busy"
+            for name, lag_ns in self.reachability.take_late(now_ns).items()
+            if not self.clocks.differs(name)
+        ]
+
     def changed(self, name: str, is_up: bool, when_ns: int) -> None:
         """``name`` came up, having begun to connect at ``when_ns``, or went away then."""
         source = self._of(name)

@@ -30,6 +30,8 @@ class Reachability:
         self._times: dict[str, deque[int]] = {}
         self._late_ns: dict[str, int] = {}
         """Until when a node that was heard late is not counted on."""
+        self._too_late: dict[str, tuple[int, int]] = {}
+        """By how much a node was heard too late to be judged, at most, and when it was last (ns)."""
 
     def heard(self, node: str, stamp_ns: int, lag_ns: int) -> None:
         """Something of ``node`` was received ``lag_ns`` after its stamp."""
@@ -45,10 +47,27 @@ class Reachability:
         elif stamp_ns > self._late_ns.get(node, 0):
             times.append(stamp_ns)
 
+    def too_late(self, node: str, lag_ns: int, now_ns: int) -> None:
+        """Something of ``node`` was received at ``now_ns``, and ``lag_ns`` after its stamp: too late."""
+        most_ns, _ = self._too_late.get(node, (0, 0))
+        if node in self._too_late or len(self._too_late) < MOST_NODES:
+            self._too_late[node] = max(most_ns, lag_ns), now_ns
+
+    def take_late(self, now_ns: int) -> dict[str, int]:
+        """Nodes that were heard too late, and are not any more; by how much at most (ns). Told once."""
+        limit_ns = now_ns - self._latency_ns
+        over = {
+            node: lag_ns for node, (lag_ns, at_ns) in self._too_late.items() if at_ns < limit_ns
+        }
+        for node in over:
+            del self._too_late[node]
+        return over
+
     def clear(self) -> None:
         """Nothing is known of any: times of before are not those of now."""
         self._times.clear()
         self._late_ns.clear()
+        self._too_late.clear()
 
     def may_be_late(self, nodes: Iterable[str], since_ns: int) -> bool:
         """Whether what one of ``nodes`` sent at ``since_ns`` or later may be late: it was heard late."""

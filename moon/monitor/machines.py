@@ -177,7 +177,8 @@ class MachineWatch:
         if until_ns >= self._feed.since_ns:
             yield from self._violated(self.models.advance(until_ns))
             self._to_ask += self.models.take_unreached()
-            for found in self.models.take_findings(until_ns):
+            links = self._feed.sources.take_findings(until_ns)
+            for found in (*self.models.take_findings(until_ns), *links):
                 self._say(f"warning: {found}")
         for name, node in self._gone:
             if node.gone_ns is not None and node.gone_ns < until_ns - 2 * self._bounds.latency:

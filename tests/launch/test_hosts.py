@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from tests.launch.system import Run, System
 from tests.monitor.processes import Process
-from tests.transports.hosts import ADDRESSES, may_be_made, two_hosts
+from tests.transports.hosts import ADDRESSES, may_be_made, plug, two_hosts
 
 pytestmark = [
     pytest.mark.zenoh,
@@ -105,3 +106,41 @@ def test_who_listens_on_loopback_only_says_that_a_third_host_cannot_reach_it(
         for process in (tap, first):
             process.end(signal.SIGINT)
             assert "Traceback" not in process.said
+
+
+LINKS = (
+    "the link between policy and MoveSkill was down or slow",
+    "late: the link between it and this monitor was down or slow",
+)
+"""A request was under way for longer than the deadline, or what came after it was late for the monitor."""
+
+
+@pytest.mark.parametrize("cut_s", [1.0, 3.0])
+def test_a_cut_between_two_hosts_is_a_finding_of_the_link_and_violates_nobody(
+    cut_s: float, system: System, hosts: tuple[list[str], list[str]]
+) -> None:
+    here, there = hosts
+    command = ("moon", "monitor", system.path, "--json", "--endpoint", MEETING)
+    with contextlib.closing(Process(*command, inside=here)) as monitor:
+        monitor.until(lambda: "not linked to any node yet" in monitor.said)
+        runs = [
+            Run(system.path, "--only", "LevelSkill", endpoint=MEETING, inside=here),
+            Run(system.path, "--only", "MoveSkill", endpoint=MEETING, inside=there),
+        ]
+        for run in runs:
+            run.until("1 node is up")
+        rate = ("--rate", 20)
+        runs.append(Run(system.path, "--only", "policy", *rate, endpoint=MEETING, inside=here))
+        runs[-1].until("RUNNING  Level ok  Move ..")
+        for name in ("MoveSkill", "policy"):
+            judged = f'"machine":"{name}","node":"{name}","outcome":"conforming"'
+            monitor.until(lambda judged=judged: judged in monitor.said)
+        plug(here, is_in=False)
+        time.sleep(cut_s)  # it lasts so long: nothing tells the time to a cable
+        plug(here, is_in=True)
+        monitor.until(lambda: any(link in monitor.said for link in LINKS))
+        for run in reversed(runs):
+            run.process.send_signal(signal.SIGINT)
+            assert run.end() == 0, run.output
+        assert monitor.end(signal.SIGINT) == 0, monitor.said
+        assert '"violated"' not in monitor.said

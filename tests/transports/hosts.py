@@ -50,6 +50,17 @@ def _host() -> Iterator[int]:
         yield keeper.pid
 
 
+def plug(host: list[str], is_in: bool) -> None:
+    """Pull the cable between the two hosts out, or plug it in again.
+
+    Args:
+        host: one of them, as ``two_hosts`` gives it.
+        is_in: whether it is to be in.
+    """
+    keeper = int(host[host.index("--target") + 1])
+    _ip(keeper, "link", "set", f"cable{keeper}", "up" if is_in else "down")
+
+
 def _inside(host: int) -> list[str]:
     return ["nsenter", "--target", str(host), "--net", "--"]
 
