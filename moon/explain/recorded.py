@@ -86,18 +86,18 @@ def overview(recording: Recording, base: TimeBase | None = None) -> Overview:
     """What was found in ``recording``, which was read to its end and would be judged by ``base``."""
     contents = recording.contents
     return Overview(
-        str(recording.path),
-        recording.form,
-        contents.count,
-        len(contents.channels),
-        contents.first_ns,
-        max(0, contents.last_ns - contents.first_ns) / 1e9,
-        tuple(recording.faults()),
-        (
+        path=str(recording.path),
+        form=recording.form,
+        observations=contents.count,
+        channels=len(contents.channels),
+        first_ns=contents.first_ns,
+        seconds=max(0, contents.last_ns - contents.first_ns) / 1e9,
+        faults=tuple(recording.faults()),
+        limits=(
             *recording.limits(base is not None and base.is_on_arrival),
             *(base.limits if base is not None else ()),
         ),
-        "" if base is None else base.sentence,
+        time="" if base is None else base.sentence,
     )
 
 

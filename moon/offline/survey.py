@@ -133,7 +133,7 @@ def survey(
     )
     if not monitored.machines:
         attribution = None
-    return Surveyed(base, attribution, tuple(recording.topics()))
+    return Surveyed(base=base, attribution=attribution, recorded=tuple(recording.topics()))
 
 
 def read_through(
@@ -202,7 +202,7 @@ def _own(recording: Recording, properties: PropertyWatch, named: Iterable[str]) 
         if isinstance(entry, Began):
             globs = entry.globs
             if entry.paced:
-                return Surveyed(None, None, tuple(sorted(wanted)))
+                return Surveyed(base=None, attribution=None, recorded=tuple(sorted(wanted)))
         if number and found.keys() >= wanted:
             break
     shown = {*found, *recording.topics()} - OWN_TOPICS
@@ -212,7 +212,9 @@ def _own(recording: Recording, properties: PropertyWatch, named: Iterable[str]) 
         if is_recorded(channel, globs)
         and (channel in named or not any(_is_mistyped(channel, other) for other in shown))
     }
-    return Surveyed(None, None, tuple(sorted(shown | silent)), globs)
+    return Surveyed(
+        base=None, attribution=None, recorded=tuple(sorted(shown | silent)), globs=globs
+    )
 
 
 def _is_mistyped(name: str, other: str) -> bool:

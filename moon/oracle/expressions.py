@@ -42,7 +42,7 @@ from m2c.language.expressions import (
     Unary,
     Variable,
 )
-from m2c.language.operators import OPERATORS
+from m2c.language.operators import BINARY, OPERATORS
 from m2c.language.typing import Scope, type_of
 from m2c.language.values import converter, zero
 from moon.oracle import unknowns
@@ -53,7 +53,8 @@ Evaluate = Callable[[Step], Any]
 
 _SYMBOLIC = {
     operator: unknowns.arithmetic(operator, OPERATORS[operator])
-    for operator in ("+", "-", "*", "/", "%", "**")
+    for operator in BINARY
+    if not BINARY[operator].is_comparison
 }
 
 

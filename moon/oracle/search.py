@@ -540,7 +540,7 @@ class Outputs:
                 return [hypothesis]
         elif goal.seen:
             return [hypothesis] if goal.result is None or goal.result[0] is kind else []
-        end = TraceEvent(fact.observation, fact.role, fact.interface, None, kind, None, goal_id)
+        end = TraceEvent(fact.observation, fact.role, fact.interface, output=kind, goal=goal_id)
         paid = self.take([hypothesis], end)
         return [*paid, hypothesis] if goal is None else paid
 

@@ -140,10 +140,10 @@ class TraceEvent:
                 self.observation,
                 self.role,
                 self.interface,
-                self.event,
-                self.output,
-                self.data,
-                self.goal,
+                event=self.event,
+                output=self.output,
+                data=self.data,
+                goal=self.goal,
             )
             twin.may_be_lost, twin._base = True, self
             self._twin = twin
@@ -221,7 +221,9 @@ def _at_the_server(name: str, node: str) -> Reader:
 def _taking(role: Role, name: str, kind: EventKind, template: Any) -> Reader:
     """Inputs; ``template``: zero values of all fields."""
     event = (kind, name)
-    return lambda seen: TraceEvent(seen, role, name, event, None, complete(seen.data, template))
+    return lambda seen: TraceEvent(
+        seen, role, name, event=event, data=complete(seen.data, template)
+    )
 
 
 def _took(name: str, kind: EventKind) -> Reader:
@@ -233,7 +235,7 @@ def _took(name: str, kind: EventKind) -> Reader:
 def _giving(name: str, kind: OutputKind, template: Any) -> Reader:
     """Outputs; ``template``: zero values of all fields."""
     return lambda seen: TraceEvent(
-        seen, Role.OUTPUT, name, None, kind, complete(seen.data, template)
+        seen, Role.OUTPUT, name, output=kind, data=complete(seen.data, template)
     )
 
 
@@ -255,7 +257,7 @@ def _answer_sent(name: str) -> Reader:
     def answer(seen: Observation) -> TraceEvent | None:
         if seen.error:
             return None  # the transport refuses a request that is none
-        return TraceEvent(seen, Role.OUTPUT, name, None, OutputKind.RESPONSE, seen.data)
+        return TraceEvent(seen, Role.OUTPUT, name, output=OutputKind.RESPONSE, data=seen.data)
 
     return answer
 
@@ -272,24 +274,31 @@ def _of_action_server(port: Port, observation: Observation) -> TraceEvent | None
         case "send_goal", ObservationKind.REQUEST_RECEIVED:
             goal = complete(data["goal"], port.template)
             event = (EventKind.GOAL, name)
-            return TraceEvent(observation, Role.INPUT, name, event, None, goal, goal_id(data))
+            return TraceEvent(
+                observation, Role.INPUT, name, event=event, data=goal, goal=goal_id(data)
+            )
         case "send_goal", ObservationKind.RESPONSE_SENT if not observation.error:
             kind = OutputKind.ACCEPT_GOAL if data["accepted"] else OutputKind.REJECT_GOAL
-            return TraceEvent(observation, Role.OUTPUT, name, None, kind)
+            return TraceEvent(observation, Role.OUTPUT, name, output=kind)
         case "cancel_goal", ObservationKind.REQUEST_RECEIVED:
             event = (EventKind.CANCEL, name)
-            return TraceEvent(observation, Role.INPUT, name, event, None, data["goal_info"])
+            return TraceEvent(observation, Role.INPUT, name, event=event, data=data["goal_info"])
         case "get_result", ObservationKind.RESPONSE_SENT if not observation.error:
             end = _ENDS.get(data["status"])  # 0 where it does not know the goal (rclcpp, rclpy)
             if end is None:
                 return None
-            return TraceEvent(observation, Role.RESULT, name, None, end, data["result"])
+            return TraceEvent(observation, Role.RESULT, name, output=end, data=data["result"])
         case "get_result", ObservationKind.REQUEST_RECEIVED:
-            return TraceEvent(observation, Role.RESULT, name, None, None, None, goal_id(data))
+            return TraceEvent(observation, Role.RESULT, name, goal=goal_id(data))
         case "feedback", ObservationKind.MESSAGE:
             kind = OutputKind.FEEDBACK
             return TraceEvent(
-                observation, Role.OUTPUT, name, None, kind, data["feedback"], goal_id(data)
+                observation,
+                Role.OUTPUT,
+                name,
+                output=kind,
+                data=data["feedback"],
+                goal=goal_id(data),
             )
         case "status", ObservationKind.MESSAGE:
             ends = [
@@ -297,7 +306,7 @@ def _of_action_server(port: Port, observation: Observation) -> TraceEvent | None
                 for entry in data["status_list"]
                 if entry["status"] in _ENDS
             ]
-            return TraceEvent(observation, Role.STATUS, name, None, None, ends)
+            return TraceEvent(observation, Role.STATUS, name, data=ends)
     return None
 
 
@@ -307,12 +316,14 @@ def _of_action_client(port: Port, observation: Observation) -> TraceEvent | None
     if port.part == "feedback" and observation.kind is ObservationKind.MESSAGE:
         feedback = complete(data["feedback"], port.template)
         event = (EventKind.FEEDBACK, name)
-        return TraceEvent(observation, Role.MESSAGE, name, event, None, feedback, goal_id(data))
+        return TraceEvent(
+            observation, Role.MESSAGE, name, event=event, data=feedback, goal=goal_id(data)
+        )
     match port.part, observation.kind:
         case "send_goal", ObservationKind.REQUEST_SENT:
             kind = OutputKind.SEND_GOAL
             return TraceEvent(
-                observation, Role.OUTPUT, name, None, kind, data["goal"], goal_id(data)
+                observation, Role.OUTPUT, name, output=kind, data=data["goal"], goal=goal_id(data)
             )
         case "send_goal", ObservationKind.RESPONSE_RECEIVED:
             if observation.error:
@@ -322,16 +333,16 @@ def _of_action_client(port: Port, observation: Observation) -> TraceEvent | None
         case "cancel_goal", ObservationKind.REQUEST_SENT:
             kind = OutputKind.SEND_CANCEL
             return TraceEvent(
-                observation, Role.OUTPUT, name, None, kind, None, goal_id(data["goal_info"])
+                observation, Role.OUTPUT, name, output=kind, goal=goal_id(data["goal_info"])
             )
         case "get_result", ObservationKind.REQUEST_SENT:
-            return TraceEvent(observation, Role.RESULT, name, None, None, None, goal_id(data))
+            return TraceEvent(observation, Role.RESULT, name, goal=goal_id(data))
         case "get_result", ObservationKind.RESPONSE_RECEIVED:
             ended = None if observation.error else _ENDED.get(data["status"])
             if ended is None:
                 return TraceEvent(observation, Role.INPUT, name, (port.failure, name))
             result = complete(data["result"], port.template)
-            return TraceEvent(observation, Role.INPUT, name, (ended, name), None, result)
+            return TraceEvent(observation, Role.INPUT, name, event=(ended, name), data=result)
     return None
 
 
@@ -545,7 +556,9 @@ class Channels:
             def sent(seen: Observation) -> TraceEvent | None:
                 if not _is_own_call(seen, node):
                     return None
-                return TraceEvent(seen, Role.OUTPUT, name, None, OutputKind.REQUEST, seen.data)
+                return TraceEvent(
+                    seen, Role.OUTPUT, name, output=OutputKind.REQUEST, data=seen.data
+                )
 
             return sent
         if kind is not ObservationKind.RESPONSE_RECEIVED:
@@ -557,7 +570,9 @@ class Channels:
                 return None
             if seen.error:
                 return TraceEvent(seen, Role.INPUT, name, failure)
-            return TraceEvent(seen, Role.INPUT, name, answer, None, complete(seen.data, template))
+            return TraceEvent(
+                seen, Role.INPUT, name, event=answer, data=complete(seen.data, template)
+            )
 
         return received
 

@@ -35,7 +35,7 @@ from m2c.language.expressions import (
     Unary,
     Variable,
 )
-from m2c.language.operators import OPERATORS, UNARY_OPERATORS
+from m2c.language.operators import BINARY, LOGICAL, OPERATORS, UNARY_OPERATORS
 from m2c.language.text import expression_text
 from m2c.model.walk import variables_of
 from moon.properties.formula import Formula, Predicate, predicates
@@ -64,8 +64,15 @@ def truth_source(expression: Expression, names: dict[str, str]) -> str:
     return _Source(names).truth(expression)
 
 
-_COMPARE = {"<": "less", "<=": "at_most", ">": "more", ">=": "at_least"}
-_ALWAYS_BOOL = {"<", "<=", ">", ">=", "==", "!=", "===", "!=="}
+_COMPARE = {
+    "<": "less",
+    "<=": "at_most",
+    ">": "more",
+    ">=": "at_least",
+    "==": "same",
+    "!=": "different",
+}
+"""What compares two values that need not be whole numbers, by Python's operator."""
 
 
 class _Source:
@@ -75,11 +82,10 @@ class _Source:
 
     def truth(self, expression: Expression) -> str:
         match expression:
-            case Binary(operator=operator) if operator in _ALWAYS_BOOL:
+            case Binary(operator=operator) if BINARY[operator].is_comparison:
                 return self.value(expression)
             case Logical(operator=operator, left=left, right=right):
-                word = "and" if operator == "&&" else "or"
-                return f"({self.truth(left)} {word} {self.truth(right)})"
+                return f"({self.truth(left)} {LOGICAL[operator][1]} {self.truth(right)})"
             case Unary(operator="!", operand=operand):
                 return f"(not {self.truth(operand)})"
             case _:
@@ -132,17 +138,14 @@ class _Source:
 
     def _binary(self, operator: str, left: Expression, right: Expression) -> str:
         first, second = self.value(left), self.value(right)
-        if operator in _COMPARE:
-            slow = _COMPARE[operator]
-        elif operator in _ALWAYS_BOOL:
-            slow = "same" if operator[0] == "=" else "different"
-            operator = operator[:2]
-        else:
+        if not BINARY[operator].is_comparison:
             return f"arithmetic({operator!r}, {first}, {second})"
+        python = BINARY[operator].python
+        slow = _COMPARE[python]
         # the common case in line: an integer against an integer literal
         if isinstance(right, Literal) and type(right.value) in (int, float):
             name = self._temporary()
-            fast = f"{name} {operator} {second}"
+            fast = f"{name} {python} {second}"
             return f"({fast} if ({name} := {first}).__class__ is int else {slow}({name}, {second}))"
         return f"{slow}({first}, {second})"
 
