@@ -21,7 +21,7 @@ from moon.feed.nodes import Nodes
 from moon.feed.numbers import Place
 from moon.feed.progress import Progress
 from moon.feed.reachability import Reachability
-from moon.oracle.bounds import Bounds
+from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import RequestTracking, TakenMessages
@@ -158,6 +158,18 @@ class Unconfirmed:
                 self.kept.remove(waiting)
             elif until_ns >= waiting.reported_ns:
                 waiting.reported_ns = NOT_NEEDED
+        return self._certain()
+
+    @property
+    def arrived_ns(self) -> int:
+        """When the first of those happened that wait for numbers alone (ns); FOREVER: none does."""
+        return min((w.verdict.stamp_ns for w in self.kept if w.places), default=FOREVER)
+
+    def arrived(self, until_ns: int) -> list[Verdict]:
+        """All that happened until ``until_ns`` has come, or does not come any more."""
+        for waiting in self.kept:
+            if waiting.verdict.stamp_ns < until_ns:
+                waiting.places.clear()
         return self._certain()
 
     def settled(self, other_ends: OtherEnds, stamp: int) -> list[Verdict]:

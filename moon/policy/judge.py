@@ -24,9 +24,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from m2c.policy.ticks import HALTED, TICKS_CHANNEL
+from moon.feed.numbers import Place
 from moon.feed.progress import Progress
 from moon.judge import Gap
-from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.confirmation import UNCONFIRMED, Unconfirmed, Waiting
 from moon.policy.calls import Call, SeenByServer, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
@@ -125,6 +126,8 @@ class PolicyJudge:
         """From then on (ns) all that the policy does is received; FOREVER: its node is not known to be up."""
         self._first_ns: dict[str, int] = {}
         """Of each channel of a leaf, when the first that was received from the policy happened (ns)."""
+        self._next: dict[str, int] = {}
+        """Of each channel of a leaf, the number that the policy's next report has there; 0: it has none."""
         self._unanswered: BoundedDict[Call, Observation] = BoundedDict(KEPT_CALLS)
         """Calls that were followed by another before their answer was received."""
         self._life = Life(self._follower.close)  # its runs' threads end with it
@@ -145,6 +148,7 @@ class PolicyJudge:
         self._since = stamp_ns
         self.received_since = 0
         self._first_ns.clear()
+        self._next.clear()
         self.unconfirmed.restart()
         self._seen_by_server.clear()
         self._unanswered.clear()
@@ -159,6 +163,7 @@ class PolicyJudge:
     def restart(self) -> None:
         """Its node numbers its calls anew."""
         self._unanswered.clear()
+        self._next.clear()
         self._own.clear()
         self.unconfirmed.restart()
 
@@ -195,10 +200,18 @@ class PolicyJudge:
             return self._defer(event)
         return self._judge(event)
 
-    def note_heard(self, channel: str, stamp_ns: int) -> None:
-        """Something of the policy was received on ``channel``, and happened at ``stamp_ns``."""
-        if channel in self.leaves and stamp_ns < self._first_ns.get(channel, FOREVER):
+    def note_heard(self, seen: Observation) -> list[Verdict]:
+        """Something that the policy did was received: its number may show that a violation is certain."""
+        channel, stamp_ns, number = seen.channel, seen.stamp_ns, seen.sequence
+        if channel not in self.leaves:
+            return []
+        if stamp_ns < self._first_ns.get(channel, FOREVER):
             self._first_ns[channel] = stamp_ns
+        self._next[channel] = number + 1
+        if not self.unconfirmed.kept:
+            return []
+        place = (self.node, channel, False)
+        return self._confirm(self.unconfirmed.numbered(place, number, stamp_ns))
 
     def note_elsewhere(self, event: Observation) -> None:
         """The other end of a call of the policy reported it: the policy's own end must, too."""
@@ -216,20 +229,22 @@ class PolicyJudge:
 
     def advance(self, until_ns: int) -> list[Verdict]:
         """All that happened until ``until_ns`` was handed over."""
+        certain = self._confirm(self.unconfirmed.arrived(until_ns - LINKED_NS))
         if self._owed and until_ns - self._last_ns > self.bounds.deadline:
-            return self._overdue(until_ns)
+            return [*certain, *self._overdue(until_ns)]
         if self._is_unheard and until_ns - self._deferred[0].stamp_ns > self.bounds.deadline:
-            return self._suspend(until_ns, _UNHEARD)
-        return []
+            return [*certain, *self._suspend(until_ns, _UNHEARD)]
+        return certain
 
     @property
     def due_ns(self) -> int:
-        """From then on (ns) the next call is missing; FOREVER: none is expected."""
+        """From then on (ns) the next call is missing, or a violation is certain; FOREVER: neither."""
+        certain_ns = self.unconfirmed.arrived_ns + LINKED_NS
         if self._owed:
-            return self._last_ns + self.bounds.deadline + 1
+            return min(certain_ns, self._last_ns + self.bounds.deadline + 1)
         if self._is_unheard and self.outcome is not Outcome.INCONCLUSIVE:
-            return self._deferred[0].stamp_ns + self.bounds.deadline + 1
-        return FOREVER
+            return min(certain_ns, self._deferred[0].stamp_ns + self.bounds.deadline + 1)
+        return certain_ns
 
     # --- what it says ------------------------------------------------------------------------------
 
@@ -430,7 +445,7 @@ class PolicyJudge:
         observed = f"{self._call_text(later)} before it"
         why = Explanation((expected,), observed, channel=later.channel)
         return self._convict(
-            violation_of(self.name, self.node, later.stamp_ns, why, Cause.UNEXPECTED)
+            violation_of(self.name, self.node, later.stamp_ns, why, Cause.UNEXPECTED), ()
         )
 
     def _violated(
@@ -460,7 +475,7 @@ class PolicyJudge:
             channel,
         )
         verdict = violation_of(self.name, self.node, stamp, why, cause)
-        reported = self._convict(verdict, is_silence=cause is Cause.UNRESPONSIVE)
+        reported = self._convict(verdict, wanted, is_silence=cause is Cause.UNRESPONSIVE)
         self._forget(stamp)
         return reported
 
@@ -478,21 +493,36 @@ class PolicyJudge:
             for ask in wanted
         )
 
-    def _convict(self, verdict: Verdict, is_silence: bool = False) -> list[Verdict]:
+    def _convict(
+        self, verdict: Verdict, wanted: Sequence[Ask], is_silence: bool = False
+    ) -> list[Verdict]:
         """Report ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
         progress, by = self._progress, verdict.stamp_ns + is_silence
-        is_reported = progress.reported_ns >= verdict.stamp_ns and progress.gap <= self._since
-        if is_reported or not progress.reported_ns:
+        lost = ""
+        if not progress.reported_ns:
+            places = self._next_at(wanted)
+            if not places:
+                return self._confirm([verdict])
+            self.unconfirmed.add(Waiting(verdict, places, since_ns=self._since))
+        elif progress.gap > self._since:
+            lost = "observations were lost; "
+        elif progress.reported_ns >= verdict.stamp_ns:
             return self._confirm([verdict])
-        lost = "observations were lost; "
-        if progress.gap <= self._since:
+        else:
             self.unconfirmed.add(Waiting(verdict, {}, by, self._since))
-            lost = ""
-            if self.outcome is Outcome.VIOLATED:
-                return []  # it is, whether this one is certain or not
+        if not lost and self.outcome is Outcome.VIOLATED:
+            return []  # it is, whether this one is certain or not
         was, self.outcome = self.outcome, Outcome.INCONCLUSIVE
         self._reason, self.suspected = f"{lost}{UNCONFIRMED}{verdict.reason}", verdict
         return [] if was is Outcome.INCONCLUSIVE else [self.verdict(verdict.stamp_ns)]
+
+    def _next_at(self, wanted: Iterable[Ask]) -> dict[Place, int]:
+        """The numbers that show that none of the calls that were ``wanted`` is only late.
+
+        A node that numbers each channel by itself may have made the call: each channel comes when it comes.
+        """
+        found = {ask.channel: self._next.get(ask.channel, 0) for ask in wanted}
+        return {(self.node, channel, False): number for channel, number in found.items() if number}
 
     def look_at_reports(self) -> list[Verdict]:
         """What the node reported since may confirm a violation."""

@@ -170,13 +170,13 @@ class PolicyOracle:
         verdicts: list[Verdict] = []
         watermark = observation.received_ns - self.bounds.latency
         if observation.source == self.node:
-            judge.note_heard(channel, observation.stamp_ns)
+            verdicts = judge.note_heard(observation)
             if observation.life != self._lives.present:
                 which = self._lives.see(observation.life, observation.stamp_ns)
                 if which == PAST:
                     return []
                 if which == ANOTHER:
-                    verdicts = self._begin_again(observation.stamp_ns)
+                    verdicts += self._begin_again(observation.stamp_ns)
             if observation.order >= 0:
                 self._progress.take(observation.order, observation.stamp_ns, watermark)
                 watermark = max(watermark, min(self._progress.reported_ns, observation.received_ns))
@@ -280,7 +280,8 @@ class PolicyOracle:
         return self.lose(stamp - 1, f"{self.node} was restarted")
 
     def doubt(self) -> None:
-        """Nothing that was found waits to be certain."""
+        """What was found and is not certain yet is not true: stamps that it relies on are not."""
+        self._judge.unconfirmed.kept.clear()
 
     def lose(self, stamp: int, text: str) -> list[Verdict]:
         """Something from before ``stamp`` (ns) was missed: nothing of then is judged any more."""

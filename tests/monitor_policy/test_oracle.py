@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from moon.policy import PolicyOracle
+from moon.policy.calls import call_of
 from moon.verdict import Outcome, Verdict
 from tests.monitor_policy.scripted import Heard, leaf, run, tree
 from transports.interface import Observation, ObservationKind
@@ -222,3 +223,31 @@ def test_a_call_of_which_the_channel_is_not_found_yet_may_have_been_missed(until
 def test_a_call_that_never_comes_is_missing_once_all_channels_are_found() -> None:
     assert found_in_the_middle(since_ns=5 * 10**9, until_ns=10**12)
     assert found_in_the_middle(since_ns=0, until_ns=4 * 10**9)
+
+
+@pytest.mark.parametrize("late_ms", [250, 900, 3_000])
+def test_a_call_that_comes_late_by_itself_accuses_nobody(late_ms: int) -> None:
+    """On ROS 2 each channel is numbered by itself, and comes when it comes; the tick goes on without it."""
+    seen = [msgspec.structs.replace(one, order=-1) for one in own()]
+    for number in range(0, len(seen), 14):
+        call = call_of(seen[number])
+        mixed = [
+            msgspec.structs.replace(one, received_ns=one.received_ns + late_ms * 1_000_000)
+            if call_of(one) == call
+            else one
+            for one in seen
+        ]
+        mixed.sort(key=lambda one: one.received_ns)
+        _, verdicts = judged(mixed)
+        assert Outcome.VIOLATED not in {verdict.outcome for verdict in verdicts}, number
+
+
+def test_a_call_that_is_left_out_is_missing_once_no_report_of_it_can_come_any_more() -> None:
+    """The policy that runs has no leaf ``GoToPoi``, so nothing ever comes on its channel."""
+    seen = [msgspec.structs.replace(one, order=-1) for one in own()]
+    place = [one.channel for one in seen].index("/GoToPoiSkill/tick", 100)
+    kept = [one for k, one in enumerate(seen) if k < place or one.channel != "/GoToPoiSkill/tick"]
+    _, verdicts = judged(kept)
+    found = [verdict for verdict in verdicts if verdict.outcome is Outcome.VIOLATED]
+    assert found
+    assert found[0].stamp_ns >= seen[place].stamp_ns
