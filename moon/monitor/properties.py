@@ -23,6 +23,7 @@ from moon.feed.clock import EventTimeClock
 from moon.feed.nodes import Nodes
 from moon.feed.unreceived import Place, Stretch, Unreceived
 from moon.judge import Gap, Intake, Missing, NodeChange
+from moon.monitor.call_ends import CallEnds
 from moon.monitor.careful import CarefulProperties
 from moon.monitor.departures import PREFIX, Departures
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
@@ -164,6 +165,7 @@ class PropertyWatch:
             name for name in self._hopeful.channels() if not name.startswith(PREFIX)
         )
         self._unconfirmed: list[_Unconfirmed] = []
+        self._ends = CallEnds()
         self._certain_ns = FOREVER
         """Then time alone may make one of them certain."""
         self._lost: dict[str, deque[_Loss]] = {}
@@ -239,6 +241,7 @@ class PropertyWatch:
         for tally in self._tallies.values():
             tally.received += seen.channel in tally.channels
         self._unreceived.received(seen)
+        self._ends.take(seen)
         if seen.channel in self._departures.channels:
             self._departures.received(seen)
         self._hold(seen)
@@ -372,6 +375,8 @@ class PropertyWatch:
         if is_early and not self._unconfirmed:
             return []
         self.turns += 1
+        for channel, start_ns, end_ns in self._ends.missing(self._known_ns(now_ns)):
+            self.lose(channel, start_ns, end_ns)
         found: list[Verdict] = []
         for loss in self._losses:
             found += self._missed(loss)

@@ -219,6 +219,25 @@ def test_who_has_reported_more_than_was_received_is_waited_for(watched) -> None:
     assert watched.of("answers") == ["conforming"]
 
 
+@pytest.mark.parametrize("is_received", [True, False])
+def test_a_response_that_its_client_received_was_sent_whether_its_report_is_lost_or_not(
+    tmp_path, is_received: bool
+) -> None:
+    """Nothing else comes of the server, whose next number would show the loss (ROS 2)."""
+    watched = Watched(tmp_path, monitored=False)
+    watched.node("Level", True)
+    watched.node("policy", True)
+    watched.tick(1, 0)
+    watched.pass_time(1500)
+    watched.tick(2)
+    if is_received:
+        received = ObservationKind.RESPONSE_RECEIVED
+        watched.hear(*(ANSWER[0], received, *ANSWER[2:4], "policy"), call=2)
+    watched.pass_time(2000)
+    said = watched.of("answers")[-1]
+    assert said == ("inconclusive" if is_received else "violated")
+
+
 def test_who_does_not_answer_is_judged_by_the_latency_bound(watched) -> None:
     numbered_tick(watched)
     watched.pass_time(1025)
