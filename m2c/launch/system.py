@@ -123,8 +123,8 @@ class RunningSystem:
         self._present: set[str] = set()
         """The nodes that are up."""
         self._waiting = list(settings.groups)
-        """Started from the end. Systems list what acts by itself (a battery that drains) before what
-        listens to it, and while many nodes come up, much can happen that nobody hears yet."""
+        """The groups that were not started yet; the last is started next. System files usually list a node
+        that acts by itself before the nodes that listen to it: so these are up before something happens."""
         self._timeout: Timer | None = None
         self._late = False
         self._elsewhere = ""

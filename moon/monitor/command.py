@@ -172,7 +172,7 @@ def _monitor(
         def is_over() -> bool:
             return options.exit_on_violation and watch.violations > 0
 
-        gc.freeze()  # models and modules stay: looking for garbage among them held a tick up by 50 ms
+        gc.freeze()  # models and modules stay: to look for garbage among them would hold a tick up
         settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
         Watching(connection).run(look_around, options.seconds, is_over, settling_s)
         if watch.listener is None:

@@ -95,9 +95,9 @@ class Delivery:
         self._linked_ns = 0
         """What is sent from then on (ns) reaches the machine, which started before."""
         self._lost_until = 0
-        """What was sent to the machine by then (ns) may have been awaited in vain."""
+        """What was sent to the machine by then (ns) may be lost: the machine may still wait for it."""
         self._dropped_ns = 0
-        """The newest that was received and not handed over happened then."""
+        """When the newest happened that was received and not handed over (ns)."""
 
     # --- beginnings, and what is missing -------------------------------------------------------------
 

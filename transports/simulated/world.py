@@ -295,8 +295,8 @@ class SimulatedWorld(Closes):
     def witness(self, handler: Callable[[Observation], None]) -> None:
         """Have ``handler`` called with everything that nodes do, when they do it.
 
-        It is what a tap would receive that hears all from the beginning, at once, by the world's own clock
-        and from nodes that number all that they do. The nodes do not know of it.
+        The handler gets the truth: every observation, without delay or loss, stamped by the world's own clock
+        and numbered. The nodes do not know of it.
         """
         self.routes.witnesses.append(handler)
 

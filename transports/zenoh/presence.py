@@ -180,8 +180,8 @@ class _Twins:
 class Announcements:
     """What a session announces: its nodes, and which others it is linked to. It hears of names taken twice.
 
-    A node's token says when the node began to connect (``since_ns``), so that who learns of it late, over
-    a link that came up late or again, does not take it for one that has just started.
+    A node's token says when the node began to connect (``since_ns``). Another node may learn of the token
+    late, as their link came up late or again, and still knows that the node has not just started.
     """
 
     def __init__(self, session: zenoh.Session, executor: Executor, refusals: Refusals) -> None:

@@ -1,9 +1,8 @@
 """Services: a queryable at the server, a get at the client.
 
 Any Zenoh tool can call a service: the request is the query's payload, the response the reply's.
-A remote error is an error reply. The query is dropped after its answer, which closes the caller's
-channel; a channel that closes without an answer means that nobody serves (or that who served is
-gone).
+A remote error is an error reply. The server drops the query after its answer, which closes the caller's
+channel. If the channel closes without an answer, no node serves, or the server has ended.
 """
 
 # zenoh's stubs leave the results of some methods open

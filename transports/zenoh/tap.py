@@ -1,9 +1,10 @@
 """The tap: receives everything by wildcard subscribers, and holds nobody up.
 
-Zenoh writes what arrives into a ring of its own (no Python, no lock that Python holds), from which one
-thread takes it at once, as what is kept there is bounded by its number only. It waits for the executor in a
-queue that is bounded in bytes. When the reader is slow the oldest goes: nodes never notice, the gaps in the
-sequence numbers show how many were missed of each, and the tap says what it dropped.
+Zenoh writes what arrives into a ring of its own, without Python and without a lock that Python holds. The
+ring is bounded in messages only, so one thread empties it at once into a queue that is bounded in bytes.
+There messages wait for the executor. When the reader is slow the queue drops the oldest. Nodes never notice;
+the gaps in the sequence numbers show how many messages of each node were missed, and the tap says what it
+dropped.
 """
 
 from __future__ import annotations
