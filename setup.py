@@ -14,8 +14,9 @@ from pathlib import Path
 from setuptools import Extension, setup
 
 MODULES = {
+    "moon": "run",
     "moon/feed": "clock held host_clocks intake lives nodes numbers progress reachability reception senders",
-    "moon/monitor": "machines models nodes properties turns watch",
+    "moon/monitor": "machines models nodes properties turns",
     "moon/offline": "engine",
     "moon/oracle": "*",
     "moon/policy": "calls follow judge oracle remembered reported",

@@ -37,9 +37,10 @@ from m2c.simulation.run import SimulatedRun
 from moon.fleet import robot as robot_module
 from moon.fleet.choice import Shard, read_shard
 from moon.fleet.fleet import Fleet
-from moon.fleet.robot import FleetModels
 from moon.monitor.subject import monitored_of
 from moon.oracle.bounds import Bounds
+from moon.run import Run
+from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from transports.interface import Answer, Observation, ObservationKind
 from transports.outbox import AT_MOST_S
@@ -333,7 +334,7 @@ def run_monitor(endpoint: str, shard: str, kept_s: float = robot_module.KEPT_S) 
     system = load_system()
     connection = connect("moon_monitor", {"endpoint": endpoint})
     lateness = Lateness()
-    models = FleetModels(monitored_of(system, (), Bounds()))
+    models = monitored_of(system, (), Bounds())
     fleet = Fleet(
         connection,
         "robots/*",
@@ -511,6 +512,9 @@ class Handed:
         self.since_ns = 0
         self.changed: Callable[[str, bool], None] = lambda name, up: None
 
+    def steady_ns(self) -> int:
+        return self.now
+
     def now_ns(self) -> int:
         return self.now
 
@@ -575,17 +579,10 @@ def measured_without(count: int) -> None:
     connections = [Handed(number * (NS // 5) // count) for number in range(count)]
     gc.collect()
     before_mib = resident_mib()
-    models = FleetModels(monitored)
     watches = []
     for connection in connections:
         connection.now = connection.since_ns = began_ns + connection.shift_ns
-        watch = monitored.watch(
-            connection,
-            (),
-            lambda sentence: None,
-            monotonic_ns=connection.now_ns,
-            compiled=models.compiled,
-        )
+        watch = Run(connection, monitored, Outputs())
         watch.start()
         for name in names:
             connection.changed(name, True)

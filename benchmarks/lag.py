@@ -20,9 +20,11 @@ from benchmarks.processes import ROOT, Child, free_endpoint
 from benchmarks.sampling import quantile
 from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
-from moon.monitor.watch import SystemWatch
+from moon.monitor.subject import Monitored
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
+from moon.run import Run
+from moon.sources.source import Outputs
 from transports.interface import Connection, Observation, ObservationKind, Tap
 from transports.zenoh import connect
 
@@ -95,7 +97,7 @@ def watched(connection: Connection, system: System, tour: Child) -> tuple[list[L
                 looker.look(connection.now_ns())
 
     looked = cast(Connection, Looked(connection, look))
-    watch = SystemWatch(looked, system, system.nodes, Bounds(), [], print)
+    watch = Run(looked, Monitored(system, system.nodes, (), Bounds()), Outputs(say=print))
     watch.start()
     lookers += [Looker(item) for item in watch.oracles().values() if isinstance(item, Oracle)]
     concerned.cache_clear()

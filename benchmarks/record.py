@@ -18,13 +18,14 @@ from benchmarks.processes import ROOT
 from m2c.simulation.program import compile_system
 from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Monitored, Subject, read_subject
-from moon.monitor.watch import SystemWatch
 from moon.offline.engine import check_recording
 from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Ended
 from moon.recording.writer import RecordingWriter
+from moon.run import Run
 from moon.sources.recorded import RecordedConnection
+from moon.sources.source import Outputs
 from transports.simulated import SimulatedTransport, SimulatedWorld
 
 EXAMPLE = ROOT / "examples" / "lab_tour"
@@ -35,16 +36,7 @@ def record_tour(path: Path, monitored: Monitored, seconds: float) -> None:
     world = SimulatedWorld(1)
     writer = RecordingWriter(path, Definitions(monitored.system.library))
     connection = RecordedConnection(SimulatedTransport(world, "monitor"), writer.add, "simulated")
-    watch = SystemWatch(
-        connection,
-        monitored.system,
-        monitored.machines,
-        monitored.bounds,
-        [],
-        print,
-        monitored.property_watch(),
-        monotonic_ns=connection.steady_ns,
-    )
+    watch = Run(connection, monitored, Outputs(say=print))
     watch.start()
     SimulatedRun(compile_system(monitored.system), world).run(seconds)
     writer.add(Ended(connection.now_ns()))

@@ -17,7 +17,9 @@ from moon.offline import engine
 from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
 from moon.properties.monitor import PropertySet
+from moon.run import Run
 from moon.sources.live import Joining
+from moon.sources.source import Outputs
 from moon.verdict import Verdict
 from transports.interface import Closes, Listener, Observation
 
@@ -63,7 +65,8 @@ class Monitor(Closes):
         self.unmonitored = monitored.unmonitored
         self._say = on_notice
         self._joining = Joining(transport)
-        self._watch = monitored.watch(self._joining, [_Sink(on_verdict)], on_notice)
+        outputs = Outputs([_Sink(on_verdict)], on_notice)
+        self._run = Run(self._joining, monitored, outputs)
 
     def start(self) -> None:
         """Begin as soon as everything is received; on the executor, or before it spins.
@@ -71,17 +74,17 @@ class Monitor(Closes):
         Nodes that start afterwards are known from their first act. One that runs already is monitored
         from the first moment at which its state is certain.
         """
-        self._joining.when_complete(self._watch.start, self._say)
+        self._joining.when_complete(self._run.start, self._say)
 
     def close(self) -> None:
         """Listen no more: its verdicts stand; idempotent. What it listens over stays open."""
-        self._watch.close()
+        self._run.close()
         self._joining.close()
 
     @property
     def violations(self) -> int:
         """How often a model or a property was violated."""
-        return self._watch.violations
+        return self._run.violations
 
     def statuses(self) -> list[MachineStatus]:
         """How each machine stands, then each property.
@@ -90,11 +93,11 @@ class Monitor(Closes):
         ``inconclusive``, or ``unseen``), the ``states`` in which the machine may be, and the number of
         its ``violations``.
         """
-        return self._watch.statuses()
+        return self._run.statuses()
 
     def problems(self) -> list[str]:
         """What could not be received or judged, one sentence each."""
-        return self._watch.problems()
+        return self._run.problems()
 
 
 class _Sink:

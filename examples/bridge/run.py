@@ -30,8 +30,8 @@ from processes import START_S, RunError, find_interfaces, own_domain  # noqa: E4
 
 if TYPE_CHECKING:
     from m2c.model.system import System
-    from moon.monitor.watch import SystemWatch
     from moon.properties.property import Property
+    from moon.run import Run
     from moon.verdict import Verdict
     from transports.interface import Connection
 
@@ -62,28 +62,26 @@ class Monitor:
     ) -> None:
         from sides import AllSides, Side
 
-        from moon.monitor.properties import PropertyWatch
         from moon.monitor.reading import no_system
-        from moon.monitor.watch import SystemWatch
+        from moon.monitor.subject import Monitored
         from moon.oracle.bounds import Bounds
+        from moon.run import Run
+        from moon.sources.source import Outputs
 
         home = next(iter(sides.values()))
         bounds = Bounds(latency=LATENCY_NS, deadline=DEADLINE_NS)
         views = {name: Side(transport, home) for name, transport in sides.items()}
         self.verdicts: list[Verdict] = []
-        self.watches: dict[str, SystemWatch] = {}
+        self.watches: dict[str, Run] = {}
         for name, nodes in placement.sides.items():
             machines = [machine for machine in system.nodes if machine.name in nodes]
             policy = POLICY in nodes
-            self.watches[name] = SystemWatch(
-                views[name], system, machines, bounds, [self], say, policy=policy
-            )
+            monitored = Monitored(system, tuple(machines), (), bounds, policy=policy)
+            self.watches[name] = Run(views[name], monitored, Outputs([self], say))
         if properties:
             everything = AllSides(list(views.values()), [NAME])
-            watch = PropertyWatch(properties, LATENCY_NS)
-            self.watches["properties"] = SystemWatch(
-                everything, no_system(), (), bounds, [self], say, watch
-            )
+            monitored = Monitored(no_system(), (), tuple(properties), bounds)
+            self.watches["properties"] = Run(everything, monitored, Outputs([self], say))
 
     def start(self) -> None:
         """Listen on both sides: before the nodes start."""

@@ -2,7 +2,7 @@
 
 A call that crosses a bridge is observed on both sides, as two calls: the caller's to the bridge, and the
 bridge's to the server. Neither is a copy of the other: each side is a whole system in which the bridge
-is one more node. So every machine is judged on the side where its node is, by a ``SystemWatch`` of its
+is one more node. So every machine is judged on the side where its node is, by a ``Run`` of its
 own, with what is received there; nothing is counted twice, and no client or number of a call need be
 translated. All watches run on one thread, that of the first transport, and share their sinks.
 

@@ -6,16 +6,18 @@ that a monitor may stand still. Live, recorded and simulated runs go through it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import msgspec
 
-from moon.feed.clock import NS, PERIOD_NS, SET_NS, EventTimeClock, read_together
+from moon.feed.clock import NS, PERIOD_NS, SET_NS, EventTimeClock, clock_nobody_sets, read_together
 from moon.feed.counts import Counts
 from moon.feed.nodes import Nodes
 from moon.feed.numbers import Numbers
 from moon.feed.reception import Reception
 from moon.judge import Gap, Intake, Missing
+from moon.oracle.bounds import Bounds
+from moon.sources.source import Source
 from transports.interface import Observation, ObservationKind, Tap
 from transports.sequences import Sequel, Sequence
 
@@ -26,14 +28,11 @@ class Feed:
     """Event time, for the judges of one tap.
 
     Args:
-        now_ns: the time of day.
-        monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was set.
-        latency_ns: nothing is received later than this after its stamp.
-        repair_s: of the middleware (``Listener.repair_s``).
+        source: where observations come from: its clocks are looked at.
+        bounds: what is assumed of the middleware.
         reception: looks at stamps, types and sources.
         counts: what is counted.
         known: the nodes of the system.
-        skew_ns: the clocks of different hosts differ by at most this.
         in_order: nothing is on its way: each observation comes before all that happened after it.
 
     Attributes:
@@ -46,43 +45,40 @@ class Feed:
 
     def __init__(
         self,
-        now_ns: Callable[[], int],
-        monotonic_ns: Callable[[], int],
-        latency_ns: int,
-        repair_s: float,
+        source: Source,
+        bounds: Bounds,
         reception: Reception,
         counts: Counts,
         known: Iterable[str] = (),
-        skew_ns: int = 0,
         in_order: bool = False,
     ) -> None:
         self._in_order = in_order
-        self._now_ns = now_ns
-        self._read_monotonic = monotonic_ns
-        self._latency_ns = latency_ns
-        self._repair_ns = round(repair_s * NS)
+        self._now_ns = source.now_ns
+        self._read_monotonic = clock_nobody_sets(source)
+        """By it a standstill is distinguished from a clock that was set."""
+        self._latency_ns = bounds.latency
+        self._source = source
+        self._repair_ns = 0
         self._reception = reception
         self._counts = counts
-        self.sources = Nodes(latency_ns, skew_ns)
-        self.clock = EventTimeClock(now_ns(), latency_ns)
+        self.sources = Nodes(bounds.latency, bounds.skew)
+        self.clock = EventTimeClock(source.now_ns(), bounds.latency)
         self.since_ns = 0
         self.listener: Tap | None = None
-        self._monotonic_ns = monotonic_ns()
+        self._monotonic_ns = self._read_monotonic()
         self.numbers = Numbers(known)
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
-    def start(self, listener: Tap, since_ns: int = 0, repair_s: float | None = None) -> int:
+    def start(self, listener: Tap, since_ns: int = 0) -> int:
         """Judging begins now; since when all is received (ns), by default since now.
 
         Args:
             listener: the tap.
             since_ns: since when all is received (ns); 0: since now.
-            repair_s: of the middleware, where only the beginning of a recording says it.
         """
         self.listener = listener
-        if repair_s is not None:
-            self._repair_ns = round(repair_s * NS)
+        self._repair_ns = round(self._source.repair_s * NS)  # of a recording, its beginning says it
         now_ns, self._monotonic_ns = self.read_clocks()
         self.since_ns = self.sources.listening_ns = since_ns or now_ns
         self.clock.restart(now_ns)

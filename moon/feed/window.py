@@ -34,7 +34,7 @@ class _Waiting(msgspec.Struct, frozen=True):
 
 
 class Window:
-    """Hands ``judge`` in order what is received late (``moon.monitor.watch.Watch``).
+    """Hands ``judge`` in order what is received late (``moon.run.Watch``).
 
     Args:
         judge: is told.

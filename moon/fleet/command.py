@@ -30,7 +30,6 @@ def monitor_fleet(
     """
     from moon.feed.clock import NS
     from moon.fleet.fleet import Fleet
-    from moon.fleet.robot import FleetModels
     from moon.fleet.screen import fleet_screen
     from moon.sinks.file import VerdictFile
     from transports.interface import Namespaces
@@ -41,11 +40,10 @@ def monitor_fleet(
     file = VerdictFile(options.log_file) if options.log_file is not None else None
     screen = fleet_screen(options.as_json)
     sinks: list[Sink] = [file] if file is not None else []
-    models = FleetModels(monitored)
     fleet = Fleet(
         connection,
         pattern,
-        models,
+        monitored,
         [*sinks, *([screen] if options.as_json else [])],
         [] if options.as_json else [screen],
         say,

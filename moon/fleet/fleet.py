@@ -11,8 +11,9 @@ from moon.fleet.choice import WHOLE, Shard
 from moon.fleet.memory import give_back
 from moon.fleet.notices import RobotNotices
 from moon.fleet.report import standing
-from moon.fleet.robot import FleetModels, Robot
+from moon.fleet.robot import Robot
 from moon.fleet.status import FleetSummary, RobotStatus
+from moon.monitor.subject import Monitored
 from moon.sources.source import Sink
 from moon.verdict import Outcome, Verdict
 from transports.interface import Namespaces
@@ -35,7 +36,7 @@ class Fleet:
     Args:
         connection: has no namespace.
         pattern: of namespaces; see :func:`moon.fleet.choice.fleet_pattern`.
-        models: what each robot runs.
+        monitored: what is monitored of each robot.
         sinks: get every verdict, each with its robot.
         screens: sinks for people.
         say: called with what a person should know, one sentence each.
@@ -51,7 +52,7 @@ class Fleet:
         self,
         connection: Namespaces,
         pattern: str,
-        models: FleetModels,
+        monitored: Monitored,
         sinks: Sequence[Sink],
         screens: Sequence[Sink],
         say: Callable[[str], None],
@@ -62,7 +63,7 @@ class Fleet:
         self.is_violated = False
         self._connection = connection
         self._pattern = pattern
-        self._models = models
+        self._monitored = monitored
         self._sinks = (self, *sinks)
         self._screens = screens
         self._say = say
@@ -108,7 +109,7 @@ class Fleet:
                 return
             robot = self._robots[name] = Robot(
                 name,
-                self._models,
+                self._monitored,
                 self._connection.within,
                 self._sinks,
                 self._screens,
@@ -247,7 +248,7 @@ class Fleet:
             received + sum(robot.received for robot in robots),
             tuple(self._troubled(robots)),
             problems,
-            self._models.monitored.unmonitored,
+            self._monitored.unmonitored,
         )
 
     @staticmethod

@@ -9,13 +9,12 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from moon.fleet.status import RobotStatus
-from moon.monitor.compiled import CompiledSystem
 from moon.monitor.status import UNSEEN, MachineStatus
 from moon.monitor.subject import Monitored
-from moon.monitor.watch import SystemWatch
+from moon.run import Run
 from moon.sinks.topic import VerdictTopic
 from moon.sources.live import Joining
-from moon.sources.source import Sink
+from moon.sources.source import Outputs, Sink
 from moon.tap.notices import Notices
 from moon.verdict import Outcome, Verdict
 from transports.interface import Listener, Timer
@@ -24,31 +23,6 @@ KEPT_S = 30.0
 """The judges of a robot that is gone are kept so long: if it is back, it is followed from its start."""
 
 Failed = Callable[[Exception], None]
-
-
-class FleetModels:
-    """What every robot runs, read and compiled once.
-
-    Args:
-        monitored: what was read.
-    """
-
-    def __init__(self, monitored: Monitored) -> None:
-        self.monitored = monitored
-        self.compiled = CompiledSystem(monitored.system, monitored.machines)
-
-    def watch(
-        self,
-        connection: Joining,
-        sinks: Sequence[Sink],
-        screens: Sequence[Sink],
-        say: Callable[[str], None],
-        repeated: Callable[[Verdict], None],
-    ) -> SystemWatch:
-        """Fresh judges of one robot; see :class:`SystemWatch`."""
-        return self.monitored.watch(
-            connection, sinks, say, screens, compiled=self.compiled, repeated=repeated
-        )
 
 
 class _Naming:
@@ -68,7 +42,7 @@ class _Life:
     def __init__(self, connection: Listener, joining: Joining) -> None:
         self.connection = connection
         self.joining = joining
-        self.watch: SystemWatch | None = None
+        self.watch: Run | None = None
 
 
 class Robot:
@@ -76,7 +50,7 @@ class Robot:
 
     Args:
         name: its namespace.
-        models: what it runs.
+        monitored: what of it is monitored.
         connect: opens a listener to it (``Namespaces.within``).
         sinks: get every verdict.
         screens: sinks for people.
@@ -93,7 +67,7 @@ class Robot:
     def __init__(
         self,
         name: str,
-        models: FleetModels,
+        monitored: Monitored,
         connect: Callable[[str, Failed], Listener],
         sinks: Sequence[Sink],
         screens: Sequence[Sink],
@@ -104,7 +78,7 @@ class Robot:
         self.is_present = False
         self.has_failed = False
         self.gone_ns = 0
-        self._models = models
+        self._monitored = monitored
         self._connect = connect
         self._sinks = sinks
         self._screens = screens
@@ -169,7 +143,8 @@ class Robot:
             VerdictTopic(life.connection),
         ]
         screens = [_Naming(self.name, sink) for sink in self._screens]
-        life.watch = watch = self._models.watch(life.joining, sinks, screens, self._say, self.take)
+        outputs = Outputs(sinks, self._say, screens, self.take)
+        life.watch = watch = Run(life.joining, self._monitored, outputs)
         self._judged = len(watch.statuses())
         watch.start(since_ns)
 
@@ -220,7 +195,7 @@ class Robot:
     # --- what can be asked -------------------------------------------------------------------------
 
     @property
-    def _watch(self) -> SystemWatch | None:
+    def _watch(self) -> Run | None:
         return None if self._life is None else self._life.watch
 
     @property
@@ -307,7 +282,7 @@ class Robot:
         )
 
 
-def _unwell(watch: SystemWatch) -> tuple[MachineStatus, ...]:
+def _unwell(watch: Run) -> tuple[MachineStatus, ...]:
     """The machines and properties that are violated or inconclusive."""
     return tuple(
         status

@@ -123,12 +123,14 @@ def _monitor(
     """Monitor until it is to end; how many violations there were."""
     import msgspec
 
-    from moon.feed.clock import NS, clock_nobody_sets
+    from moon.feed.clock import NS
     from moon.monitor.screen import screen_for
+    from moon.run import Run
     from moon.sinks.file import VerdictFile
     from moon.sinks.topic import VerdictTopic
     from moon.sources.live import Joining
     from moon.sources.recorded import RecordedConnection, RecordedRun
+    from moon.sources.source import Outputs
     from moon.tap.notices import Notices
     from transports.descriptions import described
 
@@ -142,15 +144,13 @@ def _monitor(
         sinks += _diagnostics(connection)
     joining = Joining(connection)
     source: Source = joining
-    clock = clock_nobody_sets(connection)
     run: RecordedRun | None = None
     if recorder is not None:
-        source = recorded = RecordedConnection(joining, recorder.add, transport, clock)
-        clock = recorded.steady_ns
+        source = recorded = RecordedConnection(joining, recorder.add, transport)
         run = RecordedRun(recorded, recorder)
         sinks.insert(0, run)
         connection.every(FLUSH_S, run.flush)
-    watch = monitored.watch(source, sinks, say, () if as_json else (screen,), clock)
+    watch = Run(source, monitored, Outputs(sinks, say, () if as_json else (screen,)))
     notices = Notices(say)
     try:
 

@@ -1,6 +1,6 @@
 """Who is not there owes no response: what a node that leaves means to properties of the response patterns.
 
-To the models a node that goes away owes nothing any more (:mod:`moon.monitor.watch`); to a property its
+To the models a node that goes away owes nothing any more (:mod:`moon.monitor.machines`); to a property its
 silence would be a violation, as when ``m2c run`` is stopped. So each response of such a pattern is one
 *or a departure*, an observation that is made here:
 

@@ -6,15 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import msgspec
 
-from m2c.model.machine import Machine
-from m2c.model.system import System
 from moon.feed.intake import Feed
 from moon.judge import Gap, Intake, Missing, NodeChange
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.status import MachineStatus
-from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
+from moon.monitor.subject import Monitored
+from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.sources.source import Reach, Source
@@ -29,42 +28,28 @@ class MachineWatch:
     """Monitors the machines of one system, and its policy.
 
     Args:
-        system: the models, all of them.
-        machines: those to be monitored.
-        bounds: what is assumed of the middleware.
+        monitored: the models, and which of them are monitored.
         feed: what it is told of; its numbers and nodes are relied on.
         source: where that comes from.
         say: called with what a person should know, one sentence each.
-        compiled: ``system``.
-        policy: whether the policy is monitored.
     """
 
     def __init__(
-        self,
-        system: System,
-        machines: Sequence[Machine],
-        bounds: Bounds,
-        feed: Feed,
-        source: Source,
-        say: Callable[[str], None],
-        compiled: CompiledSystem,
-        policy: bool,
+        self, monitored: Monitored, feed: Feed, source: Source, say: Callable[[str], None]
     ) -> None:
         self.name = "models"
         self.violations = 0
-        self._machines = tuple(machines)
-        monitored = {machine.name for machine in machines}
-        self._others = {node.name: node for node in system.nodes if node.name not in monitored}
+        self._monitored = monitored
+        self._bounds = monitored.bounds
+        names = {machine.name for machine in monitored.machines}
+        nodes = monitored.system.nodes
+        self._others = {node.name: node for node in nodes if node.name not in names}
         """Nodes that are not monitored: what they publish matters all the same."""
         self._others_up: set[str] = set()
-        self._library = system.library
-        self._bounds = bounds
         self._feed = feed
         self._clock = feed.clock
         self._source = source
         self._say = say
-        self._compiled = compiled
-        self._has_policy = policy
         self.models = self._fresh_models()
         """The oracle of each watched node, until all are resynchronised."""
         self._nodes = {name: WatchedNode() for name in self.models.watched}
@@ -79,15 +64,17 @@ class MachineWatch:
         """When one is to be asked next (ns), if nothing is received meanwhile."""
 
     def _fresh_models(self) -> ModelMonitor:
+        monitored = self._monitored
+        compiled: CompiledSystem = monitored.compiled
         models = ModelMonitor(
-            self._machines,
-            self._library,
+            monitored.machines,
+            monitored.system.library,
             self._bounds,
             synchronised=False,
-            policy=self._compiled.policy_oracle(self._bounds) if self._has_policy else None,
+            policy=compiled.policy_oracle(self._bounds) if monitored.policy else None,
             others=self._others.values(),
             numbers=self._feed.numbers,
-            programs=self._compiled.programs,
+            programs=compiled.programs,
             sources=self._feed.sources,
         )
         for name in models.oracles:

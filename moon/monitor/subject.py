@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -24,12 +25,9 @@ from moon.monitor.reading import (
     read_checked,
     select,
 )
-from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.properties.property import Property
-from moon.sources.source import Sink, Source
-from moon.verdict import Verdict
 from moon.wording import Wording
 from transports.interface import Observation
 
@@ -58,7 +56,7 @@ class Subject(msgspec.Struct, frozen=True):
     property_ids: tuple[str, ...] = ()
 
 
-class Monitored(msgspec.Struct, frozen=True):
+class Monitored(msgspec.Struct, frozen=True, dict=True):
     """What was read.
 
     Attributes:
@@ -76,7 +74,7 @@ class Monitored(msgspec.Struct, frozen=True):
     machines: tuple[Machine, ...]
     properties: tuple[Property, ...]
     bounds: Bounds
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
     unmonitored: tuple[str, ...] = ()
     policy: bool = True
     judges: tuple[Callable[[], Judge[Observation]], ...] = ()
@@ -87,32 +85,10 @@ class Monitored(msgspec.Struct, frozen=True):
         wording = Wording(self.system.library)
         return PropertyWatch(self.properties, self.bounds.latency, departures, wording)
 
-    def watch(
-        self,
-        connection: Source,
-        sinks: Sequence[Sink],
-        say: Callable[[str], None],
-        screens: Sequence[Sink] = (),
-        monotonic_ns: Callable[[], int] | None = None,
-        compiled: CompiledSystem | None = None,
-        repeated: Callable[[Verdict], None] = lambda verdict: None,
-    ) -> SystemWatch:
-        """Fresh judges of all that was read; for the arguments see :class:`SystemWatch`."""
-        return SystemWatch(
-            connection,
-            self.system,
-            self.machines,
-            self.bounds,
-            sinks,
-            say,
-            self.property_watch(),
-            policy=self.policy,
-            monotonic_ns=monotonic_ns,
-            screens=screens,
-            compiled=compiled,
-            repeated=repeated,
-            judges=self.judges,
-        )
+    @cached_property
+    def compiled(self) -> CompiledSystem:
+        """The models ready to be stepped: once, for all runs of them."""
+        return CompiledSystem(self.system, self.machines)
 
 
 class NothingLeftError(ValueError):

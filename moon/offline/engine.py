@@ -7,18 +7,21 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
+
 from moon.judge import Gap
 from moon.monitor.status import PROPERTY
 from moon.monitor.subject import Monitored, Subject
-from moon.monitor.watch import SystemWatch
 from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
 from moon.recording.entries import Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
+from moon.run import Run
 from moon.sources.on_time import received_on_time
 from moon.sources.played import Player
+from moon.sources.source import Outputs
 from moon.sources.time_base import in_time
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
@@ -98,19 +101,16 @@ def check_recording(
     left_out = surveyed.left_out(monitored.machines)
     properties.miss(unrecorded)
     judged = monitored.machines if attribution is None else attribution.machines
-    watch = SystemWatch(
+    watch = Run(
         player,
-        monitored.system,
-        [machine for machine in judged if machine.name not in left_out],
-        monitored.bounds,
-        [collector],
-        notes.append,
+        msgspec.structs.replace(
+            monitored,
+            machines=tuple(machine for machine in judged if machine.name not in left_out),
+            policy=monitored.policy and attribution is None and not left_out,
+        ),
+        Outputs([collector], notes.append, repeated=collector.repeat),
         properties,
-        policy=monitored.policy and attribution is None and not left_out,
-        monotonic_ns=player.steady_ns,
-        repeated=collector.repeat,
         in_order=base is not None,
-        judges=monitored.judges,
     )
     properties.withdrawn = collector.withdraw
     timelines = Timelines(watch, player) if with_timelines else None
@@ -198,7 +198,7 @@ class _Played:
     def __init__(
         self,
         recording: Recording,
-        watch: SystemWatch,
+        watch: Run,
         player: Player,
         surveyed: Surveyed,
         view: View,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from moon.monitor.watch import SystemWatch
 from moon.offline.result import Band, Timeline
 from moon.recording.entries import Entry
+from moon.run import Run
 from moon.sources.played import Player
 from transports.interface import Observation
 
@@ -68,7 +68,7 @@ class Timelines:
         player: what hands it on, for the time.
     """
 
-    def __init__(self, watch: SystemWatch, player: Player) -> None:
+    def __init__(self, watch: Run, player: Player) -> None:
         self._watch = watch
         self._player = player
         self._growing: dict[tuple[str, str], _Growing] = {}

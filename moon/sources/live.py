@@ -15,7 +15,7 @@ from transports.interface import Listener, Observation, Publisher, Tap, Timer, T
 
 
 class Joining:
-    """What :class:`moon.monitor.watch.SystemWatch` needs of a transport, the tap opened before.
+    """What :class:`moon.run.Run` needs of a transport, the tap opened before.
 
     Args:
         connection: the monitor's.

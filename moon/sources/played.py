@@ -1,6 +1,6 @@
 """A recording as a monitor's connection: it is handed what was recorded, when it was.
 
-``SystemWatch`` is handed this in place of a transport. A recording of a monitor has the turns that it
+``Run`` is handed this in place of a transport. A recording of a monitor has the turns that it
 took, and they are taken again, one by one. Any other recording has none: then the timer runs when it is
 due by the clock of the recording, and what is left for later is done at once.
 """
@@ -36,7 +36,7 @@ WHOLE_NS = 20 * NS
 
 
 class Player:
-    """A connection to a recording; see :class:`moon.monitor.watch.SystemWatch`.
+    """A connection to a recording; see :class:`moon.run.Run`.
 
     Args:
         early_ns: where a recording does not say when it began, it did so long before its first

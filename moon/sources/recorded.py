@@ -46,7 +46,7 @@ class Home(Source, Protocol):
 
 
 class RecordedConnection:
-    """What :class:`moon.monitor.watch.SystemWatch` needs of a transport, recorded.
+    """What :class:`moon.run.Run` needs of a transport, recorded.
 
     Args:
         home: the connection.

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Protocol
 
+import msgspec
+
 from moon.verdict import Verdict
 from transports.interface import Observation, Tap, Timer
 
@@ -60,3 +62,19 @@ class Sink(Protocol):
     def take(self, verdict: Verdict) -> None:
         """Take one."""
         ...
+
+
+class Outputs(msgspec.Struct, frozen=True):
+    """Where what a run finds goes.
+
+    Attributes:
+        sinks: each gets every verdict that is new.
+        say: called with what a person should know, one sentence each.
+        screens: sinks for people, who are told once when all machines are resynchronised, not of each.
+        repeated: takes each violation that repeats one of its node (``Verdict.pattern``): sinks do not.
+    """
+
+    sinks: Sequence[Sink] = ()
+    say: Callable[[str], None] = lambda sentence: None
+    screens: Sequence[Sink] = ()
+    repeated: Callable[[Verdict], None] = lambda verdict: None

@@ -18,7 +18,6 @@ from m2c.simulation.program import Program, compile_node, compile_system
 from m2c.simulation.run import SimulatedRun
 from moon.monitor.status import POLICY, PROPERTY, UNSEEN
 from moon.monitor.subject import Monitored, Subject, read_subject
-from moon.monitor.watch import SystemWatch
 from moon.offline.engine import check_recording
 from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
@@ -26,7 +25,9 @@ from moon.policy.shape import shape_of
 from moon.recording.definitions import Definitions
 from moon.recording.recorder import Recorder
 from moon.recording.writer import RecordingWriter
+from moon.run import Run
 from moon.sources.recorded import RecordedConnection, RecordedRun
+from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from tests.campaign import truth
 from tests.campaign.circumstances import MONITOR, NS, Circumstances, Faulty, Happened
@@ -160,7 +161,7 @@ class _Trial:
         self.world.witness(self.true.append)
         self.verdicts: list[Verdict] = []
         self.withdrawn: list[str] = []
-        self.watch: SystemWatch | None = None
+        self.watch: Run | None = None
         self.run: RecordedRun | None = None
         self.killed: Path | None = None
         """What the recorder has recorded that was killed."""
@@ -208,17 +209,8 @@ class _Trial:
         self.run = RecordedRun(connection, self.writer)
         properties = self.monitored.property_watch()
         properties.withdrawn = lambda name, since_ns: self.withdrawn.append(name)
-        self.watch = SystemWatch(
-            connection,
-            self.monitored.system,
-            self.monitored.machines,
-            self.monitored.bounds,
-            [self.run, self],
-            lambda sentence: None,
-            properties,
-            policy=self.monitored.policy,
-            monotonic_ns=connection.steady_ns,
-        )
+        outputs = Outputs([self.run, self])
+        self.watch = Run(connection, self.monitored, outputs, properties)
         self.watch.start()
 
     def _record(self) -> Callable[[], None]:

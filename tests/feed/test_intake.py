@@ -12,6 +12,7 @@ from moon.feed.counts import Counts
 from moon.feed.intake import Feed
 from moon.feed.reception import Reception
 from moon.judge import Missing
+from moon.oracle.bounds import Bounds
 from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000
@@ -20,6 +21,8 @@ LATENCY_NS = 200 * MS
 
 class Clocks:
     """Two that go on together, and what is found to be missing."""
+
+    repair_s = 0.0
 
     def __init__(self) -> None:
         self.passed_ns = 0
@@ -30,12 +33,12 @@ class Clocks:
     def now_ns(self) -> int:
         return 10**18 + self.passed_ns + self.set_ns
 
-    def monotonic_ns(self) -> int:
+    def steady_ns(self) -> int:
         return self.passed_ns
 
     def turn(self, feed: Feed) -> None:
         gaps = [feed.look_at_clock(*feed.read_clocks())]
-        gaps += feed.tick(self.now_ns(), self.monotonic_ns())[1]
+        gaps += feed.tick(self.now_ns(), self.steady_ns())[1]
         for gap in gaps:
             if gap is not None and gap.cause in (Missing.ANEW, Missing.SET_BACK):
                 self.anew.append(gap.why)
@@ -55,7 +58,8 @@ def made(clocks: Clocks) -> Feed:
     counts = Counts()
     library = InterfaceLibrary.load([], DiagnosticLog())
     reception = Reception((), library, LATENCY_NS, counts)
-    return Feed(clocks.now_ns, clocks.monotonic_ns, LATENCY_NS, 0.0, reception, counts)
+    source: Any = clocks
+    return Feed(source, Bounds(latency=LATENCY_NS), reception, counts)
 
 
 @pytest.mark.parametrize("later_ms", [1, 80, 150, 5000])

@@ -13,7 +13,6 @@ from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
 from moon.fleet.choice import WHOLE, Shard
 from moon.fleet.fleet import Fleet
-from moon.fleet.robot import FleetModels
 from moon.monitor.subject import monitored_of
 from moon.oracle.bounds import Bounds
 from moon.verdict import Verdict
@@ -134,9 +133,8 @@ class FleetByHand:
         system = load([write_models(folder)], log)
         assert system is not None
         monitored = msgspec.structs.replace(monitored_of(system, (), Bounds()), judges=judges)
-        models = FleetModels(monitored)
         self.fleet = Fleet(
-            self, "robots/*", models, [self], [Into(self.shown)], self.said.append, shard, most
+            self, "robots/*", monitored, [self], [Into(self.shown)], self.said.append, shard, most
         )
         self.fleet.start()
 

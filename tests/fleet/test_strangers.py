@@ -18,11 +18,10 @@ import pytest
 
 from moon.fleet import robot as robot_module
 from moon.fleet.fleet import Fleet
-from moon.fleet.robot import FleetModels
 from moon.monitor.reading import read_checked
 from moon.monitor.subject import monitored_of
-from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
+from moon.run import Run
 from tests.fleet import strangers
 from tests.fleet.test_on_zenoh import ALL, FleetMonitor, small
 from tests.monitor.processes import Process, router
@@ -145,13 +144,13 @@ def test_what_robots_took_is_free_when_they_have_gone(
 ) -> None:
     monkeypatch.setattr(robot_module, "KEPT_S", 0.05)
     connection = network.node("moon_monitor")
-    models = FleetModels(monitored_of(read_checked([small[0]]), (), Bounds()))
+    models = monitored_of(read_checked([small[0]]), (), Bounds())
     said: list[str] = []
     fleet = Fleet(connection, "robots/*", models, [], [], said.append, most=60)
     connection.post(fleet.start)
     robots = Robots(network)
     threads = threading.active_count()
-    others = {kind: alive(kind) for kind in (SystemWatch, Within)}  # of tests before this one
+    others = {kind: alive(kind) for kind in (Run, Within)}  # of tests before this one
 
     def seen() -> dict[str, tuple[bool, int]]:
         return {r.name: (r.is_judged, r.received) for r in fleet.robots()}
@@ -179,7 +178,7 @@ def test_a_namespace_in_which_nobody_answers_or_speaks_is_none_of_a_robot(
     network: Network, small: tuple[Path, Path]
 ) -> None:
     connection = network.node("moon_monitor")
-    models = FleetModels(monitored_of(read_checked([small[0]]), (), Bounds()))
+    models = monitored_of(read_checked([small[0]]), (), Bounds())
     fleet = Fleet(connection, "robots/*", models, [], [], lambda sentence: None)
     connection.post(fleet.start)
     robots = Robots(network)
@@ -203,7 +202,7 @@ def test_so_many_robots_are_judged_at_most_and_those_that_are_gone_make_room(
     network: Network, small: tuple[Path, Path]
 ) -> None:
     connection = network.node("moon_monitor")
-    models = FleetModels(monitored_of(read_checked([small[0]]), (), Bounds()))
+    models = monitored_of(read_checked([small[0]]), (), Bounds())
     said: list[str] = []
     fleet = Fleet(connection, "robots/*", models, [], [], said.append, most_judged=2)
     connection.post(fleet.start)

@@ -11,8 +11,10 @@ from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import no_system
-from moon.monitor.watch import SystemWatch
+from moon.monitor.subject import Monitored
 from moon.oracle.bounds import Bounds
+from moon.run import Run
+from moon.sources.source import Outputs
 from moon.verdict import Verdict
 from transports.interface import Answer, Observation, ObservationKind
 
@@ -92,24 +94,16 @@ class HandDriven:
             system = no_system()
         self.held_up: deque[int] = deque()
         """So many ns pass in the next readings of the clock that nobody sets, one after the other."""
-        self.watch = SystemWatch(
-            self,
-            system,
-            system.nodes,
-            Bounds(),
-            [self],
-            self.said.append,
-            properties,
-            monotonic_ns=self._monotonic_ns,
-            screens=[self.shown],
-        )
+        monitored = Monitored(system, system.nodes, (), Bounds())
+        outputs = Outputs([self], self.said.append, [self.shown])
+        self.watch = Run(self, monitored, outputs, properties)
         self.watch.start()
 
     # what the watch calls
     def now_ns(self) -> int:
         return self.now
 
-    def _monotonic_ns(self) -> int:
+    def steady_ns(self) -> int:
         if self.held_up:
             self.now += self.held_up.popleft()
         return self.now - self.set_forward_ns

@@ -12,11 +12,12 @@ from typing import Any
 from m2c.simulation.program import Program, compile_system
 from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Monitored, Subject, read_subject
-from moon.monitor.watch import SystemWatch
 from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
 from moon.recording.writer import RecordingWriter
+from moon.run import Run
 from moon.sources.recorded import RecordedConnection, RecordedRun
+from moon.sources.source import Outputs
 from moon.verdict import Verdict
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
@@ -90,16 +91,7 @@ class LiveRun:
         self._writer = RecordingWriter(path, Definitions(monitored().system.library))
         self._connection = RecordedConnection(transport, self._writer.add, "simulated")
         self._run = RecordedRun(self._connection, self._writer)
-        self.watch = SystemWatch(
-            self._connection,
-            monitored().system,
-            monitored().machines,
-            monitored().bounds,
-            [self._run, self],
-            lambda sentence: None,
-            monitored().property_watch(),
-            monotonic_ns=self._connection.steady_ns,
-        )
+        self.watch = Run(self._connection, monitored(), Outputs([self._run, self]))
         self.watch.start()
         self.world.run_for(BEFORE_S)
         self._nodes = SimulatedRun(code, self.world)

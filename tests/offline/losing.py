@@ -16,11 +16,12 @@ from random import Random
 
 import msgspec
 
-from moon.monitor.watch import SystemWatch
 from moon.recording.entries import Entry
 from moon.recording.reader import open_recording
+from moon.run import Run
 from moon.sources.on_time import received_on_time
 from moon.sources.played import Player
+from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from tests.offline.live import live_run, monitored, program
 from transports.interface import Observation, ObservationKind
@@ -81,16 +82,9 @@ def verdicts(entries: Sequence[Entry], properties: bool = False) -> list[Verdict
     """What a monitor of all machines and of the tree says of ``entries``."""
     subject = monitored()
     player, kept = Player(subject.bounds.latency), _Kept()
-    watch = SystemWatch(
-        player,
-        subject.system,
-        subject.machines,
-        subject.bounds,
-        [kept],
-        lambda sentence: None,
-        subject.property_watch() if properties else None,
-        monotonic_ns=player.steady_ns,
-    )
+    if not properties:
+        subject = msgspec.structs.replace(subject, properties=())
+    watch = Run(player, subject, Outputs([kept]))
     for number, entry in enumerate(received_on_time(entries)):
         if number == 0:
             player.start(entry, watch.start)

@@ -10,7 +10,6 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from moon.monitor.compiled import CompiledSystem
 from moon.recording.entries import Entry
 from moon.verdict import Outcome
 from tests.offline.small_systems import judged, ordered_only, per_channel, run
@@ -24,12 +23,11 @@ def accusations(seed: int, form: str, every: int = 1) -> Iterator[str]:
     """Who is accused of what as one of ``every`` so many observations of the system ``seed`` is lost."""
     with tempfile.TemporaryDirectory() as folder:
         found = run(Path(folder), seed)
-        compiled = CompiledSystem(found.subject.system, found.subject.machines)
         entries: tuple[Entry, ...] = FORMS[form](found.entries)
         seen = [i for i, entry in enumerate(entries) if isinstance(entry, Observation)]
         for place in (None, *seen[seed % every :: every]):
             left = [entry for i, entry in enumerate(entries) if i != place]
-            for verdict in judged(found.subject, left, compiled):
+            for verdict in judged(found.subject, left):
                 if verdict.outcome is Outcome.VIOLATED:
                     lost = "nothing" if place is None else f"{place}: {entries[place]}"
                     yield f"seed {seed}, {form}, lost {lost}: {verdict.machine} {verdict.reason}"

@@ -14,16 +14,17 @@ import msgspec
 
 from m2c.simulation.program import compile_system
 from m2c.simulation.run import SimulatedRun
-from moon.monitor.compiled import CompiledSystem
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.oracle.bounds import Bounds
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Answered, Entry
 from moon.recording.reader import open_recording
 from moon.recording.writer import RecordingWriter
+from moon.run import Run
 from moon.sources.on_time import received_on_time
 from moon.sources.played import Player
 from moon.sources.recorded import RecordedConnection, RecordedRun
+from moon.sources.source import Outputs
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
@@ -238,9 +239,7 @@ def run(folder: Path, seed: int, seconds: float = SECONDS) -> SmallRun:
     writer = RecordingWriter(path, Definitions(subject.system.library))
     connection = RecordedConnection(SimulatedTransport(world, "monitor"), writer.add, "simulated")
     recorded, kept = RecordedRun(connection, writer), _Kept()
-    watch = subject.watch(
-        connection, [recorded, kept], lambda sentence: None, monotonic_ns=connection.steady_ns
-    )
+    watch = Run(connection, subject, Outputs([recorded, kept]))
     watch.start()
     world.run_for(BEFORE_S)
     nodes = SimulatedRun(compile_system(subject.system), world)
@@ -287,14 +286,10 @@ def ordered_only(entries: tuple[Entry, ...]) -> tuple[Entry, ...]:
     )
 
 
-def judged(
-    subject: Monitored, entries: Sequence[Entry], compiled: CompiledSystem | None = None
-) -> list[Verdict]:
+def judged(subject: Monitored, entries: Sequence[Entry]) -> list[Verdict]:
     """What a monitor of ``subject`` says of ``entries``."""
     player, kept = Player(subject.bounds.latency), _Kept()
-    watch = subject.watch(
-        player, [kept], lambda sentence: None, monotonic_ns=player.steady_ns, compiled=compiled
-    )
+    watch = Run(player, subject, Outputs([kept]))
     for number, entry in enumerate(received_on_time(entries)):
         if number == 0:
             player.start(entry, watch.start)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import no_system
-from moon.monitor.watch import SystemWatch
+from moon.monitor.subject import Monitored
 from moon.offline.timelines import Timelines
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.recording.entries import Began, Pulse, Turn
+from moon.run import Run
 from moon.sources.played import Player
+from moon.sources.source import Outputs
 from transports.interface import Observation, ObservationKind
 
 S, MS = 10**9, 10**6
@@ -41,10 +42,7 @@ def test_what_is_false_at_a_deadline_after_the_last_message_is_false_in_the_last
     path.write_text(FILE)
     bounds = Bounds()
     player = Player(0)
-    watch = SystemWatch(
-        player, no_system(), (), bounds, [], lambda text: None,
-        PropertyWatch(load_properties(path), bounds.latency), monotonic_ns=player.steady_ns,
-    )  # fmt: skip
+    watch = Run(player, Monitored(no_system(), (), tuple(load_properties(path)), bounds), Outputs())
     timelines = Timelines(watch, player)
     first = Began(START)
     player.start(first, watch.start)

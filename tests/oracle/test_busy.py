@@ -13,6 +13,8 @@ from m2c.simulation.program import Program, compile_system
 from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.oracle.bounds import Bounds
+from moon.run import Run
+from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
@@ -75,9 +77,7 @@ class _Joined:
         nodes.run(JOIN_AFTER_S + draw.random())
         transport = SimulatedTransport(world, "monitor")
         connection = _Plain(transport) if plain else transport
-        self.watch = subject.watch(
-            connection, [self], lambda text: None, monotonic_ns=transport.now_ns
-        )
+        self.watch = Run(connection, subject, Outputs([self]))
         self.watch.start()
         nodes.run(SECONDS)
         world.close()
@@ -129,7 +129,8 @@ class _Plain:
     def __init__(self, home: SimulatedTransport) -> None:
         self._home = home
         self.repair_s = home.repair_s
-        self.now_ns, self.after, self.post = home.now_ns, home.after, home.post
+        self.now_ns, self.steady_ns = home.now_ns, home.steady_ns
+        self.after, self.post = home.after, home.post
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         def receive(seen: Observation) -> None:

@@ -111,12 +111,14 @@ def record(transport: str, case: str, path: Path, scratch: Path) -> Expected | N
     from inject import replacement
 
     from moon.monitor.reading import read_checked
-    from moon.monitor.watch import SystemWatch
+    from moon.monitor.subject import Monitored
     from moon.oracle.bounds import Bounds
     from moon.recording.definitions import Definitions
     from moon.recording.entries import Ended
     from moon.recording.writer import RecordingWriter
+    from moon.run import Run
     from moon.sources.recorded import RecordedConnection
+    from moon.sources.source import Outputs
     from transports.registry import connect
 
     chosen = next((item for item in FAULTS if item.id == case), None)
@@ -153,15 +155,8 @@ def record(transport: str, case: str, path: Path, scratch: Path) -> Expected | N
     try:
         recorded = RecordedConnection(connection, add, transport)
         found = Found(add, recorded.now_ns)
-        watch = SystemWatch(
-            recorded,
-            system,
-            system.nodes,
-            Bounds(),
-            [found],
-            lambda text: print(f"  {text}", file=sys.stderr),
-            monotonic_ns=recorded.steady_ns,
-        )
+        outputs = Outputs([found], lambda text: print(f"  {text}", file=sys.stderr))
+        watch = Run(recorded, Monitored(system, system.nodes, (), Bounds()), outputs)
         watch.start()
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         began = time.monotonic()

@@ -10,8 +10,8 @@ import msgspec
 
 if TYPE_CHECKING:
     from m2c.model.system import System
-    from moon.monitor.watch import SystemWatch
     from moon.properties.property import Property
+    from moon.run import Run
     from moon.verdict import Verdict
     from transports.interface import Connection, Observation, Tap
 
@@ -87,8 +87,10 @@ class Listener:
         keeps: bool = True,
     ) -> None:
         from moon.monitor.properties import PropertyWatch
-        from moon.monitor.watch import SystemWatch
+        from moon.monitor.subject import Monitored
         from moon.oracle.bounds import Bounds
+        from moon.run import Run
+        from moon.sources.source import Outputs
 
         self._transport = transport
         self._faulty = faulty
@@ -100,12 +102,11 @@ class Listener:
         self.violations: list[Said] = []
         self.unconfirmed: list[Said] = []
         self.broken: list[Said] = []
-        self._properties = PropertyWatch(properties, LATENCY_NS)
         bounds = Bounds(latency=LATENCY_NS, deadline=DEADLINE_NS)
+        monitored = Monitored(system, system.nodes, tuple(properties), bounds)
         overheard: Any = _Overheard(transport, self._hear)
-        self.watch: SystemWatch = SystemWatch(
-            overheard, system, system.nodes, bounds, [self], _complain, self._properties
-        )
+        self._properties = PropertyWatch(properties, LATENCY_NS)
+        self.watch = Run(overheard, monitored, Outputs([self], _complain), self._properties)
 
     def start(self) -> None:
         """Listen: before the nodes start."""

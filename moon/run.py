@@ -1,32 +1,34 @@
-"""A monitor at work: what is received goes to the oracles, their verdicts go to the sinks."""
+"""The loop of every monitor: what is received goes to the judges, and their verdicts go to the sinks.
+
+Live, simulated and recorded runs differ in their source only; each robot of a fleet has a run of its own.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 import msgspec
 
-from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.feed.asking import Asking
-from moon.feed.clock import NS, clock_nobody_sets
+from moon.feed.clock import NS
 from moon.feed.counts import Counts
 from moon.feed.intake import Feed
 from moon.feed.reception import Reception
 from moon.feed.senders import Senders, places
 from moon.feed.window import Window
 from moon.judge import Gap, Intake, Judge, Missing, NodeChange
-from moon.monitor.compiled import CompiledSystem
 from moon.monitor.machines import MachineWatch
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.status import POLICY, MachineStatus, Summary
+from moon.monitor.subject import Monitored
 from moon.monitor.turns import Turns
-from moon.oracle.bounds import LINKED_NS, Bounds
+from moon.oracle.bounds import LINKED_NS
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
-from moon.sources.source import Reach, Sink, Source
+from moon.sources.source import Outputs, Reach, Source
 from moon.verdict import Verdict
 from transports.interface import Answer, Observation, ObservationKind, Tap
 
@@ -52,7 +54,7 @@ class Watch(Judge[Intake], Protocol):
         ...
 
     def finish(self, known_ns: int, end_ns: int) -> Iterable[Verdict]:
-        """Nothing is received any more; see :meth:`SystemWatch.finish`."""
+        """Nothing is received any more; see :meth:`Run.finish`."""
         ...
 
     def take_questions(self) -> Sequence[str]:
@@ -82,86 +84,48 @@ class Watch(Judge[Intake], Protocol):
         ...
 
 
-class SystemWatch:
-    """Watches one system over ``transport``.
+class Run:
+    """Judges one run of a system: from source to feed, from feed to judges, from judges to outputs.
 
     Args:
-        transport: the monitor's own connection.
-        system: the models, all of them.
-        machines: those to be monitored.
-        bounds: what is assumed of the middleware.
-        sinks: each gets every verdict that is new.
-        say: called with what a person should know, one sentence each.
-        properties: what else is to be monitored, of the same observations.
-        policy: whether the policy is monitored; by default, if all machines of ``system`` are.
-        monotonic_ns: a clock that nobody sets: by it a standstill is distinguished from a clock that was.
-        repeated: takes each violation that repeats one of its node (``Verdict.pattern``): sinks do not.
-        screens: sinks for people, who are told once when all machines are resynchronised, not of each.
-        compiled: ``system``, if it was compiled already: watches of many runs of it share that.
-        in_order: ``transport`` hands over each observation before all that happened after it.
-        judges: what makes further judges of the same run.
+        source: where what is judged comes from.
+        monitored: what is monitored.
+        outputs: where what is found goes.
+        properties: a fresh monitor of the properties of ``monitored``, if there is one already.
+        in_order: ``source`` hands over each observation before all that happened after it.
     """
 
     def __init__(
         self,
-        transport: Source,
-        system: System,
-        machines: Sequence[Machine],
-        bounds: Bounds,
-        sinks: Iterable[Sink],
-        say: Callable[[str], None],
+        source: Source,
+        monitored: Monitored,
+        outputs: Outputs,
         properties: PropertyWatch | None = None,
-        policy: bool | None = None,
-        monotonic_ns: Callable[[], int] | None = None,
-        repeated: Callable[[Verdict], None] = lambda verdict: None,
-        screens: Iterable[Sink] = (),
-        compiled: CompiledSystem | None = None,
         in_order: bool = False,
-        judges: Iterable[Callable[[], Judge[Observation]]] = (),
     ) -> None:
         self.counts = Counts()
-        self._repeated = repeated
-        self._source = transport
-        self._bounds = bounds
-        self._sinks = tuple(sinks)
-        self._screens = tuple(screens)
+        self._source = source
+        self._outputs = outputs
+        system, bounds = monitored.system, monitored.bounds
+        self._latency_ns = bounds.latency
+        properties = properties or monitored.property_watch()
         everything = (*system.nodes, *system.plugins)
         properties = properties or PropertyWatch((), bounds.latency)
         reception = Reception(everything, system.library, bounds.latency, self.counts)
         reception.know(properties.channels)
         self._senders = Senders(system.nodes, system.plugins)
-        self._feed = Feed(
-            transport.now_ns,
-            monotonic_ns or clock_nobody_sets(transport),
-            bounds.latency,
-            transport.repair_s,
-            reception,
-            self.counts,
-            (POLICY, *(node.name for node in everything)),
-            bounds.skew,
-            in_order,
-        )
+        known = (POLICY, *(node.name for node in everything))
+        self._feed = Feed(source, bounds, reception, self.counts, known, in_order)
         self._clock = self._feed.clock
         reporters = _reporters(system)
         senders = {channel: names for (channel, _), names in reporters.items()}
         properties.rely_on(self._feed.sources, senders, self._clock)
-        if policy is None:
-            policy = {machine.name for machine in machines} >= {node.name for node in system.nodes}
-        self._models = MachineWatch(
-            system,
-            machines,
-            bounds,
-            self._feed,
-            transport,
-            say,
-            compiled or CompiledSystem(system, machines),
-            policy and system.policy is not None,
-        )
+        self._models = MachineWatch(monitored, self._feed, source, outputs.say)
         nodes = self._feed.sources
-        others = [Window(make(), bounds.latency, nodes, reporters) for make in judges]
+        others = [Window(make(), bounds.latency, nodes, reporters) for make in monitored.judges]
         self._judges: tuple[Watch, ...] = (self._models, properties, *others)
-        self._turns = Turns(transport, self._turn, bounds.latency)
-        self._asking = Asking(self._answered, bounds.latency / NS, transport.now_ns)
+        self._turns = Turns(source, self._turn, bounds.latency)
+        self._asking = Asking(self._answered, bounds.latency / NS, source.now_ns)
         self._began_ns = 0
         self.listener: Tap | None = None
 
@@ -169,11 +133,11 @@ class SystemWatch:
         """Begin to listen (on the executor, or before it spins).
 
         Args:
-            since_ns: since when all is received of what ``transport`` hands over, ns since the epoch; 0: now.
+            since_ns: since when all is received of what the source hands over, ns since the epoch; 0: now.
         """
         source = self._source
         self.listener = source.tap([], self._observe)
-        self._began_ns = self._feed.start(self.listener, since_ns, source.repair_s)
+        self._began_ns = self._feed.start(self.listener, since_ns)
         source.watch_nodes(self._node_changed)
         self._turns.plan(0)
         # such a middleware links who listens channel by channel
@@ -244,7 +208,7 @@ class SystemWatch:
         """
         if end_ns < self._feed.since_ns:
             return
-        for gap in self._feed.sources.advance(end_ns + self._bounds.latency):
+        for gap in self._feed.sources.advance(end_ns + self._latency_ns):
             self.gap(gap)
         for judge in self._judges:
             self._report(judge, judge.finish(known_ns, end_ns))
@@ -281,11 +245,11 @@ class SystemWatch:
         for verdict in verdicts:
             reach = judge.report(verdict)
             if reach is Reach.NOBODY:
-                self._repeated(verdict)
+                self._outputs.repeated(verdict)
                 continue
-            for sink in self._sinks:
+            for sink in self._outputs.sinks:
                 sink.take(verdict)
-            for sink in self._screens if reach is Reach.PEOPLE else ():
+            for sink in self._outputs.screens if reach is Reach.PEOPLE else ():
                 sink.take(verdict)
         self._ask(judge.take_questions())
 
