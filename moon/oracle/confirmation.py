@@ -12,7 +12,7 @@ Both halves of an oracle share the ``Conclusion``: the judge reports to it what 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import msgspec
 
@@ -484,12 +484,12 @@ class Confirmation:
 
 
 class Conclusion:
-    """The verdict on one machine, as it stands.
+    """The verdict on one machine, or on the policy, as it stands.
 
     Args:
         machine: its name.
         node: the node that runs it.
-        confirmation: what would show that a violation is certain.
+        needed: what has to be received before a violation is certain; None if something was lost already.
 
     Attributes:
         outcome: of the verdict.
@@ -498,12 +498,14 @@ class Conclusion:
         suspected: the violation that makes the verdict inconclusive, as it is not certain; None: none does.
     """
 
-    def __init__(self, machine: str, node: str, confirmation: Confirmation) -> None:
+    def __init__(
+        self, machine: str, node: str, needed: Callable[[Violation], Waiting | None]
+    ) -> None:
         self.outcome = Outcome.CONFORMING
         self.violations = 0
         self.unconfirmed = Unconfirmed()
         self.suspected: Verdict | None = None
-        self._confirmation = confirmation
+        self._needed = needed
         self._machine = machine
         self._node = node
         self._reason = ""
@@ -524,7 +526,7 @@ class Conclusion:
             What is to be published now, and whether what the machine does is still known after it: it is not
             where something is missing that may explain it.
         """
-        needed = self._confirmation.needed(violation)
+        needed = self._needed(violation)
         verdict = violation.verdict
         if needed is not None:
             if needed.is_over:
@@ -568,10 +570,6 @@ class Conclusion:
         self.unconfirmed.restart()
         self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
 
-    def may_have_missed(self, expected: list[Place], by_ns: int) -> bool:
-        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent by then."""
-        return self._confirmation.may_have_missed(expected, by_ns)
-
     # --- what is received, and may confirm a violation -----------------------------------------------
 
     def numbered(self, place: Place, number: int, stamp_ns: int) -> list[Verdict]:
@@ -581,6 +579,10 @@ class Conclusion:
     def reported(self, until_ns: int, gap_ns: int) -> list[Verdict]:
         """All that the node did until ``until_ns`` was received but what happened before ``gap_ns``."""
         return self._confirmed(self.unconfirmed.reported(until_ns, gap_ns))
+
+    def arrived(self, until_ns: int) -> list[Verdict]:
+        """All that happened until ``until_ns`` has come, or does not come any more."""
+        return self._confirmed(self.unconfirmed.arrived(until_ns))
 
     def settled(self, other_ends: OtherEnds, stamp_ns: int) -> list[Verdict]:
         """The node reported its end of a call, at ``stamp_ns``."""

@@ -9,7 +9,7 @@ violation becomes certain (``confirmation``). Where the judge does not know what
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from m2c.model.machine import InterfaceKind, OutputKind
 from moon.feed.numbers import Place
@@ -70,6 +70,8 @@ class ModelOracle:
         node: the node that runs it.
         search: the hypotheses of the machine.
         conclusion: what is concluded from what it finds.
+        may_have_missed: whether what is expected at some places may have been missed by some time (ns), as
+            their channels were silent by then.
 
     Attributes:
         hypotheses: what the machine may be doing after the last event; None: that is not known.
@@ -80,7 +82,14 @@ class ModelOracle:
         since_start: whether it is known what the machine did since it started.
     """
 
-    def __init__(self, name: str, node: str, search: Search, conclusion: Conclusion) -> None:
+    def __init__(
+        self,
+        name: str,
+        node: str,
+        search: Search,
+        conclusion: Conclusion,
+        may_have_missed: Callable[[list[Place], int], bool],
+    ) -> None:
         self.hypotheses: list[Hypothesis] | None = None
         self.due_ns = FOREVER
         self.gave_up_ns: int | None = None
@@ -97,6 +106,7 @@ class ModelOracle:
         self.search = search
         self._bounds = search.bounds
         self._conclusion = conclusion
+        self._may_have_missed = may_have_missed
         self._history: deque[TraceEvent] = deque(maxlen=EVIDENCE)
         self._known_since = 0
         """Since when (ns) it is known what the machine does."""
@@ -304,7 +314,7 @@ class ModelOracle:
         places = self._places_of(survivors)
         missed = [*places, *self._calls]
         is_open = event.role is not Role.UNDECLARED
-        if is_open and self._conclusion.may_have_missed(missed, event.stamp):
+        if is_open and self._may_have_missed(missed, event.stamp):
             self._forget(event.stamp)
             return self._conclusion.unknown(event.stamp, MISSED)
         explanation = explanation_of(self.search, survivors, event, self._history)
@@ -324,7 +334,7 @@ class ModelOracle:
     def _overdue(self, until: int, before: list[Hypothesis]) -> Sequence[Verdict]:
         """What ``before`` owe has not come."""
         places = self._places_of(before)
-        if self._conclusion.may_have_missed(places, until):
+        if self._may_have_missed(places, until):
             self._forget(until)
             return self._conclusion.unknown(until, MISSED)
         explanation = explanation_of(self.search, before, None, self._history)

@@ -137,9 +137,11 @@ class Oracle:
             self.losses,
             self._sources,
         )
-        self._conclusion = Conclusion(machine.name, self.node, confirmation)
+        self._conclusion = Conclusion(machine.name, self.node, confirmation.needed)
         self._unconfirmed = self._conclusion.unconfirmed
-        self.judge = ModelOracle(machine.name, self.node, search, self._conclusion)
+        self.judge = ModelOracle(
+            machine.name, self.node, search, self._conclusion, confirmation.may_have_missed
+        )
         self._delivery = Delivery(
             self.judge,
             self._conclusion,

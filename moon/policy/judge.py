@@ -28,7 +28,7 @@ from moon.feed.numbers import Place
 from moon.feed.progress import Progress
 from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
-from moon.oracle.confirmation import UNCONFIRMED, Unconfirmed, Waiting
+from moon.oracle.confirmation import NOT_NEEDED, Conclusion, Violation, Waiting
 from moon.policy.calls import Call, SeenByServer, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.reported import ReportedFollower, report_of
@@ -83,8 +83,6 @@ class PolicyJudge:
         self.name = policy.name
         self.node = node
         self.bounds = bounds
-        self.outcome = Outcome.CONFORMING
-        self.violations = 0
         self.inputs = 0
         self.outputs = 0
         self._shape = shape_of(policy, plugins)
@@ -121,7 +119,7 @@ class PolicyJudge:
         self._progress = progress
         self._since = 0
         """What was lost before (ns) does not matter: the policy was resynchronised then."""
-        self.unconfirmed = Unconfirmed()
+        self.conclusion = Conclusion(policy.name, node, self._needed)
         self.received_since = 0
         """From then on (ns) all that the policy does is received; FOREVER: its node is not known to be up."""
         self._first_ns: dict[str, int] = {}
@@ -132,13 +130,9 @@ class PolicyJudge:
         """Calls that were followed by another before their answer was received."""
         self._life = Life(self._follower.close)  # its runs' threads end with it
         self._history: deque[Evidence] = deque(maxlen=EVIDENCE)
-        self._reason = ""
-        self.suspected: Verdict | None = None
-        """The violation that makes the verdict inconclusive, as it is not certain."""
         if self._shape.unchecked:
             where = "".join(f"{place}: " for place in places.get(self._shape.unchecked_at, ())[:1])
-            self.outcome = Outcome.INCONCLUSIVE
-            self._reason = f"{where}{self._shape.unchecked}"
+            self.conclusion.unknown(0, f"{where}{self._shape.unchecked}")
 
     # --- what it is handed -------------------------------------------------------------------------
 
@@ -149,7 +143,6 @@ class PolicyJudge:
         self.received_since = 0
         self._first_ns.clear()
         self._next.clear()
-        self.unconfirmed.restart()
         self._seen_by_server.clear()
         self._unanswered.clear()
         self._own.clear()
@@ -158,14 +151,14 @@ class PolicyJudge:
         self._owed = False
         if self.is_judging:
             self._follower.start()
-            self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
+            self.conclusion.restart()
 
     def restart(self) -> None:
         """Its node numbers its calls anew."""
         self._unanswered.clear()
         self._next.clear()
         self._own.clear()
-        self.unconfirmed.restart()
+        self.conclusion.unconfirmed.restart()
 
     @property
     def reads_reports(self) -> bool:
@@ -208,10 +201,9 @@ class PolicyJudge:
         if stamp_ns < self._first_ns.get(channel, FOREVER):
             self._first_ns[channel] = stamp_ns
         self._next[channel] = number + 1
-        if not self.unconfirmed.kept:
+        if not self.conclusion.unconfirmed.kept:
             return []
-        place = (self.node, channel, False)
-        return self._confirm(self.unconfirmed.numbered(place, number, stamp_ns))
+        return self.conclusion.numbered((self.node, channel, False), number, stamp_ns)
 
     def note_elsewhere(self, event: Observation) -> None:
         """The other end of a call of the policy reported it: the policy's own end must, too."""
@@ -229,29 +221,24 @@ class PolicyJudge:
 
     def advance(self, until_ns: int) -> list[Verdict]:
         """All that happened until ``until_ns`` was handed over."""
-        certain = self._confirm(self.unconfirmed.arrived(until_ns - LINKED_NS))
+        certain = self.conclusion.arrived(until_ns - LINKED_NS)
         if self._owed and until_ns - self._last_ns > self.bounds.deadline:
             return [*certain, *self._overdue(until_ns)]
         if self._is_unheard and until_ns - self._deferred[0].stamp_ns > self.bounds.deadline:
-            return [*certain, *self._suspend(until_ns, _UNHEARD)]
+            return [*certain, *self.conclusion.unknown(until_ns, _UNHEARD)]
         return certain
 
     @property
     def due_ns(self) -> int:
         """From then on (ns) the next call is missing, or a violation is certain; FOREVER: neither."""
-        certain_ns = self.unconfirmed.arrived_ns + LINKED_NS
+        certain_ns = self.conclusion.unconfirmed.arrived_ns + LINKED_NS
         if self._owed:
             return min(certain_ns, self._last_ns + self.bounds.deadline + 1)
-        if self._is_unheard and self.outcome is not Outcome.INCONCLUSIVE:
+        if self._is_unheard and self.conclusion.outcome is not Outcome.INCONCLUSIVE:
             return min(certain_ns, self._deferred[0].stamp_ns + self.bounds.deadline + 1)
         return certain_ns
 
     # --- what it says ------------------------------------------------------------------------------
-
-    def verdict(self, stamp_ns: int) -> Verdict:
-        """The verdict as it stands."""
-        missing = Cause.MISSING_OBSERVATION if self.suspected is not None else None
-        return Verdict(self.name, self.node, self.outcome, stamp_ns, self._reason, cause=missing)
 
     @property
     def hypotheses(self) -> Sequence[object]:
@@ -321,8 +308,8 @@ class PolicyJudge:
         observed = follower.over(event.stamp_ns)
         if observed:
             verdicts += self._violated(event.stamp_ns, follower.wanted, observed)
-        elif follower.certain and not verdicts and not self.unconfirmed.kept:
-            self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
+        elif follower.certain and not verdicts:
+            self.conclusion.known()
         return verdicts
 
     def _judge_call(self, observation: Observation) -> list[Verdict]:
@@ -352,8 +339,8 @@ class PolicyJudge:
             verdicts += self._doubt(stamp, str(error))
         if fit is Fit.WRONG:
             verdicts += self._violation(observation)
-        elif follower.certain and not verdicts and not self.unconfirmed.kept:
-            self.outcome, self._reason, self.suspected = Outcome.CONFORMING, "", None
+        elif follower.certain and not verdicts:
+            self.conclusion.known()
         self._remember(stamp, self._call_text(observation))
         self._pending, self._last_ns, self._owed = observation, stamp, False
         return verdicts
@@ -390,9 +377,8 @@ class PolicyJudge:
             return
         if self._synchronised:
             self._follower.start()
-        elif self.outcome is Outcome.CONFORMING:
-            self.outcome = Outcome.INCONCLUSIVE
-            self._reason = self._waits_for()
+        elif self.conclusion.outcome is Outcome.CONFORMING:
+            self.conclusion.unknown(0, self._waits_for())
         self._synchronised = False
 
     def _waits_for(self) -> str:
@@ -497,58 +483,40 @@ class PolicyJudge:
         self, verdict: Verdict, wanted: Sequence[Ask], is_silence: bool = False
     ) -> list[Verdict]:
         """Report ``verdict``, once no lost report of the policy's node can be the reason (decision 26)."""
-        progress, by = self._progress, verdict.stamp_ns + is_silence
-        lost = ""
-        if not progress.reported_ns:
-            places = self._next_at(wanted)
-            if not places:
-                return self._confirm([verdict])
-            self.unconfirmed.add(Waiting(verdict, places, since_ns=self._since))
-        elif progress.gap > self._since:
-            lost = "observations were lost; "
-        elif progress.reported_ns >= verdict.stamp_ns:
-            return self._confirm([verdict])
-        else:
-            self.unconfirmed.add(Waiting(verdict, {}, by, self._since))
-        if not lost and self.outcome is Outcome.VIOLATED:
-            return []  # it is, whether this one is certain or not
-        was, self.outcome = self.outcome, Outcome.INCONCLUSIVE
-        self._reason, self.suspected = f"{lost}{UNCONFIRMED}{verdict.reason}", verdict
-        return [] if was is Outcome.INCONCLUSIVE else [self.verdict(verdict.stamp_ns)]
+        places = [(self.node, ask.channel, False) for ask in wanted]
+        violation = Violation(verdict, self._since, verdict.stamp_ns, is_silence, places)
+        return self.conclusion.found(violation)[0]
 
-    def _next_at(self, wanted: Iterable[Ask]) -> dict[Place, int]:
-        """The numbers that show that none of the calls that were ``wanted`` is only late.
+    def _needed(self, violation: Violation) -> Waiting | None:
+        """What the policy's node has to report before ``violation`` is certain; None: some of it was lost."""
+        progress, at_ns, since_ns = self._progress, violation.until_ns, violation.since_ns
+        if not progress.reported_ns:
+            places = self._next_at(violation.expected)
+            return Waiting(violation.verdict, places, since_ns=since_ns)
+        if progress.gap > since_ns:
+            return None
+        is_reported = progress.reported_ns >= at_ns
+        by_ns = NOT_NEEDED if is_reported else at_ns + violation.is_silence
+        return Waiting(violation.verdict, {}, by_ns, since_ns)
+
+    def _next_at(self, expected: Iterable[Place]) -> dict[Place, int]:
+        """The numbers that show that none of the calls that were ``expected`` is only late.
 
         A node that numbers each channel by itself may have made the call: each channel comes when it comes.
         """
-        found = {ask.channel: self._next.get(ask.channel, 0) for ask in wanted}
-        return {(self.node, channel, False): number for channel, number in found.items() if number}
+        found = {place: self._next.get(place[1], 0) for place in expected}
+        return {place: number for place, number in found.items() if number}
 
     def look_at_reports(self) -> list[Verdict]:
         """What the node reported since may confirm a violation."""
-        return self._confirm(
-            self.unconfirmed.reported(self._progress.reported_ns, self._progress.gap)
-        )
-
-    def _confirm(self, verdicts: list[Verdict]) -> list[Verdict]:
-        if verdicts:
-            self.violations += len(verdicts)
-            self.outcome, self._reason = Outcome.VIOLATED, verdicts[-1].reason
-            self.suspected = None
-        return verdicts
+        if not self.conclusion.unconfirmed.kept:
+            return []
+        return self.conclusion.reported(self._progress.reported_ns, self._progress.gap)
 
     def _doubt(self, stamp: int, text: str) -> list[Verdict]:
         """Something is missing: nothing is reported until the policy's doing is certain again."""
         self._forget(stamp)
-        return self._suspend(stamp, text)
-
-    def _suspend(self, stamp: int, text: str) -> list[Verdict]:
-        """Nothing is certain until more is received."""
-        if self.outcome is Outcome.INCONCLUSIVE:
-            return []
-        self.outcome = Outcome.INCONCLUSIVE
-        self._reason, self.suspected = text, None
-        return [self.verdict(stamp)]
+        return self.conclusion.unknown(stamp, text)
 
     def _forget(self, stamp: int) -> None:
         self._since = max(self._since, stamp)

@@ -129,22 +129,22 @@ class PolicyOracle:
 
     def verdict(self, stamp_ns: int = 0) -> Verdict:
         """The verdict as it stands."""
-        return self._judge.verdict(stamp_ns)
+        return self._judge.conclusion.verdict(stamp_ns)
 
     @property
     def suspected(self) -> Verdict | None:
         """The violation that makes the verdict inconclusive, as it is not certain; None: none does."""
-        return self._judge.suspected
+        return self._judge.conclusion.suspected
 
     @property
     def outcome(self) -> Outcome:
         """Of the verdict as it stands."""
-        return self._judge.outcome
+        return self._judge.conclusion.outcome
 
     @property
     def violations(self) -> int:
         """How many were found."""
-        return self._judge.violations
+        return self._judge.conclusion.violations
 
     @property
     def inputs(self) -> int:
@@ -180,8 +180,7 @@ class PolicyOracle:
             if observation.order >= 0:
                 self._progress.take(observation.order, observation.stamp_ns, watermark)
                 watermark = max(watermark, min(self._progress.reported_ns, observation.received_ns))
-            if judge.unconfirmed.kept:
-                verdicts += judge.look_at_reports()
+            verdicts += judge.look_at_reports()
             if (kind in _OWN and _PARTS not in channel) or (
                 channel == TICKS_CHANNEL and judge.reads_reports
             ):
@@ -206,8 +205,7 @@ class PolicyOracle:
         verdicts: list[Verdict] = []
         if self._progress.ahead:
             self._progress.advance(watermark)
-        if judge.unconfirmed.kept:
-            verdicts += judge.look_at_reports()
+        verdicts += judge.look_at_reports()
         while held.stamps and held.stamps[0] <= watermark:
             self._judged_ns = held.stamps[0]
             together = _in_order(held.take(held.count(self._judged_ns)))
@@ -233,7 +231,7 @@ class PolicyOracle:
     def reported(self, number: int, stamp_ns: int, now_ns: int) -> list[Verdict]:
         """The node was asked how far it is; see ``Oracle.reported``."""
         self._progress.answered(number, stamp_ns)
-        verdicts = self._judge.look_at_reports() if self._judge.unconfirmed.kept else []
+        verdicts = self._judge.look_at_reports()
         watermark = max(now_ns - self.bounds.latency, min(self._progress.reported_ns, now_ns))
         return verdicts if watermark <= self._watermark else verdicts + self._settle(watermark)
 
@@ -281,7 +279,7 @@ class PolicyOracle:
 
     def doubt(self) -> None:
         """What was found and is not certain yet is not true: stamps that it relies on are not."""
-        self._judge.unconfirmed.kept.clear()
+        self._judge.conclusion.unconfirmed.kept.clear()
 
     def lose(self, stamp: int, text: str) -> list[Verdict]:
         """Something from before ``stamp`` (ns) was missed: nothing of then is judged any more."""
