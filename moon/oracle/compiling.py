@@ -330,6 +330,9 @@ class Compiler:
                 change_something(step, target)
                 return
             if isinstance(location, Member):
+                if location.name == "length" and made.__class__ is Unknown:
+                    change_something(step, made)
+                    return
                 ecmascript.set_member(target, location.name, made, fill, most, least)
                 return
             assert index is not None

@@ -12,8 +12,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from m2c.model.machine import EventKind
-from moon.oracle.state import Hypothesis, Instances, Obligation, PendingTimer, QueuedEvent
-from moon.oracle.unknowns import covers, frozen, is_unknown, like, unshared
+from moon.oracle.state import (
+    Goal,
+    Hypothesis,
+    Instances,
+    Obligation,
+    PendingTimer,
+    QueuedEvent,
+    spans,
+)
+from moon.oracle.unknowns import Unknown, covers, frozen, is_unknown, like, unshared
 
 
 def vague(hypothesis: Hypothesis, since_ns: int) -> Hypothesis:
@@ -47,8 +55,13 @@ def is_exact(hypothesis: Hypothesis) -> bool:
     """Whether nothing that it says is left open any more."""
     if any(timer.perhaps for timer in hypothesis.timers):
         return False
-    data = [values for _, values in hypothesis.instances]
-    return not is_unknown([data, [owed.data for owed in hypothesis.owed]])
+    values = [
+        *(data for _, data in hypothesis.instances),
+        *((owed.data, owed.goal) for owed in hypothesis.owed),
+        *((queued.message, queued.parts) for queued in hypothesis.queue),
+        *(timer.data for timer in hypothesis.timers),
+    ]
+    return not is_unknown(values)
 
 
 def _is_sent(timer: PendingTimer) -> bool:
@@ -63,7 +76,7 @@ def _as_timer(queued: QueuedEvent) -> PendingTimer:
 
 
 def _place(timer: PendingTimer) -> tuple[Any, ...]:
-    return (timer.instance, timer.event[1], timer.id)
+    return (timer.instance, timer.event, timer.id)
 
 
 def _put(perhaps: dict[tuple[Any, ...], PendingTimer], timer: PendingTimer) -> None:
@@ -91,7 +104,7 @@ def place_of(hypothesis: Hypothesis) -> Any:
         tuple([queued.key(numbers) for queued in hypothesis.queue]),
         tuple([timer.key(numbers) for timer in hypothesis.timers if not timer.perhaps]),
         hypothesis.waiting,
-        tuple([goal.key(numbers) for goal in hypothesis.goals]),
+        tuple([goal.form(numbers) for goal in hypothesis.goals]),
         hypothesis.free,
     )
 
@@ -124,10 +137,19 @@ def joined(
 def _with_data(
     first: Hypothesis, second: Hypothesis, unknown: Sequence[tuple[Any, ...]]
 ) -> Hypothesis | None:
-    seen: set[int] = set()
+    kept: dict[int, int] = {}
+    for mine, its in zip(_kept(first), _kept(second), strict=True):
+        _note_unknown(mine, its, kept)
+    seen = set(kept)
+
+    def either(mine: Any, its: Any, top: Any) -> Any:
+        if kept.get(id(mine)) == id(its):
+            return mine  # in both it is what a goal is called, say
+        return _joined(mine, its, top, seen)
+
     instances: Instances = tuple(
         [
-            (state, tuple([_joined(*values, seen) for values in zip(mine, its, tops, strict=True)]))
+            (state, tuple([either(*values) for values in zip(mine, its, tops, strict=True)]))
             for (state, mine), (_, its), tops in zip(
                 first.instances, second.instances, unknown, strict=True
             )
@@ -138,16 +160,50 @@ def _with_data(
         both = mine.also_from(its).due(min(mine.low, its.low), max(mine.high, its.high))
         both.data = _joined(mine.data, its.data, None, seen)
         owed.append(both)
-    timers = _timers(first.timers, second.timers)
     made = first.copy()
-    made.instances, made.owed, made.timers = instances, tuple(owed), timers
+    made.instances, made.owed = instances, tuple(owed)
+    made.queue = spans(first.queue, second.queue)
+    made.timers = _timers(first.timers, second.timers)
+    made.goals = tuple(
+        [_goal(*goals, seen) for goals in zip(first.goals, second.goals, strict=True)]
+    )
     is_same = second.moment >= first.moment and made.key() == first.key()
     return None if is_same and _are_same_times(made, first) else made
+
+
+def _kept(hypothesis: Hypothesis) -> list[Any]:
+    """What has to be the same in two of the same place, but for which unknown values they are."""
+    return [
+        *[owed.goal for owed in hypothesis.owed],
+        *[(queued.message, queued.parts) for queued in hypothesis.queue],
+        *[timer.data for timer in hypothesis.timers if not timer.perhaps],
+        *[goal.name for goal in hypothesis.goals],
+    ]
+
+
+def _note_unknown(first: Any, second: Any, pairs: dict[int, int]) -> None:
+    """Add to ``pairs`` the unknown values of ``first``, each with what is in its place in ``second``."""
+    if first.__class__ is Unknown:
+        pairs[id(first)] = id(second)
+    elif first.__class__ is dict:
+        for name, item in first.items():
+            _note_unknown(item, second[name], pairs)
+    elif isinstance(first, list | tuple):
+        for mine, its in zip(first, second, strict=True):
+            _note_unknown(mine, its, pairs)
 
 
 def _joined(first: Any, second: Any, top: Any, seen: set[int]) -> Any:
     """A value that allows both, and of which nothing else is a part: ``seen`` are the unknown ones so far."""
     return unshared(_value(first, second, top), seen)
+
+
+def _goal(first: Goal, second: Goal, seen: set[int]) -> Goal:
+    """One goal for two of which nothing differs but the message that it ended with."""
+    if first.result is None or second.result is None:
+        return first
+    message = _joined(first.result[1], second.result[1], None, seen)
+    return first.but(result=(first.result[0], message))
 
 
 def _are_same_times(made: Hypothesis, before: Hypothesis) -> bool:

@@ -19,6 +19,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     ActionThread,
     Assign,
+    Emit,
     EventKind,
     InterfaceKind,
     Machine,
@@ -331,8 +332,9 @@ class Program:
         draws: whether values are drawn at random.
         certain: whether a step of the machine has one outcome, where all values are known.
         periodic: the periodic timers that matter: instance, event, period (ns).
-        sent_to_itself: events that an instance sends itself, at once or with a delay: (instance, event, the
-            send's id, whether it has data), and the longest delay (s), None where that is not known.
+        sent_to_itself: events that the machine sends itself, at once or with a delay, and its threads' starts
+            and ends: (instance, event, the send's id, whether it has data), and the longest delay (s), None
+            where that is not known. What has no delay has no id: it cannot be cancelled.
     """
 
     def __init__(self, machine: Machine, library: InterfaceLibrary) -> None:
@@ -383,13 +385,34 @@ class Program:
         found: dict[tuple[int, EventKey, str, bool], float | None] = {}
         for instance, program in enumerate(self.parts):
             for item in statements_of(program.machine):
-                if isinstance(item, Raise) and item.external:
-                    event = (EventKind.INTERNAL, item.event)
-                    place = (instance, event, item.id, bool(item.fields))
-                    longest, delay_s = found.get(place, 0.0), _fixed_delay(item)
-                    is_known = longest is not None and delay_s is not None
-                    found[place] = max(longest or 0.0, delay_s or 0.0) if is_known else None
+                if isinstance(item, Emit):
+                    found.update(dict.fromkeys(self._of_threads(item), 0.0))
+                if not isinstance(item, Raise) or not item.external:
+                    continue
+                event, delay_s = (EventKind.INTERNAL, item.event), _fixed_delay(item)
+                if not delay_s:  # it is on the queue then, and cannot be cancelled
+                    found.setdefault((instance, event, "", bool(item.fields)), 0.0)
+                if delay_s == 0:
+                    continue
+                place = (instance, event, item.id, bool(item.fields))
+                longest = found.get(place, 0.0)
+                is_known = longest is not None and delay_s is not None
+                found[place] = max(longest or 0.0, delay_s or 0.0) if is_known else None
         return found
+
+    def _of_threads(self, emit: Emit) -> list[tuple[int, EventKey, str, bool]]:
+        """What ``emit`` puts on the queue, if it starts or frees a thread: as ``sent_to_itself`` has it."""
+        name = emit.interface
+        if emit.kind is OutputKind.THREAD_FREE:
+            return [(0, (EventKind.THREAD_FREE, name), "", False)]
+        if emit.kind is not OutputKind.START_THREAD:
+            return []
+        started = (
+            instance
+            for instance, (thread, _) in enumerate(self.threads, 1)
+            if thread.interface == name
+        )
+        return [(instance, (EventKind.THREAD_START, name), "", True) for instance in started]
 
     def unknown_data(self) -> list[tuple[Any, ...]]:
         """The datamodel of each part when nothing is known of what happened."""

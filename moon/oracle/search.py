@@ -35,6 +35,7 @@ from moon.oracle.state import (
     adopt_goal,
     distinct,
     goal_called,
+    with_goal_changed,
 )
 from moon.oracle.steps import Step
 from moon.oracle.successors import Inputs, Successors
@@ -244,7 +245,8 @@ class Search:
     def _without_expired(self, hypothesis: Hypothesis, due: int) -> Hypothesis:
         """Messages that may be lost, once they were taken by then or never: both have been followed.
 
-        Not while an output is owed: nothing is taken before that.
+        Not while an output is owed: nothing is taken before that. Nor feedback that is kept until its goal
+        is accepted: it is taken then.
         """
         if hypothesis.owed:
             return hypothesis
@@ -254,16 +256,20 @@ class Search:
                 left = [t for t in hypothesis.timers if not (t.perhaps and t.high < limit)]
                 hypothesis = hypothesis.with_timers(tuple(left))
                 break
-        pending = hypothesis.pending
-        for fact in pending:
+        is_held = self.successors.is_held
+        for fact in hypothesis.pending:
             if fact.stamp > limit:
                 return hypothesis
-            if fact.may_be_lost:
+            if fact.may_be_lost and not is_held(hypothesis, fact):
                 break
         else:
             return hypothesis
         return hypothesis.with_pending(
-            tuple(fact for fact in pending if not fact.may_be_lost or fact.stamp > limit)
+            tuple(
+                fact
+                for fact in hypothesis.pending
+                if not fact.may_be_lost or fact.stamp > limit or is_held(hypothesis, fact)
+            )
         )
 
     def _explore(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis] | None:
@@ -417,10 +423,13 @@ class Outputs:
         for hypothesis in candidates:
             for place, expected in enumerate(hypothesis.owed):
                 if self.is_owed(hypothesis, expected, fact):
-                    made.append(self.fulfilled(hypothesis, place, fact))
+                    found = [self.fulfilled(hypothesis, place, fact)]
                     slept = self.slept(hypothesis, expected.timer, fact.stamp)
                     if slept is not None:
-                        made.append(self.fulfilled(slept, place, fact))
+                        found.append(self.fulfilled(slept, place, fact))
+                    if expected.goal.__class__ is Unknown and fact.output is OutputKind.FEEDBACK:
+                        found += _canceling(hypothesis, found, fact)
+                    made += found
                 if not expected.optional:
                     break
         return distinct(made)
@@ -473,18 +482,20 @@ class Outputs:
                 for goal in rest.goals
             )
             rest = rest.but(goals=goals)
-        elif owed.kind is OutputKind.ACCEPT_GOAL:
-            rest = _acceptance_seen(rest, fact)
-        elif owed.kind in _ENDS:
-            rest = self._end_seen(rest, owed, fact)
         found: dict[int, tuple[Unknown, Any]] = {}
-        if (self._draws or rest.free or rest.vague) and is_unknown(owed.data):
-            learned(owed.data, fact.data, found)
         if isinstance(owed.goal, Unknown) and fact.goal:
             known = goal_called(rest, owed.interface, fact.goal, served=True)
             if known is None:
                 rest, known = adopt_goal(rest, owed.interface, fact.goal, True, Phase.RUNNING)
             found[id(owed.goal)] = (owed.goal, known.name)
+        if owed.kind is OutputKind.ACCEPT_GOAL:
+            rest = _acceptance_seen(rest, fact)
+        elif owed.kind is OutputKind.REJECT_GOAL and isinstance(owed.goal, Unknown):
+            rest = _rejection_seen(rest, fact)
+        elif owed.kind in _ENDS:
+            rest = self._end_seen(rest, owed, fact)
+        if (self._draws or rest.free or rest.vague) and is_unknown(owed.data):
+            learned(owed.data, fact.data, found)
         return _substituted(rest, found) if found else rest
 
     def _phase_seen(self, hypothesis: Hypothesis, key: TimerKey, stamp: int) -> Hypothesis:
@@ -573,6 +584,29 @@ def _acceptance_seen(hypothesis: Hypothesis, fact: TraceEvent) -> Hypothesis:
         for goal in hypothesis.goals
     )
     return hypothesis.but(goals=goals)
+
+
+def _rejection_seen(hypothesis: Hypothesis, fact: TraceEvent) -> Hypothesis:
+    """A goal was rejected of which it was not known which one it is: it is forgotten."""
+    goal = goal_called(hypothesis, fact.interface, fact.goal, served=True)
+    if goal is None:
+        return hypothesis
+    return hypothesis.but(goals=tuple(g for g in hypothesis.goals if g is not goal))
+
+
+def _canceling(before: Hypothesis, found: list[Hypothesis], fact: TraceEvent) -> list[Hypothesis]:
+    """``found``, where the feedback is of a goal that was not known ``before``, once that is to be cancelled.
+
+    It may have been asked for before the oracle looked.
+    """
+    if goal_called(before, fact.interface, fact.goal, served=True) is not None:
+        return []
+    made = []
+    for hypothesis in found:
+        goal = goal_called(hypothesis, fact.interface, fact.goal, served=True)
+        if goal is not None:
+            made.append(with_goal_changed(hypothesis, goal, phase=Phase.CANCELING))
+    return made
 
 
 def _is_goal(hypothesis: Hypothesis, goal: Any, fact: TraceEvent) -> bool:

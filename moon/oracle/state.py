@@ -205,7 +205,7 @@ class Goal:
     """A goal that the machine serves or sent.
 
     Attributes:
-        number: as the oracle counts them.
+        number: as the oracle counts them; below 0 for one from before it looked.
         name: as the model counts them; Unknown where goals may have come before the oracle looked.
         id: hex id; "" where it is not known yet.
         phase: where it stands; one that the machine sent is new until it is accepted.
@@ -278,6 +278,12 @@ class Goal:
 
     def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
         """What two goals must share to be the same; ``numbers``: see ``frozen``."""
+        if self.result is None:
+            return self.form(numbers)
+        return (*self.form(numbers), frozen(self.result[1], numbers))
+
+    def form(self, numbers: dict[int, int]) -> tuple[Any, ...]:
+        """The same without the message that it ended with."""
         if self.name.__class__ is Unknown:
             return (*self._fixed_key(), frozen(self.name, numbers))
         return self._fixed_key()
@@ -293,6 +299,7 @@ class Goal:
                 self.seen,
                 self.cancel,
                 self.stamp,
+                None if self.result is None else self.result[0],
             )
         return self._key
 
@@ -423,9 +430,9 @@ class Hypothesis:
         sooner = other.moment < self.moment
         if not sooner and not self.timers and not self.queue and not self.owed:
             return None
-        timers = _spans(self.timers, other.timers)
-        queue = _spans(self.queue, other.queue)
-        owed = _spans(self.owed, other.owed)
+        timers = spans(self.timers, other.timers)
+        queue = spans(self.queue, other.queue)
+        owed = spans(self.owed, other.owed)
         same = timers is self.timers and queue is self.queue and owed is self.owed
         if same and not sooner:
             return None
@@ -460,7 +467,7 @@ Timed = Any
 function over a variable of those types."""
 
 
-def _spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, ...]:
+def spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, ...]:
     """``mine``, each with all the times that its like in ``theirs`` allows; ``mine`` if it has."""
     if all(a.low <= b.low and a.high >= b.high for a, b in zip(mine, theirs, strict=True)):
         return mine
@@ -540,26 +547,33 @@ def with_goal_changed(hypothesis: Hypothesis, goal: Goal, **changes: Any) -> Hyp
     return made
 
 
-def adopt_goal(
-    hypothesis: Hypothesis, interface: str, goal_id: str, served: bool, phase: Phase
-) -> tuple[Hypothesis, Goal]:
-    """``hypothesis`` with a further goal."""
-    return adopt_goal_in_place(hypothesis.copy(), interface, goal_id, served, phase)
-
-
 MOST_GOALS = 2**31 - 1
 """No node has more in its life."""
 
 
-def adopt_goal_in_place(
-    made: Hypothesis, interface: str, goal_id: str, served: bool, phase: Phase
+def any_goal() -> Unknown:
+    """How a model may name a goal of which nothing is known."""
+    return Unknown(1, MOST_GOALS, integer=True)
+
+
+def adopt_goal(
+    hypothesis: Hypothesis, interface: str, goal_id: str, served: bool, phase: Phase
 ) -> tuple[Hypothesis, Goal]:
-    """A further goal, numbered as the node numbers them."""
+    """``hypothesis`` with a goal from before the oracle looked; it is older than all others."""
+    number = -1 - int(goal_id or "0", 16)
+    goal = Goal(interface, served, number, goal_id, phase, name=any_goal())
+    made = hypothesis.copy()
+    made.goals = (goal, *hypothesis.goals)
+    return made, goal
+
+
+def add_goal(made: Hypothesis, interface: str, goal_id: str, served: bool) -> Goal:
+    """A further goal of a hypothesis that is being made, numbered as the node numbers them."""
     counts = dict(made.counts)
     number = counts.get((served, interface), 0) + 1
     counts[served, interface] = number
-    name = Unknown(1, MOST_GOALS, integer=True) if made.free else number
-    goal = Goal(interface, served, number, goal_id, phase, name=name)
+    name = any_goal() if made.free else number
+    goal = Goal(interface, served, number, goal_id, Phase.NEW, name=name)
     made.counts = tuple(sorted(counts.items()))
     gone = set(forgotten(_ended(made, interface))) if served else set()
     if gone:
@@ -567,7 +581,7 @@ def adopt_goal_in_place(
         made.goals = (*kept, goal)
     else:
         made.goals = (*made.goals, goal)
-    return made, goal
+    return goal
 
 
 def _ended(hypothesis: Hypothesis, interface: str) -> list[str]:

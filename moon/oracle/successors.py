@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from m2c.diagnostics import Position
-from m2c.language.datatypes import Structure
+from m2c.language.datatypes import INT64, Structure
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.calls import Call
@@ -27,8 +27,8 @@ from moon.oracle.state import (
     PendingTimer,
     QueuedEvent,
     TimerKey,
+    add_goal,
     adopt_goal,
-    adopt_goal_in_place,
     change_goal,
     distinct,
     goal_allows,
@@ -40,10 +40,11 @@ from moon.oracle.state import (
 )
 from moon.oracle.steps import Delayed, Output, Step
 from moon.oracle.trace_events import Channels, EventKey, TraceEvent, identifier, stamp_of
-from moon.oracle.unknowns import Unknown, anything
+from moon.oracle.unknowns import Unknown, anything, like, unknown_of
 from transports.actions.rules import CancelScope, Phase
 
 _WITHOUT_MESSAGE = (EventKind.TIMER, EventKind.AFTER, EventKind.CALL_ERROR)
+_OF_GOALS = (EventKind.THREAD_START, EventKind.THREAD_FREE, EventKind.FEEDBACK)
 _SENT_AS = {
     EventKind.MESSAGE: OutputKind.PUBLISH,
     EventKind.REQUEST: OutputKind.REQUEST,
@@ -137,13 +138,15 @@ class Successors:
         """The machine is between two steps at ``now``, and nothing more is known of it."""
         self._channels.forget_goals()
         timers = tuple(
-            PendingTimer(instance, event, now - self._bounds.latency, now + period, period)
+            PendingTimer(
+                instance, event, now - self._bounds.latency, self._until(now, period), period
+            )
             for instance, event, period in self._program.periodic
         )
         # what it sent itself before may come until its delay has passed: how often it did is not known
         sent = tuple(
             PendingTimer(
-                *(instance, event, now - self._bounds.latency, self._until(now, delay_s), 0),
+                *(instance, event, now - self._bounds.latency, self._sent_until(now, delay_s), 0),
                 anything() if has_data else None,
                 identifier,
                 True,
@@ -168,7 +171,7 @@ class Successors:
                     instance,
                     event,
                     now - self._bounds.latency,
-                    now + round(delay * 1e9),
+                    self._until(now, round(delay * 1e9)),
                     0,
                     None,
                     event[1],
@@ -181,11 +184,12 @@ class Successors:
             )
         return found
 
-    def _until(self, now: int, delay_s: float | None) -> int:
-        """Until when (ns) what was sent by ``now`` with this delay is due."""
-        if delay_s is None:
-            return FOREVER
-        delay = round(delay_s * 1e9)
+    def _sent_until(self, now: int, delay_s: float | None) -> int:
+        """Until when (ns) what was sent by ``now`` with this delay is due; None: that is not known."""
+        return FOREVER if delay_s is None else self._until(now, round(delay_s * 1e9))
+
+    def _until(self, now: int, delay: int) -> int:
+        """Until when (ns) what was begun by ``now``, and takes ``delay`` (ns), is due."""
         return now + delay + self._bounds.slack(delay)
 
     def unfinished_steps(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
@@ -264,7 +268,7 @@ class Successors:
         """By when the next input has been taken; ``certainly``: of those it certainly gets."""
         earliest = FOREVER
         for fact in hypothesis.pending:
-            if not (certainly and fact.may_be_lost) and not self._is_held(hypothesis, fact):
+            if not (certainly and fact.may_be_lost) and not self.is_held(hypothesis, fact):
                 earliest = fact.stamp + self._bounds.skew
                 break  # the others are newer
         for event in hypothesis.queue:
@@ -276,12 +280,23 @@ class Successors:
                 earliest = timer.high
         return FOREVER if earliest == FOREVER else self.taken_by(earliest)
 
-    def _is_held(self, hypothesis: Hypothesis, fact: TraceEvent) -> bool:
+    def is_held(self, hypothesis: Hypothesis, fact: TraceEvent) -> bool:
         """Whether ``fact`` is feedback that is kept until its goal is accepted."""
         if fact.event is None or fact.event[0] is not EventKind.FEEDBACK:
             return False
         goal = goal_called(hypothesis, fact.interface, fact.goal, served=False)
         return goal is not None and goal.phase is not Phase.RUNNING
+
+    def with_kept_feedback(self, hypothesis: Hypothesis, interface: str, stamp: int) -> Hypothesis:
+        """``hypothesis`` as a goal is accepted at ``stamp`` that was sent before the oracle looked.
+
+        Its client may have kept any number of messages of feedback until then.
+        """
+        event = (EventKind.FEEDBACK, interface)
+        if not self._program.changes_something(event):
+            return hypothesis
+        kept = PendingTimer(0, event, stamp, stamp, 0, anything(), "", True)
+        return hypothesis.with_timers((*hypothesis.timers, kept))
 
     def _message_taken(
         self, hypothesis: Hypothesis, place: int, fact: TraceEvent, low: int, now: int
@@ -342,9 +357,19 @@ class Successors:
             others = hypothesis.timers  # there may be another
         rest = hypothesis.with_timers(others)
         key = (timer.instance, timer.event) if timer.period else None
-        yield from self.run(
-            rest, timer.instance, timer.event, timer.data, {"name": timer.event[1]}, low, high, key
-        )
+        parts = self._parts_of(timer.instance, timer.event)
+        data = like(timer.data) if timer.perhaps and timer.data is not None else timer.data
+        yield from self.run(rest, timer.instance, timer.event, data, parts, low, high, key)
+
+    def _parts_of(self, instance: int, event: EventKey) -> dict[str, Any]:
+        """What comes with an event that the machine may take by itself; of goals nothing is known."""
+        kind, name = event
+        if kind not in _OF_GOALS:
+            return {"name": name}
+        parts: dict[str, Any] = {"goal_id": unknown_of(INT64), "thread_id": unknown_of(INT64)}
+        if kind is EventKind.THREAD_START:
+            parts["thread_id"] = self._program.threads[instance - 1][1]
+        return parts
 
     # --- one step -----------------------------------------------------------------------------------
 
@@ -453,9 +478,13 @@ class Successors:
                 timers = [a for a in timers if a.instance != instance or a.id != item or not item]
                 continue
             if isinstance(item.delay_s, Unknown):
-                timers.append(
-                    PendingTimer(instance, item.event, low, FOREVER, 0, item.data, item.id, True)
-                )
+                # without a delay it is on its queue, and cannot be cancelled
+                for until, identifier in ((FOREVER, item.id), (high, "")):
+                    timers.append(
+                        PendingTimer(
+                            instance, item.event, low, until, 0, item.data, identifier, True
+                        )
+                    )
                 continue
             if item.event[0] is EventKind.INTERNAL and item.delay_s <= 0:
                 sent = QueuedEvent(
@@ -512,8 +541,7 @@ class Successors:
                         return  # no request waits: nothing leaves
                     answers, optional = ANY_CALL, True
             case OutputKind.SEND_GOAL:
-                _, sent = adopt_goal_in_place(made, interface, "", False, Phase.NEW)
-                goal = sent.number
+                goal = add_goal(made, interface, "", served=False).number
             case OutputKind.SEND_CANCEL:
                 found = goal_to_cancel(made, interface, output.goal)
                 if found is None:
@@ -584,7 +612,9 @@ class Successors:
     def _free_thread(
         self, made: Hypothesis, instance: int, output: Output, low: int, high: int
     ) -> None:
-        number = self._program.threads[instance - 1][1] if instance else 0
+        number = output.thread
+        if number is None:
+            number = self._program.threads[instance - 1][1] if instance else 0
         parts = {"goal_id": output.goal or 0, "thread_id": number}
         event = (EventKind.THREAD_FREE, output.interface)
         made.queue = (*made.queue, QueuedEvent(0, event, None, parts, low, high))
@@ -704,7 +734,8 @@ class Inputs:
         if known is not None:
             yield self._owing(hypothesis, OutputKind.REJECT_GOAL, known, fact)
             return
-        grown, goal = adopt_goal(hypothesis, fact.interface, fact.goal, True, Phase.NEW)
+        grown = hypothesis.copy()
+        goal = add_goal(grown, fact.interface, fact.goal, served=True)
         assert fact.event is not None
         parts = {"goal_id": goal.name}
         for taken, step in self._successors.take(grown, 0, fact.event, fact.data, parts):
@@ -804,6 +835,7 @@ class Inputs:
         event = fact.event
         assert event is not None
         goal = goal_called(hypothesis, fact.interface, fact.goal, served=False)
+        is_older = goal is None
         if goal is None:
             if not hypothesis.free or self._channels.was_sent(fact.goal):
                 yield hypothesis  # not a goal of this machine's model, or one that has ended
@@ -817,6 +849,8 @@ class Inputs:
             parts["code"] = codes[event[0]]
         if event[0] is EventKind.GOAL_ACCEPTED:
             accepted = with_goal_changed(hypothesis, goal, phase=Phase.RUNNING, cancel=False)
+            if is_older:
+                accepted = self._successors.with_kept_feedback(accepted, fact.interface, fact.stamp)
             for made in self._successors.run(
                 accepted, 0, event, fact.data, parts, fact.stamp, fact.stamp
             ):

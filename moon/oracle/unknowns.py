@@ -133,7 +133,9 @@ def _in_place(value: Unknown, kind: DataType, lenient: bool) -> Unknown:
             return anything()  # not that value: what it becomes
         case Primitive("float32" | "float64" | "number") if lenient and value.anything:
             return anything()
-        case Primitive("float32") if not value.anything:
+        case Primitive("float32") if value.anything:
+            return anything()  # rounded: not that value
+        case Primitive("float32"):
             return Unknown(to_float32(value.low), to_float32(value.high))
         case _:
             return value

@@ -157,7 +157,7 @@ class _Pair:
             if isinstance(made, str):
                 return Difference(self._name, before, given, made, "")
             for found in self._interpreted(before.state, old, given):
-                if not any(_allows(item, made) for item in found):
+                if not any(allows(item, made) for item in found):
                     return Difference(self._name, before, given, made, found)
             before = msgspec.structs.replace(made, sent=(), scheduled=())
             if not self._events:
@@ -201,7 +201,7 @@ class _Pair:
         except Exception as error:  # whatever it raises ends its node
             return f"{type(error).__name__}: {error}"
         heard = [
-            (item[0], *(_plain(value) for value in item[1:] if not callable(value)))
+            (item[0], *(plain(value) for value in item[1:] if not callable(value)))
             for item in self._recorder.sent
         ]
         return Done(
@@ -236,7 +236,7 @@ class _Pair:
 
     def _all_data(self) -> dict[str, Any]:
         return {
-            data.name: _plain(getattr(self._it, self._context.attribute(data.name)))
+            data.name: plain(getattr(self._it, self._context.attribute(data.name)))
             for data in self._model.data
         }
 
@@ -252,7 +252,7 @@ class _Pair:
         known = tuple(old[name] for name in program.names)
         parts = {**given.parts, **{f"port:{key}": value for key, value in self._ports.items()}}
         parts["name"] = given.event.name
-        message = None if given.message is None else _plain(given.message)
+        message = None if given.message is None else plain(given.message)
         wanted = [(known, True), (program.unknown_data(), True)]
         if not program.draws:
             wanted.insert(0, (known, False))
@@ -269,7 +269,7 @@ class _Pair:
             Done(
                 self._model.states[step.state].name,
                 {
-                    name: _plain(value)
+                    name: plain(value)
                     for name, value in zip(self._program.names, step.data, strict=True)
                     if self._is_live(name)
                 },
@@ -293,9 +293,9 @@ class _Pair:
         }
         if kind is OutputKind.SEND_CANCEL:
             given["goal_id"] = output.goal
-        arguments = [_plain(given[name]) for name, _ in port.parameters]
+        arguments = [plain(given[name]) for name, _ in port.parameters]
         if port.data is not None:
-            arguments.append(_plain(fields))
+            arguments.append(plain(fields))
         return (port.method, *arguments)
 
 
@@ -313,45 +313,45 @@ def _delay(item: Any) -> tuple[Any, ...]:
         return ("cancelled", item)
     if item.event[0] is EventKind.AFTER:
         return ("start_delay", item.event[1], item.delay_s)
-    return ("send_self", item.event[1], _plain(item.data), item.delay_s, item.id)
+    return ("send_self", item.event[1], plain(item.data), item.delay_s, item.id)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """A value as numbers, texts, lists and maps."""
     match value:
         case Unknown():
             return value
         case msgspec.Struct():
-            return {name: _plain(getattr(value, name)) for name in value.__struct_fields__}
+            return {name: plain(getattr(value, name)) for name in value.__struct_fields__}
         case list() | tuple():
-            return [_plain(item) for item in value]
+            return [plain(item) for item in value]
         case dict():
-            return {key: _plain(item) for key, item in value.items()}
+            return {key: plain(item) for key, item in value.items()}
         case _:
             return value
 
 
-def _allows(interpreted: Any, generated: Any) -> bool:
+def allows(interpreted: Any, generated: Any) -> bool:
     """Whether the outcome of the interpreter is, or may turn out to be, what the generated code did."""
     match interpreted:
         case Unknown():
             return interpreted.anything or interpreted.allows(generated) or generated != generated
         case Done():
             return all(
-                _allows(getattr(interpreted, name), getattr(generated, name))
+                allows(getattr(interpreted, name), getattr(generated, name))
                 for name in interpreted.__struct_fields__
             )
         case tuple() | list():
             return (
                 isinstance(generated, list | tuple)
                 and len(interpreted) == len(generated)
-                and all(map(_allows, interpreted, generated))
+                and all(map(allows, interpreted, generated))
             )
         case dict():
             return (
                 isinstance(generated, dict)
                 and interpreted.keys() == generated.keys()
-                and all(_allows(item, generated[key]) for key, item in interpreted.items())
+                and all(allows(item, generated[key]) for key, item in interpreted.items())
             )
         case "cancelled":
             return generated in ("stop_delay", "cancel_send")

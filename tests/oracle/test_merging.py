@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from random import Random
+from typing import Any
 
 import pytest
 
-from m2c.model.machine import EventKind
+from m2c.language.datatypes import INT64, Structure
+from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.bounds import Bounds
 from moon.oracle.confirmation import Losses
+from moon.oracle.merging import is_exact, joined, place_of
 from moon.oracle.oracle import Oracle
 from moon.oracle.program import MachineProgram
-from moon.oracle.unknowns import Unknown, covers
+from moon.oracle.state import Goal, Hypothesis, PendingTimer, QueuedEvent
+from moon.oracle.unknowns import Unknown, agree, covers
 from moon.verdict import Outcome
 from tests.oracle.agreement import answer
 from tests.oracle.machines import library, read
 from tests.oracle.strategies import case
+from transports.actions.rules import Phase
 from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000
@@ -163,3 +168,62 @@ def test_one_value_covers_another_only_if_it_may_be_all_that_the_other_may(
     value: object, other: object, expected: bool
 ) -> None:
     assert covers(value, other) is expected
+
+
+def ended(label: object, queued_ns: int = 0) -> Hypothesis:
+    """A machine that has ended a goal with ``label``, and has something on its queue since ``queued_ns``."""
+    result = OutputKind.SUCCEED, {"label": label}
+    goal = Goal("/do", True, 1, "ab", Phase.ENDED, result, seen=True)
+    event = EventKind.THREAD_FREE, "/do"
+    queued = QueuedEvent(0, event, None, {"thread_id": 0}, queued_ns, queued_ns)
+    return Hypothesis(((0, (label,)),), goals=(goal,), queue=(queued,), vague=1)
+
+
+def test_what_a_goal_ended_with_tells_hypotheses_apart_and_becomes_unknown_in_one_for_both() -> (
+    None
+):
+    """Somebody may ask for it at any time later."""
+    first, second = ended(1), ended(2)
+    second.instances = first.instances
+    assert first.key() != second.key()
+    assert place_of(first) == place_of(second)
+    both = joined(first, second, [(None,)])
+    assert both is not None
+    (goal,) = both.goals
+    assert goal.result is not None
+    for label in (1, 2):
+        assert agree(goal.result[1], {"label": label}, Structure("t", (("label", INT64),)))
+
+
+def test_one_for_two_has_what_is_queued_in_either_at_the_time_of_either() -> None:
+    both = joined(ended(1, 5), ended(2, 9), [(None,)])
+    assert both is not None
+    (queued,) = both.queue
+    assert (queued.low, queued.high) == (5, 9)
+
+
+@pytest.mark.parametrize("is_called_so", [True, False])
+def test_what_a_goal_is_called_stays_known_only_where_it_is_in_both(is_called_so: bool) -> None:
+    made = []
+    for is_named in (True, is_called_so):
+        name, other = (Unknown(1, 9, integer=True) for _ in range(2))
+        goal = Goal("/do", True, -1, "ab", Phase.RUNNING, name=name)
+        data = name if is_named else other, len(made)
+        made.append(Hypothesis(((0, data),), goals=(goal,), free=True, vague=1))
+    both = joined(*made, [(None, None)])
+    assert both is not None
+    ((_, data),) = both.instances
+    assert (data[0] is both.goals[0].name) is is_called_so
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"queue": (QueuedEvent(0, (EventKind.THREAD_FREE, "/do"), None, {"goal_id": ANYTHING}, 0, 0),)},
+        {"timers": (PendingTimer(0, (EventKind.INTERNAL, "e"), 0, 0, data={"n": ANYTHING}),)},
+    ],
+)  # fmt: skip
+def test_a_hypothesis_with_something_unknown_under_way_is_not_exact(changes: Any) -> None:
+    known = Hypothesis(((0, (1,)),))
+    assert is_exact(known)
+    assert not is_exact(known.but(**changes))

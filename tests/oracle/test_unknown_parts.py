@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 
+from m2c.language.conversion import to_float32
+from m2c.language.datatypes import FLOAT64, Primitive
 from m2c.model.machine import EventKind
 from moon.oracle.program import MachineProgram
-from moon.oracle.unknowns import anything, is_unknown
+from moon.oracle.unknowns import anything, is_unknown, tolerant
 from tests.oracle.machines import library, read
 
 MODEL = """
@@ -58,6 +60,7 @@ def outcomes(content: str) -> set[int]:
         """<if cond="points[n].x &gt; 1"><log label="seen"/></if>""",
         """<assign location="items[items.length - 1]" expr="2"/>""",
         """<assign location="items.length" expr="n"/>""",
+        """<assign location="items" expr="[1]"/><assign location="items.length" expr="n"/>""",
         """<assign location="few[few.length]" expr="2"/>""",
         """<assign location="few[n]" expr="2"/>""",
         """<assign location="points[0].x" expr="2"/>""",
@@ -117,6 +120,13 @@ def test_once_an_unknown_part_is_assigned_nothing_is_known_of_the_whole(content:
 def test_a_part_that_stays_as_it_was_is_the_same_unknown_value() -> None:
     unknown = anything()
     assert copy.deepcopy([{"x": unknown}, 1]) == [{"x": unknown}, 1]
+
+
+def test_what_was_published_is_not_the_value_that_was_rounded_for_it() -> None:
+    """What is learnt of the message tells nothing of the number that is kept."""
+    unknown = anything()
+    assert tolerant(Primitive("float32"), to_float32)(unknown) is not unknown
+    assert tolerant(FLOAT64, float)(unknown) is unknown
 
 
 def test_a_condition_that_fails_fails_again_while_nothing_changes() -> None:
