@@ -97,8 +97,8 @@ class Nodes:
             source.is_numbered = False
             return None
         source.is_numbered = True
-        if order < progress.next and stamp > progress.reported_ns:
-            progress.restart()  # it has started again, and numbers anew
+        if not seen.life and order < progress.next and stamp > progress.reported_ns:
+            progress.restart()  # it has started again, and numbers anew; who names its life does not
             source.anew_ns = stamp
         before = progress.reported_ns, progress.gap
         progress.take(order, stamp, now_ns - self._latency_ns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from msgspec.structs import replace
 
 from moon.feed.nodes import KEPT_SOURCES, Nodes
 from transports.interface import Observation, ObservationKind
@@ -99,3 +100,19 @@ def test_only_so_many_names_are_remembered() -> None:
     for number in range(KEPT_SOURCES + 10):
         sources.take(seen(f"n{number}", 0, NOW), NOW)
     assert len(sources.known) == KEPT_SOURCES
+
+
+def test_what_overtook_others_while_a_clock_was_ahead_is_no_new_beginning_of_its_life() -> None:
+    """Stamps that were ahead tell no time, so the newest that is known is older than what comes late."""
+    nodes = Nodes(LATENCY)
+    nodes.listening_ns = NOW - 2000 * MS
+    nodes.changed("far", True, NOW - 1000 * MS)
+
+    def take(order: int, stamp: int, is_timed: bool = True):
+        return nodes.take(replace(seen("far", order, stamp), life=7), NOW, is_timed)
+
+    assert take(0, NOW - 400 * MS) is None
+    assert take(1, NOW + 400 * MS, is_timed=False) is None
+    assert take(3, NOW + 400 * MS, is_timed=False) is not None
+    assert take(2, NOW - 390 * MS) is None
+    assert nodes.known["far"].progress.next == 4
