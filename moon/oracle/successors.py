@@ -612,9 +612,8 @@ class Successors:
     def _free_thread(
         self, made: Hypothesis, instance: int, output: Output, low: int, high: int
     ) -> None:
-        number = output.thread
-        if number is None:
-            number = self._program.threads[instance - 1][1] if instance else 0
+        # what the model says is not asked: a thread names itself
+        number = self._program.threads[instance - 1][1] if instance else 0
         parts = {"goal_id": output.goal or 0, "thread_id": number}
         event = (EventKind.THREAD_FREE, output.interface)
         made.queue = (*made.queue, QueuedEvent(0, event, None, parts, low, high))

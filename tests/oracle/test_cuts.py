@@ -15,6 +15,7 @@ FOUND = [
     (100145, 1, "Part0", 0, 128),  # two that differ in what a goal ended with were one
     (100111, 2, "Part0", 77, 8),  # the same, as there are too many
     (100151, 2, "Part0", 63, 8),  # feedback that was kept for its goal was forgotten
+    (300004, 2, "Part1", 0, 128),  # a thread names itself as it is free, whatever its model says
 ]
 """Seed and size of a system, a machine, after how many observations it is cut, and how many are followed."""
 RANDOM = range(3)
