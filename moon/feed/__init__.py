@@ -16,6 +16,7 @@ first of these that applies (decisions 13, 29 and 30):
 * ``unreceived``: what of that may be missing, and undo a violation;
 * ``reachability``: whether nodes could be reached, or a network was cut;
 * ``held``: what is not handed over yet, in order of stamps;
+* ``window``: hands a judge in order what is received late, and holds back what is not certain;
 * ``clock``: the clock of the judges, never ahead of what can have been received;
 * ``asking``: asks nodes how far they have reported, where only that stands in the way.
 """
