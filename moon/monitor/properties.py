@@ -216,6 +216,8 @@ class PropertyWatch:
         if linked_ns:
             self._ordered.be_careful()
         self._reached_ns, self._is_begun = since_ns - 1, False
+        for loss in self._losses:  # of channels of which nothing is received: properties begin now
+            loss.start = max(loss.start, since_ns)
 
     def miss(self, channels: Iterable[str]) -> None:
         """Of ``channels`` nothing is received, whatever happens there."""

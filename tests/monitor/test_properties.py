@@ -238,6 +238,25 @@ def test_a_response_that_its_client_received_was_sent_whether_its_report_is_lost
     assert said == ("inconclusive" if is_received else "violated")
 
 
+def test_properties_begin_with_listening_where_a_channel_is_not_received_at_all(tmp_path) -> None:
+    """Of that channel everything may have happened, since then: the time of another property runs from then."""
+    text = """\
+ports:
+  gone: {topic: /gone}
+  answered: {service: /Level/tick, on: response}
+properties:
+  - {id: never, pattern: absence, of: gone}
+  - {id: soon, pattern: existence, of: answered, within: 2 s}
+"""
+    watched = Watched(tmp_path, text, monitored=False)
+    watched.properties.miss(["/gone"])
+    watched.properties.start(watched.now)
+    watched.pass_time(500)
+    assert "violated" not in watched.of("soon")
+    watched.pass_time(3000)
+    assert watched.of("soon")[-1] == "violated"
+
+
 def test_who_does_not_answer_is_judged_by_the_latency_bound(watched) -> None:
     numbered_tick(watched)
     watched.pass_time(1025)
