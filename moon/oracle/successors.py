@@ -813,10 +813,9 @@ class Inputs:
         found = [hypothesis]
         is_known = goal_called(hypothesis, fact.interface, fact.goal, served=False) is not None
         if hypothesis.free and not is_known and not self._channels.was_sent(fact.goal):
-            for phase in (Phase.NEW, Phase.RUNNING):
-                adopted, _ = adopt_goal(hypothesis, fact.interface, fact.goal, False, phase)
-                perhaps_cancel(adopted, fact.interface)
-                found.append(adopted)
+            # if it is kept, it is what may have been kept once the goal is accepted (``_goal_event``)
+            adopted, _ = adopt_goal(hypothesis, fact.interface, fact.goal, False, Phase.RUNNING)
+            found.append(adopted)
         for known in found:
             goal = goal_called(known, fact.interface, fact.goal, served=False)
             if goal is None:
