@@ -36,7 +36,7 @@ def vague(hypothesis: Hypothesis, since_ns: int) -> Hypothesis:
     left: list[PendingTimer] = []
     perhaps: dict[tuple[Any, ...], PendingTimer] = {}
     for timer in hypothesis.timers:
-        if timer.perhaps or _is_sent(timer):
+        if not timer.is_certain or _is_sent(timer):
             _put(perhaps, timer)
         else:
             left.append(timer)

@@ -252,8 +252,8 @@ class Search:
             return hypothesis
         limit = self.successors.over_by(due) - self.bounds.skew
         for timer in hypothesis.timers:
-            if timer.perhaps and timer.high < limit:
-                left = [t for t in hypothesis.timers if not (t.perhaps and t.high < limit)]
+            if timer.high < limit and not timer.is_certain:
+                left = [t for t in hypothesis.timers if t.high >= limit or t.is_certain]
                 hypothesis = hypothesis.with_timers(tuple(left))
                 break
         is_held = self.successors.is_held

@@ -129,9 +129,11 @@ class PendingTimer:
         id: by which it is cancelled.
         perhaps: whether it rings between these times as often as it likes, or not at all: what stands for
             timers of which it is not known how many there are.
+        optional: whether it rings once between these times, or not at all: it may have rung before, in a
+            state in which that has no effect.
     """
 
-    __slots__ = ("data", "event", "high", "id", "instance", "low", "perhaps", "period")
+    __slots__ = ("data", "event", "high", "id", "instance", "low", "optional", "perhaps", "period")
 
     def __init__(
         self,
@@ -143,6 +145,7 @@ class PendingTimer:
         data: Any = None,
         identifier: str = "",
         perhaps: bool = False,
+        optional: bool = False,
     ) -> None:
         self.instance = instance
         self.event = event
@@ -152,15 +155,37 @@ class PendingTimer:
         self.data = data
         self.id = identifier
         self.perhaps = perhaps
+        self.optional = optional
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it rings between these times."""
+        return not self.perhaps and not self.optional
 
     def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
         """What two timers must share to be the same; ``numbers``: see ``frozen``."""
-        return (self.instance, self.event, self.id, frozen(self.data, numbers), self.perhaps)
+        data = frozen(self.data, numbers)
+        return (self.instance, self.event, self.id, data, self.perhaps, self.optional)
 
     def due(self, low: int, high: int) -> PendingTimer:
         """The same timer, due between ``low`` and ``high``."""
-        period, data, perhaps = self.period, self.data, self.perhaps
-        return PendingTimer(self.instance, self.event, low, high, period, data, self.id, perhaps)
+        return PendingTimer(
+            self.instance,
+            self.event,
+            low,
+            high,
+            self.period,
+            self.data,
+            self.id,
+            self.perhaps,
+            self.optional,
+        )
+
+    def as_optional(self) -> PendingTimer:
+        """The same timer, which may have rung already, without effect."""
+        made = self.due(self.low, self.high)
+        made.optional = True
+        return made
 
     def not_before(self, limit: int) -> PendingTimer:
         """The same periodic timer, without the times that were over before ``limit``."""

@@ -260,7 +260,7 @@ class Successors:
         for place, timer in enumerate(hypothesis.timers):
             if timer.low <= min(now, latest) and self._matters(hypothesis, timer):
                 low = max(timer.low, earliest)
-                if timer.perhaps and self.taken_by(timer.high) < low:
+                if not timer.is_certain and self.taken_by(timer.high) < low:
                     continue
                 yield from self._timer_rung(hypothesis, place, timer, low, now)
 
@@ -274,7 +274,7 @@ class Successors:
         for event in hypothesis.queue:
             earliest = min(earliest, event.high)
         for timer in hypothesis.timers:
-            if timer.perhaps or timer.high >= earliest:
+            if not timer.is_certain or timer.high >= earliest:
                 continue
             if self._matters(hypothesis, timer):
                 earliest = timer.high
@@ -448,9 +448,8 @@ class Successors:
         made.instances = (*instances[:instance], changed, *instances[instance + 1 :])
         made.moment = max(low, before.moment)
         if before.timers and step.state != instances[instance][0]:
-            made.timers = tuple(
-                self._awakened(before, made, item, low, high) for item in made.timers
-            )
+            awakened = (self._awakened(before, made, item, low, high) for item in made.timers)
+            made.timers = tuple([timer for timer in awakened if timer is not None])
         if step.scheduled:
             self._schedule(made, instance, step.scheduled, low, high)
         for output in step.outputs:
@@ -459,10 +458,14 @@ class Successors:
 
     def _awakened(
         self, before: Hypothesis, made: Hypothesis, timer: PendingTimer, low: int, high: int
-    ) -> PendingTimer:
-        """A periodic timer that a step makes matter: it may just have rung without effect, or just not."""
-        if not timer.period or self._matters(before, timer) or not self._matters(made, timer):
+    ) -> PendingTimer | None:
+        """A timer that a step makes matter: it may just have rung without effect, or not; None: it has."""
+        if self._matters(before, timer) or not self._matters(made, timer):
             return timer
+        if not timer.period:
+            if self.taken_by(timer.high) < low:
+                return None
+            return timer.as_optional() if timer.low <= high else timer
         rings = timer.not_before(self.over_by(low))
         last = rings.high
         if rings.low <= high:
@@ -634,19 +637,18 @@ class Successors:
         )
 
     def normalised(self, hypothesis: Hypothesis, now: int) -> Hypothesis:
-        """Timers that nothing waits for, brought up to ``now``."""
+        """Timers that nothing waits for, brought up to ``now``: those that rang without effect are over."""
         limit = self.over_by(now)
         timers = hypothesis.timers
-        if not any(a.period and a.high < limit for a in timers):
+        if not any(timer.high < limit for timer in timers):
             return hypothesis
-        return hypothesis.with_timers(
-            tuple(
-                timer
-                if not timer.period or self._matters(hypothesis, timer)
-                else timer.not_before(limit)
-                for timer in timers
-            )
-        )
+        left: list[PendingTimer] = []
+        for timer in timers:
+            if timer.high >= limit or self._matters(hypothesis, timer):
+                left.append(timer)
+            elif timer.period:
+                left.append(timer.not_before(limit))
+        return hypothesis.with_timers(tuple(left))
 
 
 def _may_name_any(made: Hypothesis, goal: Any) -> bool:

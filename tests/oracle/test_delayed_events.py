@@ -34,12 +34,32 @@ MODEL = """
 """
 
 
-def complaints(folder: Path, send: str, joins_s: float, fault: str = "") -> list[Verdict]:
+IGNORED = MODEL.replace(
+    '<transition event="over" target="b"/>', '<transition after="1s" target="b"/>'
+).replace(
+    """  </state>
+</scxml>""",
+    """    <transition event="over" target="c"/>
+  </state>
+  <state id="c">
+    <ros_rate_callback name="beat">
+      <ros_topic_publish name="out"><field name="data" expr="2"/></ros_topic_publish>
+      <ros_topic_publish name="out"><field name="data" expr="9"/></ros_topic_publish>
+    </ros_rate_callback>
+  </state>
+</scxml>""",
+)
+"""What comes in its first state has no effect; in the second, it has."""
+
+
+def complaints(
+    folder: Path, send: str, joins_s: float, fault: str = "", model: str = MODEL
+) -> list[Verdict]:
     """Violations, certain or not, of a monitor that joins after ``joins_s``.
 
     ``fault``: what the node publishes in its second state.
     """
-    (folder / "Probe.scxml").write_text(MODEL.format(send=send))
+    (folder / "Probe.scxml").write_text(model.format(send=send))
     log = DiagnosticLog()
     system = load([folder], log)
     assert system is not None, log.diagnostics
@@ -48,20 +68,23 @@ def complaints(folder: Path, send: str, joins_s: float, fault: str = "") -> list
     if fault:
         wrong = folder / "wrong"
         wrong.mkdir()
-        text = MODEL.format(send=send).replace('expr="2"', f'expr="{fault}"')
+        text = model.format(send=send).replace('expr="2"', f'expr="{fault}"')
         (wrong / "Probe.scxml").write_text(text)
         other = load([wrong], log)
         assert other is not None
         program = compile_system(other)
     world = SimulatedWorld(seed=1)
-    monitor = ModelMonitor(system.nodes, system.library, synchronised=False, lossy=False)
+    monitor = ModelMonitor(system.nodes, system.library, synchronised=not joins_s, lossy=False)
     said: list[Verdict] = []
     run = SimulatedRun(program, world)
     run.run(joins_s)
     listener = SimulatedTransport(world, "listener")
     listener.tap([], lambda observation: said.extend(monitor.feed(observation)))
     listener.every(0.02, lambda: said.extend(monitor.advance(world.now_ns)))
-    monitor.node_found("Probe", world.now_ns)
+    if joins_s:
+        monitor.node_found("Probe", world.now_ns)
+    else:
+        monitor.node_started("Probe", world.now_ns)
     run.run(20.0)
     world.close()
     return [verdict for verdict in said if "expected" in verdict.reason]
@@ -85,3 +108,17 @@ def test_what_was_sent_before_the_monitor_came_arrives(
 @pytest.mark.parametrize("send", SENDS.values(), ids=SENDS)
 def test_a_fault_after_it_is_found(tmp_path: Path, send: str) -> None:
     assert complaints(tmp_path, send, 1.5, fault="3")
+
+
+@pytest.mark.parametrize("delay_ms", [300, 700, 850, 950, 990, 1010, 1050, 1500])
+def test_what_came_in_a_state_in_which_it_has_no_effect_does_not_come_again(
+    tmp_path: Path, delay_ms: int
+) -> None:
+    send = f'<send event="over" delay="{delay_ms}ms"/>'
+    assert complaints(tmp_path, send, 0.0, model=IGNORED) == []
+
+
+@pytest.mark.parametrize("delay_ms", [300, 950, 1050, 1500])
+def test_a_fault_after_something_had_no_effect_is_found(tmp_path: Path, delay_ms: int) -> None:
+    send = f'<send event="over" delay="{delay_ms}ms"/>'
+    assert complaints(tmp_path, send, 0.0, fault="3", model=IGNORED)
