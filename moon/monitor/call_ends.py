@@ -43,9 +43,14 @@ class CallEnds:
         """What is not reported, and happened by then (ns)."""
 
     def take(self, seen: Observation) -> None:
-        """``seen`` was received. A call that failed shows nothing of its other end."""
-        if seen.kind is ObservationKind.MESSAGE or not seen.client or seen.order >= 0:
-            return  # who numbers all that it does needs no other end
+        """``seen`` was received. A call that failed shows nothing of its other end.
+
+        Who numbers all that it does needs no other end; what has no number is taken for whole.
+        """
+        if seen.kind is ObservationKind.MESSAGE or not seen.client:
+            return
+        if seen.order >= 0 or seen.sequence < 0:
+            return
         report = _report(seen, seen.kind)
         self._reports[report] = None
         self._implied.pop(report, None)

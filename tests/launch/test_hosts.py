@@ -115,7 +115,7 @@ LINKS = (
 """A request was under way for longer than the deadline, or what came after it was late for the monitor."""
 
 
-@pytest.mark.parametrize("cut_s", [1.0, 3.0])
+@pytest.mark.parametrize("cut_s", [1.5, 3.0])
 def test_a_cut_between_two_hosts_is_a_finding_of_the_link_and_violates_nobody(
     cut_s: float, system: System, hosts: tuple[list[str], list[str]]
 ) -> None:

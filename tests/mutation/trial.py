@@ -10,7 +10,7 @@ from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.simulation.program import NodeClass, Program
 from m2c.simulation.run import SimulatedRun
-from moon.feed.asking import Silence
+from moon.feed.asking import Asking
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome, Verdict
 from tests.mutation.exercise import answerers, callers
@@ -101,13 +101,18 @@ def trial(
     def answered(_: str, answer: Answer, asked_ns: int) -> None:
         take(oracle.reported(answer.next_order, answer.stamp_ns, world.now_ns))
 
+    asked_ns = 0
+
     def advance() -> None:
+        nonlocal asked_ns
         take(oracle.advance(world.now_ns))
-        silence.look(tap, {machine.name: oracle}, world.now_ns)
+        if oracle.silent_ns < world.now_ns and oracle.silent_ns != asked_ns:
+            asked_ns = oracle.silent_ns
+            asking.ask(tap, machine.name)
 
     listener = SimulatedTransport(world, "listener")
     tap = listener.tap([], hear)
-    silence = Silence(answered, oracle.bounds.latency / 1e9, lambda: world.now_ns)
+    asking = Asking(answered, oracle.bounds.latency / 1e9, lambda: world.now_ns)
     listener.every(_PERIOD_S, advance)
     oracle.start(world.now_ns)
     began_ns = world.now_ns
@@ -119,7 +124,7 @@ def trial(
         run = SimulatedRun(program.replacing(machine.name, node), world)
         if scene is Scene.CALLED:
             callers(world, machine, system.library)
-    silence.ask(tap, machine.name)  # whether it reports what it takes
+    asking.ask(tap, machine.name)  # whether it reports what it takes
     passed = 0.0
     while passed < seconds and not found:
         run.run(min(1.0, seconds - passed))
