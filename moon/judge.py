@@ -25,8 +25,8 @@ class Missing(Enum):
     """The clock of its source's host was set: stamps of before and of after are not compared."""
     ANEW = 3
     """Nothing is known of what anybody did: all begin in the middle of the run."""
-    SET_BACK = 4
-    """The same, and stamps begin elsewhere: the clock of the monitor was set back."""
+    OWN_CLOCK_SET = 4
+    """The same, and stamps begin elsewhere: the clock of the monitor was set."""
 
 
 class Gap(msgspec.Struct, frozen=True):

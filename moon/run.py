@@ -164,7 +164,7 @@ class Run:
         """Something is missing; None: nothing is."""
         if gap is None:
             return
-        if gap.cause in (Missing.ANEW, Missing.SET_BACK):
+        if gap.cause in (Missing.ANEW, Missing.OWN_CLOCK_SET):
             self._asking.clock_set()
         for judge in self._judges:
             self._report(judge, judge.gap(gap))

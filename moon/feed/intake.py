@@ -306,7 +306,7 @@ class Feed:
         self.sources.listening_ns = self.since_ns
         self.numbers.clear()
         self.clock.restart(now_ns, held_up)
-        cause = Missing.SET_BACK if was_set_back else Missing.ANEW
+        cause = Missing.OWN_CLOCK_SET if was_set else Missing.ANEW
         return Gap("", "", from_ns, self.since_ns, why, cause=cause)
 
     def _overlap_ns(self, back_ns: int) -> int:

@@ -109,7 +109,7 @@ class Window:
 
     def gap(self, gap: Gap) -> Iterator[Verdict]:
         """Something is missing: what was found since then may not be so."""
-        is_anew = gap.cause in (Missing.ANEW, Missing.SET_BACK)
+        is_anew = gap.cause in (Missing.ANEW, Missing.OWN_CLOCK_SET)
         if is_anew:  # what comes is not of the same time
             yield from self._hand_over(FOREVER)
         elif gap.channel and not any(

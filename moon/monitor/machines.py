@@ -112,7 +112,7 @@ class MachineWatch:
     def gap(self, gap: Gap) -> Sequence[Verdict]:
         """Something is missing; what numbers show of that is followed by the oracles themselves."""
         match gap.cause:
-            case Missing.ANEW | Missing.SET_BACK:
+            case Missing.ANEW | Missing.OWN_CLOCK_SET:
                 return self._start_anew(gap)
             case Missing.CLOCK_SET:
                 return self._host_clock_set(gap)

@@ -31,9 +31,8 @@ from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
 from moon.oracle.confirmation import KEPT_VIOLATIONS, UNCONFIRMED
 from moon.properties.describe import duration
-from moon.properties.formula import predicates, rests_on_past
+from moon.properties.formula import predicates
 from moon.properties.monitor import TimeOrderError
-from moon.properties.patterns import needs_cause
 from moon.properties.predicates import ANY_CHANNEL
 from moon.properties.property import Fact, Property, Role, Status, Witness
 from moon.properties.property import Verdict as PropertyVerdict
@@ -304,7 +303,7 @@ class PropertyWatch:
 
     def gap(self, gap: Gap) -> Sequence[Verdict]:
         """Something is missing; where no channel is known, it may be of any on which its source sends."""
-        if gap.cause is Missing.SET_BACK:
+        if gap.cause is Missing.OWN_CLOCK_SET:
             return self.begin_anew(gap.until_ns, gap.why)
         if gap.cause is Missing.ANEW or gap.cause is Missing.CLOCK_SET:
             self.clock_set(gap.from_ns, gap.until_ns)
@@ -322,7 +321,7 @@ class PropertyWatch:
             self._lose(channel, start_ns, end_ns)
 
     def clock_set(self, from_ns: int, since_ns: int) -> None:
-        """A clock was set: stamps in ``[from_ns, since_ns)`` tell nothing.
+        """Stamps in ``[from_ns, since_ns)`` tell nothing: a node's clock was set, or the monitor stood still.
 
         What was certain by then stands, and what was not does not become certain by what comes after.
         """
@@ -350,19 +349,9 @@ class PropertyWatch:
         self._clear()
         self._unreceived.restart()
         self.start(now_ns, self._unreceived.linked_ns)
-        for channel in sorted(self._needed_before()):
-            self._lose(channel, 0, now_ns)
+        self.lose_all(0, now_ns)  # time did not begin now, and nothing of before counts
         for departure in self._departures.again(now_ns):
             self._hold(departure)
-        return found
-
-    def _needed_before(self) -> frozenset[str]:
-        """The channels of properties that may be broken as something did not happen before."""
-        found: frozenset[str] = frozenset()
-        for name, item in self.properties.items():
-            pattern = item.pattern
-            if rests_on_past(item.formula) if pattern is None else needs_cause(pattern):
-                found |= self._tallies[name].channels
         return found
 
     def advance(self, until_ns: int) -> list[Verdict]:

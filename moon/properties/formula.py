@@ -283,27 +283,3 @@ def number(ticks: int, ticks_per_unit: int = TICKS_PER_SECOND) -> str:
         return f"{ticks}ns"
     digits = len(str(ticks_per_unit)) - 1
     return f"{whole}.{rest:0{digits}d}".rstrip("0")
-
-
-def rests_on_past(formula: Formula, is_wanted: bool = True) -> bool:
-    """Whether ``formula`` may be false as something did not happen before; so it is not, if that is unknown.
-
-    Args:
-        formula: which.
-        is_wanted: whether it is to be true; what stands behind a *not* is to be false.
-    """
-    match formula:
-        case Not(operand):
-            return rests_on_past(operand, not is_wanted)
-        case And(operands) | Or(operands):
-            return any(rests_on_past(operand, is_wanted) for operand in operands)
-        case Implies(left, right):
-            return rests_on_past(left, not is_wanted) or rests_on_past(right, is_wanted)
-        case Once(operand):
-            return is_wanted or rests_on_past(operand, is_wanted)
-        case Historically(operand):
-            return not is_wanted or rests_on_past(operand, is_wanted)
-        case Since():
-            return is_wanted
-        case _:
-            return False

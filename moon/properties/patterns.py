@@ -95,16 +95,6 @@ class Pattern(msgspec.Struct, frozen=True):
     most: int = 2
 
 
-def needs_cause(pattern: Pattern) -> bool:
-    """Whether ``pattern`` may be broken as something did not happen before, however long ago."""
-    if pattern.scope.name not in (ScopeName.GLOBALLY, ScopeName.BEFORE):
-        return False  # what it is about begins with something that was observed
-    if pattern.name in (PatternName.PRECEDENCE, PatternName.PRECEDENCE_CHAIN):
-        return True
-    is_before = pattern.scope.name is ScopeName.BEFORE
-    return pattern.name is PatternName.EXISTENCE and (is_before or pattern.bound != EVER)
-
-
 class PatternError(ValueError):
     """A pattern with the wrong number of events, or a bound it cannot have."""
 

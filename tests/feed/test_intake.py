@@ -40,7 +40,7 @@ class Clocks:
         gaps = [feed.look_at_clock(*feed.read_clocks())]
         gaps += feed.tick(self.now_ns(), self.steady_ns())[1]
         for gap in gaps:
-            if gap is not None and gap.cause in (Missing.ANEW, Missing.SET_BACK):
+            if gap is not None and gap.cause in (Missing.ANEW, Missing.OWN_CLOCK_SET):
                 self.anew.append(gap.why)
             elif gap is not None:
                 self.missed.append(gap.channel)

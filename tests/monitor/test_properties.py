@@ -466,10 +466,9 @@ def test_a_clock_that_is_set_back_begins_properties_anew(watched) -> None:
     watched.pass_time(300)
     watched.jump(-5 * S)
     assert watched.of("high")[-1] == "inconclusive"
-    watched.message(90)
-    watched.tick(1, 1)
-    watched.pass_time(300)
-    assert watched.of("high")[-1] == "violated"
+    watched.tick(1)
+    watched.pass_time(1400)
+    assert watched.of("answers") == ["conforming", "inconclusive", "violated"]
 
 
 def test_a_monitor_that_stood_still_blames_no_property_for_what_it_missed(watched) -> None:
@@ -681,3 +680,34 @@ def test_what_was_asked_before_the_clock_was_set_may_be_answered_after_it(tmp_pa
     watched.answer(late_by=0)
     watched.pass_time(1500)
     assert "violated" not in watched.of("first")
+
+
+@pytest.mark.parametrize("step_ms", [-3_600_000, -300, -20, 20, 300, 3_600_000])
+@pytest.mark.parametrize(
+    "other",
+    [
+        "pattern: recurrence, of: asked, within: 5 s",
+        "pattern: existence, of: asked, within: 1 s",
+        "pattern: absence, of: answered, before: asked",
+        "pattern: precedence, cause: asked, effect: answered, no_sooner: 800 ms, within: 1.45 s",
+    ],
+)
+def test_what_was_before_the_clock_was_set_is_unknown_to_every_property(
+    tmp_path, other: str, step_ms: int
+):
+    text = FILE[: FILE.index("properties:")] + (
+        "  low: {topic: /battery, when: data < 30}\n"
+        "  high: {topic: /battery, when: data > 60}\n"
+        "properties:\n  - {id: first, pattern: precedence, cause: low, effect: high}\n"
+        f"  - {{id: other, {other}}}\n"
+    )
+    watched = Watched(tmp_path, text)
+    watched.pass_time(100)
+    watched.tick(1)
+    watched.pass_time(900)
+    watched.set_forward_ns += step_ms * MS
+    watched.jump(step_ms * MS)
+    watched.pass_time(500)
+    watched.answer(late_by=0)
+    watched.pass_time(1500)
+    assert "violated" not in watched.of("other")
