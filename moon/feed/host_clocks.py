@@ -6,6 +6,9 @@ certain. What comes later than ever is a doubt: a network may be slow for a whil
 back. So the node is asked: its answer is stamped between the question and its reception, or its clock is
 another (as in NTP, RFC 5905, 10). Of one that does not answer, lags that all rose by the same tell.
 
+What a node sends on topics leaves at once. What it did in calls it reports in bursts
+(``transports.outbox``). Each of the two has its usual lags.
+
 A clock that was set is not relied on until what its node reports comes as before.
 """
 
@@ -13,7 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from moon.feed.clock import PERIOD_NS, SET_NS
+from moon.feed.clock import NS, PERIOD_NS, SET_NS
+from transports.outbox import SELDOM_S
 
 KEPT_LAGS = 32
 """The lags of so many reports, and of up to as many before them, say what is usual of a node."""
@@ -23,35 +27,21 @@ MANY_LAGS = 2 * FEW_LAGS
 """So many, one after the other, tell that it is so from now on."""
 MOST_NODES = 1000
 """Nodes that are followed; their names come from the wire, and never end."""
+HELD_NS = round(SELDOM_S * NS)
+"""So long a node holds back what it did in calls, at most (ns)."""
 _LEAST, _MOST = -(1 << 62), 1 << 62
 
 
-class HostClock:
-    """The clock of one node's host, as its reports show it.
+class UsualLags:
+    """The lags that are usual of what a node sends at once, or of what it holds back.
 
     Attributes:
-        differs: whether it does from the monitor's, by more than delays can be mistaken for.
-        least, most: of the lags that are usual (ns).
+        least, most: of them (ns).
         is_known: whether there are any: what comes much later than the first report is a doubt.
-        unusual: the lags of the last reports, of which none was usual (ns).
-        open: so many reports have to be usual before there is no doubt.
-        since_ns: when the first of ``unusual`` was received (ns).
-        until_ns: the doubt ends then (ns), if nothing more is received.
-        usual_ns: when a report was last received as usual (ns).
-        went_back_ns: when its stamps were last found to go back (ns).
-        answers: whether the node has said what its clock shows.
-        agreed: so many reports were usual, one after the other, since it differs.
-        agreed_ns: when the first of those was received (ns).
-        is_confirmed: whether it answered since then that its clock agrees.
     """
 
     def __init__(self) -> None:
-        self.usual_ns = self.went_back_ns = self.set_ns = 0
-        self.since_ns = self.until_ns = self.open = 0
-        self.unusual: list[int] = []
-        self.is_known = self.differs = self.answers = False
-        self.agreed = self.agreed_ns = 0
-        self.is_confirmed = False
+        self.is_known = False
         self.least, self.most = _MOST, _LEAST
         self._least, self._most, self._count = _MOST, _LEAST, 0
 
@@ -70,27 +60,72 @@ class HostClock:
             self.most = max(lag_ns, self.most)
 
     @property
-    def rose_ns(self) -> int:
-        """By how much the lags of ``unusual`` rose above what is usual, at least."""
-        return min(self.unusual) - self.most
+    def middle_ns(self) -> int:
+        """Between the least and the most; 0 if none is known."""
+        return (self.least + self.most) // 2 if self.is_known else 0
+
+
+class HostClock:
+    """The clock of one node's host, as its reports show it.
+
+    Attributes:
+        differs: whether it does from the monitor's, by more than delays can be mistaken for.
+        at_once, held: the usual lags of what the node sends at once, and of what it holds back.
+        unusual: the lags of the last reports, of which none was usual (ns), and what would have been.
+        open: so many reports have to be usual before there is no doubt.
+        since_ns: when the first of ``unusual`` was received (ns).
+        until_ns: the doubt ends then (ns), if nothing more is received.
+        usual_ns: when a report was last received as usual (ns).
+        went_back_ns: when its stamps were last found to go back (ns).
+        answers: whether the node has said what its clock shows.
+        agreed: so many reports were usual, one after the other, since it differs.
+        agreed_ns: when the first of those was received (ns).
+        is_confirmed: whether it answered since then that its clock agrees.
+    """
+
+    def __init__(self) -> None:
+        self.usual_ns = self.went_back_ns = self.set_ns = 0
+        self.since_ns = self.until_ns = self.open = 0
+        self.at_once, self.held = UsualLags(), UsualLags()
+        self.unusual: list[tuple[int, UsualLags]] = []
+        self.differs = self.answers = False
+        self.agreed = self.agreed_ns = 0
+        self.is_confirmed = False
+
+    def usual(self, is_held: bool) -> UsualLags:
+        """The lags that are usual of such a report; of the others while none is known."""
+        own, other = (self.held, self.at_once) if is_held else (self.at_once, self.held)
+        return other if other.is_known and not own.is_known else own
+
+    def most_ns(self, is_held: bool) -> int:
+        """The lag that such a report has at most (ns), if nothing is the matter and some are known."""
+        usual = self.usual(is_held)
+        return usual.most + (HELD_NS if is_held and usual is self.at_once else 0)
+
+    def note(self, lag_ns: int, is_held: bool) -> None:
+        """So late a report may come: as what is usual."""
+        (self.held if is_held else self.at_once).note(lag_ns)
 
     @property
     def has_moved(self) -> bool:
         """Whether many lags rose by more than they differ among them: those of a busy monitor do not."""
-        lags = self.unusual
-        return len(lags) == KEPT_LAGS and max(lags) - min(lags) < self.rose_ns
+        if len(self.unusual) < KEPT_LAGS:
+            return False
+        rose = [lag_ns - usual.most for lag_ns, usual in self.unusual]
+        return max(rose) - min(rose) < min(rose)
 
     @property
     def is_as_wide(self) -> bool:
         """Whether the unusual lags differ no more than the usual ones: those of a slow network do."""
-        return max(self.unusual) - min(self.unusual) <= self.most - self.least + SET_NS
+        rose = [lag_ns - usual.least for lag_ns, usual in self.unusual]
+        widest_ns = max(usual.most - usual.least for _, usual in self.unusual)
+        return max(rose) - min(rose) <= widest_ns + SET_NS
 
-    def set_by(self, lag_ns: int) -> int:
-        """The clock differs, as a report of this lag shows: by how much it was set (ns)."""
+    def set_by(self, lag_ns: int, usual_ns: int) -> int:
+        """The clock differs, as a report shows by its lag: by how much it was set (ns)."""
         self.unusual.clear()
         self.open = self.agreed = 0
         self.is_confirmed = False
-        usual_ns = (self.least + self.most) // 2 if self.is_known else 0
         self.differs, self.set_ns = True, usual_ns - lag_ns
         return self.set_ns or 1
 
@@ -124,8 +159,14 @@ class HostClocks:
             clock = self._known[node] = HostClock()
         return clock
 
-    def heard(self, node: str, stamp_ns: int, now_ns: int) -> int:
+    def heard(self, node: str, stamp_ns: int, now_ns: int, is_held: bool = False) -> int:
         """Something of ``node``, stamped ``stamp_ns`` by its clock, is received at ``now_ns``.
+
+        Args:
+            node: its name.
+            stamp_ns: ns since the epoch.
+            now_ns: ns since the epoch.
+            is_held: nodes hold such reports back (``HELD_NS``).
 
         Returns:
             By how much its clock was set (ns); 0: it was not, as far as is known.
@@ -137,18 +178,19 @@ class HostClocks:
             self.now_ns = now_ns
         lag_ns = now_ns - stamp_ns
         is_early = lag_ns < -self._most_ns
-        is_late = clock.is_known and lag_ns > clock.most + PERIOD_NS
+        usual = clock.usual(is_held)
+        is_late = usual.is_known and lag_ns > clock.most_ns(is_held) + PERIOD_NS
         if clock.differs:
             return self._may_agree(node, clock, not (is_early or is_late), now_ns)
         if is_early:
-            return clock.set_by(lag_ns)
+            return clock.set_by(lag_ns, usual.middle_ns)
         if is_late:
-            return self._late(node, clock, lag_ns, now_ns)
+            return self._late(node, clock, lag_ns, usual, now_ns)
         clock.usual_ns = now_ns
         if clock.open:
             clock.open -= 1
             clock.unusual.clear()
-        clock.note(lag_ns)
+        clock.note(lag_ns, is_held)
         return 0
 
     def _may_agree(self, node: str, clock: HostClock, is_usual: bool, now_ns: int) -> int:
@@ -166,7 +208,7 @@ class HostClocks:
             return 0
         return clock.agrees()
 
-    def _late(self, node: str, clock: HostClock, lag_ns: int, now_ns: int) -> int:
+    def _late(self, node: str, clock: HostClock, lag_ns: int, usual: UsualLags, now_ns: int) -> int:
         if not clock.unusual:
             clock.since_ns = now_ns
             self._to_ask[node] = None
@@ -175,13 +217,14 @@ class HostClocks:
         # what a slow link held up comes at once when it goes on
         is_over = now_ns > clock.since_ns + self._latency_ns
         goes_on = now_ns - lag_ns > clock.since_ns or is_over
-        clock.unusual.append(lag_ns)
+        clock.unusual.append((lag_ns, usual))
         del clock.unusual[:-KEPT_LAGS]
         if len(clock.unusual) < MANY_LAGS or not goes_on or (clock.answers and not is_over):
             return 0
-        is_far = min(clock.unusual) > self._latency_ns // 2
+        least_ns, usual = min(clock.unusual, key=lambda item: item[0])
+        is_far = least_ns > self._latency_ns // 2
         if clock.has_moved or (self._is_alone(clock) and (is_far or clock.is_as_wide)):
-            return clock.set_by(min(clock.unusual))
+            return clock.set_by(least_ns, usual.middle_ns)
         return 0
 
     def _is_alone(self, clock: HostClock) -> bool:
@@ -200,8 +243,8 @@ class HostClocks:
         clock.answers = True
         if asked_ns - self._most_ns <= stamp_ns <= now_ns + self._most_ns:
             clock.is_confirmed = True
-            for lag_ns in clock.unusual:
-                clock.note(lag_ns)
+            for lag_ns, usual in clock.unusual:
+                usual.note(lag_ns)
             clock.unusual.clear()
             if not clock.differs:
                 clock.open = 0
@@ -209,7 +252,7 @@ class HostClocks:
         if clock.differs:
             clock.agreed = 0
             return 0
-        return clock.set_by(now_ns - stamp_ns)
+        return clock.set_by(now_ns - stamp_ns, clock.usual(False).middle_ns)
 
     def take_questions(self) -> list[str]:
         """The nodes to be asked now what their clocks show."""

@@ -197,3 +197,31 @@ def test_a_clock_that_is_set_soon_after_its_node_was_found_is_a_doubt(reports: i
     heard.hear()
     ((node, _),) = heard.steps
     assert node == "far"
+
+
+def test_what_a_node_did_in_calls_comes_later_than_its_messages_and_no_clock_was_set() -> None:
+    """A node of ROS 2 sends one message, and then answers calls, which it reports ten milliseconds later."""
+    heard = Heard()
+    heard.hear(1, ("far",))
+    heard.hear(nodes=("near",))
+    for _ in range(40):
+        heard.now += 200 * MS
+        lag = 11 * MS + heard.draw.randint(0, MS)
+        assert not heard.clocks.heard("far", heard.now, heard.now + lag, is_held=True)
+        heard.hear(1, ("near",))
+    assert heard.clocks.doubtful(["far", "near"]) == set()
+
+
+@pytest.mark.parametrize("step_ms", [-90, -30])
+def test_a_step_shows_in_messages_and_in_what_is_held_back(step_ms: int) -> None:
+    heard = Heard().hear()
+    for number in range(80):
+        heard.now += 10 * MS
+        stamp = heard.now + (step_ms * MS if number >= 40 else 0)
+        lag = 11 * MS + heard.draw.randint(0, MS)
+        if set_ns := heard.clocks.heard("far", stamp, heard.now + lag, is_held=True):
+            heard.steps.append(("far", set_ns))
+        heard.hear(1, ("near",))
+    ((node, found),) = heard.steps
+    assert node == "far"
+    assert abs(found - step_ms * MS) <= USUAL[1]
